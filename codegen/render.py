@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from codegen import effect_functions as ef
 from codegen import metadata
-from codegen.c import c_code, c_effects, c_filters, c_lanes
+from codegen.c import c_code, c_effects, c_lanes
 from codegen.c.c_code import F32, F64, Precision, Routine, identifier
 from codegen.c.controller import Controller
 from codegen.casadi import casadi_code
@@ -137,9 +137,8 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
         routines = [routine for effect in effects for routine in c_effects.routines(effect, precision)]
         files |= _c_files("effects", origin, precision, c_effects.types(effects, precision), routines)
     batches = [routine for effect in effects for routine in c_effects.batches(effect, F64)]
-    batches += [c_filters.decimation(F64), c_filters.decimation_at_once(F64), c_filters.in_band(F64)]
-    types = [c_effects.signals_type(F64), c_filters.columns_type(F64)]
-    files |= _c_files("effects_batch", origin, F64, types, batches)
+    types = [c_effects.signals_type(F64), c_effects.columns_type(F64)]
+    files |= _c_files("effects_batch", origin, F64, types, [*batches, *c_effects.filters()])
     builders = [
         casadi_code.builder(function, widths=True)
         for effect in effects

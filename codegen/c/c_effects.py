@@ -7,9 +7,11 @@ arguments: one array a signal at every joint, and the parameters as one array in
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import sympy as sp
 
@@ -151,6 +153,23 @@ def arguments_of(precision: Precision) -> list[str]:
     kind, suffix = precision.kind, precision.suffix
     read = [f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
     return ["size_t count", "size_t joints", *read, f"{kind} *restrict out"]
+
+
+def columns_type(precision: Precision) -> str:
+    """The type of the function `columns` of every effect."""
+    note = comment("Columns along `count` samples at `joints` joints, of one choice of parameters or of several.")
+    arguments = ", ".join(arguments_of(precision)).replace("restrict ", "")
+    return f"{note}\ntypedef void tendon_columns_{precision.suffix}({arguments});"
+
+
+_FILTERS = Path(__file__).parent / "templates" / "filters_f64.c"
+_DEFINITION = re.compile(r"(/\*.*?\*/)\n(void .*?\))\n\{\n(.*?)\n\}\n", re.DOTALL)
+
+
+def filters() -> list[Routine]:
+    """The decimating FIR filter that takes torque and regressors into the band: one column, LANES columns, and the
+    columns of many choices of parameters. The C is handwritten for double precision and LANES = 8."""
+    return [Routine(*found) for found in _DEFINITION.findall(_FILTERS.read_text(encoding="utf-8"))]
 
 
 def batches(effect: Effect, precision: Precision) -> list[Routine]:

@@ -26,6 +26,8 @@ ARITHMETIC = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
 SECTIONS = ("-ffunction-sections", "-fdata-sections")
 FAST, SMALL = "-O2", "-Os"
 """For what runs in every control step, and for the rest."""
+_LINK = ("--gc-sections", "--build-id=none", "--fatal-warnings", "--emit-relocs")
+"""Of both linkers. The relocations show which function calls which (stack.py)."""
 FORBIDDEN = (
     "__aeabi_d",
     "__aeabi_f2d",
@@ -143,8 +145,8 @@ class Toolchain:
     def link_flags(self, target: Target) -> tuple[str, ...]:
         """Of an image that brings its own start-up and needs no library. One without an entry is no image."""
         if self.kind == "gcc":
-            return (*target.gcc, "-nostdlib", "-Wl,--gc-sections", "-Wl,--build-id=none", "-Wl,--fatal-warnings")
-        return ("--gc-sections", "--build-id=none", "--fatal-warnings")
+            return (*target.gcc, "-nostdlib", *(f"-Wl,{flag}" for flag in _LINK))
+        return _LINK
 
 
 @functools.cache

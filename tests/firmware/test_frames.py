@@ -230,7 +230,6 @@ def test_c_and_python_decode_the_same(compiled: ctypes.CDLL, stream: bytes) -> N
     """Whatever comes: the same frames, and the same ones refused; what is too long is."""
     most, decoder = 300, InC()
     room = (ctypes.c_uint8 * most)()
-    compiled.tendon_decoder_start(ctypes.byref(decoder))
     found: list[bytes | None] = []
     for byte in stream:
         event = compiled.tendon_decoder_put(ctypes.byref(decoder), room, ctypes.c_uint32(most), ctypes.c_uint8(byte))

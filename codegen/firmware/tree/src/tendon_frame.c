@@ -46,15 +46,6 @@ uint32_t tendon_cobs_encode(const uint8_t *bytes, uint32_t count, uint8_t *to)
     return at + 1U;
 }
 
-void tendon_decoder_start(tendon_decoder *decoder)
-{
-    decoder->count = 0U;
-    decoder->left = 0U;
-    decoder->begun = false;
-    decoder->joined = false;
-    decoder->broken = false;
-}
-
 static void append(tendon_decoder *decoder, uint8_t *bytes, uint32_t most, uint8_t byte)
 {
     if (decoder->count < most) {

@@ -5,42 +5,40 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Frames on a serial link: consistent overhead byte stuffing (Cheshire & Baker 1999), CRC-32, little-endian numbers.
- * Nothing here knows of arms. The caller owns all memory. */
+/* Consistent overhead byte stuffing (Cheshire & Baker 1999), CRC-32, little-endian numbers. Independent of the arm; the
+ * caller owns all memory. */
 
-/* Functions outside the control step: to be small rather than fast. */
+/* Functions outside the control step are compiled for size. */
 #if defined(__GNUC__)
 #define TENDON_SMALL __attribute__((cold, noinline))
 #else
 #define TENDON_SMALL
 #endif
 
-/* CRC-32 of IEEE 802.3, that of zlib; `crc`: 0, or that of the bytes before these. */
+/* CRC-32 of IEEE 802.3, as in zlib. crc: 0, or the CRC of the preceding bytes. */
 TENDON_SMALL uint32_t tendon_crc32(uint32_t crc, const uint8_t *bytes, uint32_t count);
 
-/* Stuffs `count` bytes so that none is 0, and ends them with the delimiter 0. `to` holds count + count/254 + 2.
- * Returns how many bytes that made. */
+/* Encodes `count` bytes without zeros and appends the delimiter 0. `to` has room for count + count/254 + 2 bytes.
+ * Returns the number of encoded bytes. */
 TENDON_SMALL uint32_t tendon_cobs_encode(const uint8_t *bytes, uint32_t count, uint8_t *to);
 
-/* What a decoder keeps between two bytes. */
+/* State of a decoder between two bytes. All zero, it waits for the first byte of a frame. */
 typedef struct {
-    uint32_t count; /* of the frame's bytes so far; of all of them once it is whole */
+    uint32_t count; /* decoded bytes of the frame */
     uint32_t left; /* bytes until the next code */
     bool begun; /* within a frame */
     bool joined; /* the last code was 255: no zero follows its bytes */
-    bool broken; /* this frame is no stuffing, or too long */
+    bool broken; /* this frame is invalid or too long */
 } tendon_decoder;
 
 typedef enum {
-    TENDON_FRAME_PART, /* go on */
+    TENDON_FRAME_PART, /* the frame has not ended */
     TENDON_FRAME_WHOLE, /* `bytes` holds a frame of `count` bytes */
-    TENDON_FRAME_BROKEN /* what ended here was none */
+    TENDON_FRAME_BROKEN /* an invalid frame has ended */
 } tendon_frame_event;
 
-/* Waits for a frame's first byte. */
-TENDON_SMALL void tendon_decoder_start(tendon_decoder *decoder);
-
-/* The next byte of the link. `bytes` holds `most`, and belongs to the decoder from a frame's begin to its end. */
+/* Decodes the next byte of the link into `bytes`, which has room for `most` bytes and belongs to the decoder from a
+ * frame's first byte to its last. */
 TENDON_SMALL tendon_frame_event tendon_decoder_put(
     tendon_decoder *decoder,
     uint8_t *bytes,
@@ -53,7 +51,7 @@ typedef union {
     uint32_t bits;
 } tendon_word;
 
-/* Numbers of the link; compilers make single loads and stores of them where the processor allows it. */
+/* Little-endian numbers. Compilers turn these into single loads and stores where the processor allows it. */
 
 static inline uint32_t tendon_get_u16(const uint8_t *bytes)
 {

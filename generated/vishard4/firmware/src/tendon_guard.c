@@ -61,51 +61,30 @@ TENDON_SMALL static uint32_t reason_of_joint(const tendon_machine *m, uint32_t j
     return reason;
 }
 
-/* The first joint whose torque is at its limit. */
-TENDON_SMALL static uint32_t saturated_joint(const tendon_machine *m)
-{
-    uint32_t joint = TENDON_NO_JOINT;
-    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        const float torque = m->state.record->output.torque[j - 1U];
-        if (tendon_magnitude(torque) >= tendon_magnitude(m->config.controller.torque_limit[j - 1U])) {
-            joint = j;
-        }
-    }
-    return joint;
-}
-
-/* The first joint whose desired position is not finite. */
-TENDON_SMALL static uint32_t invalid_joint(const tendon_machine *m)
-{
-    uint32_t joint = TENDON_NO_JOINT;
-    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        if (tendon_magnitude(m->state.record->output.q_desired[j - 1U]) >= TENDON_INFINITY) {
-            joint = j;
-        }
-    }
-    return joint;
-}
-
-/* The first joint that is not where the trajectory starts. */
-TENDON_SMALL static uint32_t displaced_joint(const tendon_machine *m)
-{
-    uint32_t joint = TENDON_NO_JOINT;
-    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
-        const float error = m->state.record->output.q_desired[j - 1U] - m->state.controller.q[j - 1U];
-        if (tendon_magnitude(error) > tendon_magnitude(m->config.safety.start[j - 1U])) {
-            joint = j;
-        }
-    }
-    return joint;
-}
-
 tendon_finding tendon_check_after_step(const tendon_machine *m, const int32_t counts[TENDON_JOINTS], bool first)
 {
+    const tendon_output *output = &m->state.record->output;
     tendon_finding found = {TENDON_REASON_NONE, TENDON_NO_JOINT, 0U};
-    const uint32_t displaced = first ? displaced_joint(m) : TENDON_NO_JOINT;
-    if ((m->state.record->output.status & TENDON_STATUS_INVALID) != 0U) {
+    /* The first joint, from 1, of each kind. */
+    uint32_t not_finite = TENDON_NO_JOINT;
+    uint32_t displaced = TENDON_NO_JOINT;
+    uint32_t saturated = TENDON_NO_JOINT;
+    for (uint32_t j = TENDON_JOINTS; j > 0U; --j) {
+        const uint32_t k = j - 1U;
+        const float error = output->q_desired[k] - m->state.controller.q[k];
+        if (tendon_magnitude(output->q_desired[k]) >= TENDON_INFINITY) {
+            not_finite = j;
+        }
+        if (first && (tendon_magnitude(error) > tendon_magnitude(m->config.safety.start[k]))) {
+            displaced = j;
+        }
+        if (tendon_magnitude(output->torque[k]) >= tendon_magnitude(m->config.controller.torque_limit[k])) {
+            saturated = j;
+        }
+    }
+    if ((output->status & TENDON_STATUS_INVALID) != 0U) {
         found.reason = TENDON_REASON_NOT_FINITE;
-        found.joint = invalid_joint(m);
+        found.joint = not_finite;
     } else if (displaced != TENDON_NO_JOINT) {
         found.reason = TENDON_REASON_START_POSITION;
         found.joint = displaced;
@@ -117,7 +96,7 @@ tendon_finding tendon_check_after_step(const tendon_machine *m, const int32_t co
         }
         if ((found.reason == TENDON_REASON_NONE) && (m->state.saturated_left_periods == TENDON_ENDLESS)) {
             found.reason = TENDON_REASON_TORQUE_LIMIT;
-            found.joint = saturated_joint(m);
+            found.joint = saturated;
         }
     }
     return found;

@@ -14,7 +14,7 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0xec81465fU
+#define TENDON_BUILD 0x9e96e991U
 
 /* What is held of a trajectory, and how many of its control points come in a message. */
 #define TENDON_MAX_PHASES 16U

@@ -166,68 +166,19 @@ uint32_t tendon_machine_size(void)
     return (uint32_t)sizeof(tendon_machine);
 }
 
-TENDON_SMALL static void start_state(tendon_machine_state *s)
-{
-    s->awaits_first_step = 1U;
-    s->period = 0U;
-    s->step_time_us = 0U;
-    s->end_period = TENDON_ENDLESS;
-    s->following = 0U;
-    s->until_check_periods = 0U;
-    s->saturated_left_periods = 0U;
-    s->inspected_joint = 0U;
-    s->damping_left_periods = 0U;
-    s->drives_enabled = 0U;
-    s->drives_not_ready = 0U;
-    s->damped_untimely = 0U;
-    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {
-        s->record->output.torque[j] = 0.0f;
-        s->controller.qd[j] = 0.0f;
-    }
-    s->missing_uploads = TENDON_MISSING_EVERYTHING;
-    s->upload.open = 0U;
-    s->upload.phases = 0U;
-    s->upload.rows = 0U;
-    s->upload.expected_rows = 0U;
-    s->report.period = 0U;
-}
-
-TENDON_SMALL static void start_link(tendon_link *link)
-{
-    static const tendon_counters_message none = {0U};
-    tendon_decoder_start(&link->decoder);
-    link->sequence = 0U;
-    link->type = 0U;
-    link->stop_sequence = TENDON_NO_STOP;
-    link->answer.type = 0U;
-    link->answer.result = (uint8_t)TENDON_RESULT_UNKNOWN;
-    link->answer.sequence = 0U;
-    link->answer.detail = 0U;
-    link->corrupted_frames = 0U;
-    link->disordered_commands = 0U;
-    link->counters = none;
-    link->pending_reports = 0U;
-    link->sent_telemetry = 0U;
-    link->ack_head = 0U;
-    link->ack_tail = 0U;
-    link->record_tail = 0U;
-    link->free_records = TENDON_TELEMETRY_RECORDS;
-    link->report_sequence = 0U;
-    link->wire_bytes = 0U;
-    link->wire_sent_bytes = 0U;
-}
-
 void tendon_machine_start(tendon_machine *m)
 {
+    uint8_t *bytes = (uint8_t *)m;
+    for (uint32_t k = 0U; k < (uint32_t)sizeof(tendon_machine); ++k) {
+        bytes[k] = 0U;
+    }
+    m->state.awaits_first_step = 1U;
+    m->state.end_period = TENDON_ENDLESS;
+    m->state.missing_uploads = TENDON_MISSING_EVERYTHING;
     m->state.record = &m->link.records[0];
-    start_state(&m->state);
     clear_records(&m->state);
-    m->config.safety.errors = 0U;
-    m->config.safety.damping = 0U;
-    m->config.safety.silence = 0U;
-    m->config.safety.early = 0U;
-    m->config.step_window_us = 0U;
-    m->config.trajectory.count = 0U;
-    start_link(&m->link);
+    m->link.stop_sequence = TENDON_NO_STOP;
+    m->link.answer.result = (uint8_t)TENDON_RESULT_UNKNOWN;
+    m->link.free_records = TENDON_TELEMETRY_RECORDS;
     enter_idle(m);
 }
