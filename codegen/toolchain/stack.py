@@ -129,7 +129,7 @@ class Stack:
 
 
 def frames_of_usage(directory: Path) -> dict[str, int]:
-    """Largest frame by function name, as gcc's -fstack-usage wrote it. Dynamic frames, without a bound, are left out."""
+    """Largest frame by function name, as gcc's -fstack-usage wrote it; dynamic frames are left out."""
     frames: dict[str, int] = {}
     for path in sorted(directory.rglob("*.su")):
         for line in path.read_text().splitlines():
