@@ -253,7 +253,7 @@ class Source:
         """The arm as it is written, and the rms of the torque that its bodies miss, as a part of the torque's."""
         import numpy as np
 
-        from runtime.exchange.physical import is_possible
+        from runtime.exchange.bodies import is_possible
         from symbolic.model_file.exchange import exporting
 
         arm = self.arm()
@@ -269,8 +269,7 @@ class Source:
     ) -> tuple[list[StatedBody], list[float], float]:
         import numpy as np
 
-        from runtime.exchange.full_regressor import ChainGeometry, base_map
-        from runtime.exchange.physical import project, rotors_asked
+        from runtime.exchange.bodies import ChainGeometry, base_map, project, rotors_asked
         from symbolic.model_file.exchange import exporting
         from symbolic.model_file.frames import rotation
 

@@ -25,7 +25,7 @@ from test_rooms import ORDER
 
 from codegen.toolchain import build
 from runtime.cli import main, output
-from runtime.hardware import can_drive
+from runtime.hardware import canopen_arm
 from runtime.hardware.link import LinkError
 from symbolic.effects import DECLARED
 from symbolic.effects.declaration import Effect
@@ -344,7 +344,7 @@ def test_rates_on_a_can_bus_are_those_that_fit() -> None:
     text = (ROOT / "codegen" / "README.md").read_text(encoding="utf-8")
     (row,) = re.findall(r"^\| highest `rate`, Hz.*?\| (.*) \|$", text, re.MULTILINE)
     for drives, rate in enumerate(map(float, row.split("|")), 1):
-        address = can_drive.CanAddress("can0")
-        can_drive.check_bus_load(drives, rate, address)
+        address = canopen_arm.CanAddress("can0")
+        canopen_arm.check_bus_load(drives, rate, address)
         with pytest.raises(LinkError):
-            can_drive.check_bus_load(drives, rate + 10, address)
+            canopen_arm.check_bus_load(drives, rate + 10, address)

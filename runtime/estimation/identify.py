@@ -24,7 +24,7 @@ from runtime.motion.inertia import believable
 from runtime.motion.lines_above import raised
 from runtime.motion.motion import Motion
 from runtime.motion.prepare import prepare
-from runtime.recordings.checks import fast_clock, given_twice
+from runtime.recordings.contents import fast_clock, given_twice
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]

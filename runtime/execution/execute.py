@@ -16,8 +16,9 @@ from runtime.execution.demand import Excess, PlannedCycle
 from runtime.execution.options import TRIALS, ExecutionSettings
 from runtime.execution.simulated import SimulatedArm
 from runtime.execution.trial import RUN_IN, Trial, length, recorded, run
-from runtime.hardware.frames import Codec
-from runtime.hardware.lockstep import Board, HostBoard, Lockstep
+from runtime.hardware.boards import HostBoard
+from runtime.hardware.link import Codec
+from runtime.hardware.lockstep import Board, Lockstep
 from runtime.hardware.session import Session
 from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Model

@@ -15,8 +15,7 @@ from runtime.execution.demand import PlannedCycle
 from runtime.execution.execute import Execution
 from runtime.execution.options import TRIALS_ON_A_REAL_ARM, ExecutionSettings
 from runtime.execution.trial import Trial, length, run
-from runtime.hardware.frames import Codec
-from runtime.hardware.link import BoardLink, LinkError, LinkLost
+from runtime.hardware.link import BoardLink, Codec, LinkError, LinkLost
 from runtime.hardware.session import Session
 from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Model

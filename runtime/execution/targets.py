@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from runtime.hardware import can_drive, canopen_arm, link
+from runtime.hardware import canopen_arm, link
+from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.canopen_arm import CanopenLink
-from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
 from runtime.hardware.link import BoardLink, SerialLink
-from runtime.hardware.lockstep import Board, HostBoard
+from runtime.hardware.lockstep import Board
 from runtime.model.loader import Model
 
 
@@ -48,7 +48,7 @@ LINES: dict[str, ArmLine] = {
     link.SERIAL_SCHEME: ArmLine(
         link.serial_address, lambda _url, _model: None, lambda url, _model, _directory: SerialLink.of(url)
     ),
-    can_drive.CAN_SCHEME: ArmLine(can_drive.parse_can_address, canopen_arm.check_link, CanopenLink),
+    canopen_arm.CAN_SCHEME: ArmLine(canopen_arm.parse_can_address, canopen_arm.check_link, CanopenLink),
 }
 """By the scheme of their address."""
 

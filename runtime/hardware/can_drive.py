@@ -1,151 +1,280 @@
-"""A CAN bus as `--on canopen://…` names it: its address, how much fits through it, opening it."""
+"""A servo drive of the profile CiA 402 (IEC 61800-7-201) in cyclic synchronous torque mode, as a node of a CAN bus.
+
+First the profile, without a bus: objects, states, torque in per mille, errors in words. Then the drive: set up by SDO,
+commanded by PDO.
+"""
 
 from __future__ import annotations
 
-import errno
-import logging
 import struct
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from enum import Enum, IntEnum
 from typing import Any, NoReturn
-from urllib.parse import parse_qsl, unquote, urlsplit
 
-from runtime.hardware import cia402
-from runtime.hardware.cia402 import Controlword, DriveState, Entry, Scale
 from runtime.hardware.link import LinkError
-from runtime.hardware.lockstep import Fault
 from runtime.model.loader import JointInfo
-
-CAN_SCHEME = "canopen"
-CAN_EXAMPLE = "canopen://can0?interface=socketcan&bitrate=1000000"
-BITRATE, BITRATES = 1_000_000, (10_000, 1_000_000)
-"""bit/s: if none is given, and what classical CAN allows."""
-LOAD_LIMIT = 0.8
-"""Largest part of the time that cyclic frames may fill; the rest is for emergencies, heartbeats and repetitions."""
-_SENT, _ANSWERED = 4, 6
-"""Bytes a period and drive: controlword and target torque; statusword and position."""
 
 
 @dataclass(frozen=True)
-class CanAddress:
-    """channel and interface as python-can names them; bitrate in bit/s."""
+class Entry:
+    """An entry of a drive's object dictionary; `form` as in `struct`."""
 
-    channel: str
-    interface: str = "socketcan"
-    bitrate: int = BITRATE
+    index: int
+    sub: int
+    form: str
+    name: str
+
+    def pack(self, value: int) -> bytes:
+        return struct.pack(f"<{self.form}", value)
+
+    def unpack(self, data: bytes) -> int:
+        """Some drives answer with more bytes than the entry has. Raises struct.error for fewer."""
+        return int(struct.unpack_from(f"<{self.form}", data)[0])
+
+    @property
+    def mapping(self) -> int:
+        """How a PDO's mapping (0x1600, 0x1A00) names it: index, subindex, bits."""
+        return self.index << 16 | self.sub << 8 | 8 * struct.calcsize(f"<{self.form}")
 
     def __str__(self) -> str:
-        return f"{CAN_SCHEME}://{self.channel}"
+        return f"{self.name} (0x{self.index:04X}:{self.sub:02X})"
 
 
-def parse_can_address(text: str) -> CanAddress:
-    """The address in `canopen://CHANNEL?interface=NAME&bitrate=NUMBER`. Raises LinkError."""
-    try:
-        parts = urlsplit(text)
-    except ValueError as error:  # brackets that are not closed
-        raise LinkError(f"--on {text}: {error}; expected {CAN_EXAMPLE}") from None
-    channel = unquote(parts.netloc + parts.path)
-    given = dict(parse_qsl(parts.query, keep_blank_values=True))
-    if parts.scheme != CAN_SCHEME or not channel:
-        raise LinkError(f"--on {text}: expected {CAN_EXAMPLE}")
-    if unknown := sorted(given.keys() - {"interface", "bitrate"}):
-        raise LinkError(f'--on {text}: unknown key "{unknown[0]}"; expected interface and bitrate: {CAN_EXAMPLE}')
-    rate = given.get("bitrate", str(BITRATE))
-    low, high = BITRATES
-    if not (rate.isascii() and rate.isdigit() and len(rate) < 10 and low <= int(rate) <= high):
-        raise LinkError(f"--on {text}: bitrate is {rate}; expected {low} to {high} bit/s")
-    return CanAddress(channel, given.get("interface", CanAddress.interface), int(rate))
+DEVICE_TYPE = Entry(0x1000, 0, "I", "device type")
+PROFILE = 402
+"""In the lower half of a drive's device type."""
+ERROR_CODE = Entry(0x603F, 0, "H", "error code")
+CONTROLWORD = Entry(0x6040, 0, "H", "controlword")
+STATUSWORD = Entry(0x6041, 0, "H", "statusword")
+MODE = Entry(0x6060, 0, "b", "mode of operation")
+MODE_DISPLAY = Entry(0x6061, 0, "b", "mode of operation display")
+SUPPORTED_MODES = Entry(0x6502, 0, "I", "supported drive modes")
+CYCLIC_TORQUE, CYCLIC_TORQUE_BIT = 10, 1 << 9
+"""Cyclic synchronous torque: the mode's number, and its bit among the supported ones."""
+POSITION = Entry(0x6064, 0, "i", "position actual value")
+TARGET_TORQUE = Entry(0x6071, 0, "h", "target torque")
+MAX_TORQUE = Entry(0x6072, 0, "H", "max torque")
+RATED_TORQUE = Entry(0x6076, 0, "I", "motor rated torque")
+ENCODER_INCREMENTS = Entry(0x608F, 1, "I", "encoder increments")
+ENCODER_TURNS = Entry(0x608F, 2, "I", "motor revolutions")
+GEAR_MOTOR = Entry(0x6091, 1, "I", "gear ratio, motor revolutions")
+GEAR_SHAFT = Entry(0x6091, 2, "I", "gear ratio, shaft revolutions")
+PERIOD = Entry(0x60C2, 1, "B", "interpolation time period")
+PERIOD_EXPONENT = Entry(0x60C2, 2, "b", "interpolation time index")
+ON_LOST_HOST = Entry(0x6007, 0, "h", "abort connection option code")
+DISABLE_VOLTAGE_THEN = 2
+"""Value of ON_LOST_HOST: a drive that misses its computer takes the voltage off the motor."""
 
 
-# --- how much fits through it ---
+# --- states ---
 
 
-def frame_bits(data: int) -> int:
-    """Bits of a frame with so many bytes at its longest: as many stuff bits as there can be, and the gap after it."""
-    return 47 + 8 * data + (34 + 8 * data - 1) // 4
+class DriveState(Enum):
+    """Of a drive, in the standard's words."""
+
+    NOT_READY = "not ready to switch on"
+    SWITCH_ON_DISABLED = "switch on disabled"
+    READY = "ready to switch on"
+    SWITCHED_ON = "switched on"
+    ENABLED = "operation enabled"
+    QUICK_STOP = "quick stop active"
+    FAULT_REACTION = "fault reaction active"
+    FAULT = "fault"
+    UNKNOWN = "no state of CiA 402"
 
 
-def period_bits(drives: int) -> int:
-    """Bits of all frames of a control period: SYNC, an answer and a command a drive."""
-    return frame_bits(0) + drives * (frame_bits(_SENT) + frame_bits(_ANSWERED))
+_STATES = (
+    (0x4F, 0x00, DriveState.NOT_READY),
+    (0x4F, 0x40, DriveState.SWITCH_ON_DISABLED),
+    (0x6F, 0x21, DriveState.READY),
+    (0x6F, 0x23, DriveState.SWITCHED_ON),
+    (0x6F, 0x27, DriveState.ENABLED),
+    (0x6F, 0x07, DriveState.QUICK_STOP),
+    (0x4F, 0x0F, DriveState.FAULT_REACTION),
+    (0x4F, 0x08, DriveState.FAULT),
+)
+"""Bits of the statusword that tell the state, and what they are in it."""
+
+POWERLESS = frozenset({DriveState.NOT_READY, DriveState.SWITCH_ON_DISABLED, DriveState.READY, DriveState.FAULT})
+"""States in which the power stage is off: no torque, whatever was asked for."""
+_LIMIT_BIT = 1 << 11
 
 
-def bus_load(drives: int, rate: float, bitrate: int) -> float:
-    """The part of the time that the frames of `drives` at `rate` Hz fill at worst."""
-    return period_bits(drives) * rate / bitrate
+def state_of(statusword: int) -> DriveState:
+    """What a statusword says."""
+    return next((state for mask, bits, state in _STATES if statusword & mask == bits), DriveState.UNKNOWN)
 
 
-def check_bus_load(drives: int, rate: float, address: CanAddress) -> None:
-    """Raise LinkError where a control step at `rate` Hz does not fit, with the rate that does."""
-    part = bus_load(drives, rate, address.bitrate)
-    if part <= LOAD_LIMIT:
-        return
-    feasible = LOAD_LIMIT * address.bitrate / period_bits(drives)
-    whole = feasible // 10 * 10 if feasible >= 10 else feasible
-    raise LinkError(
-        f"{address}: {drives} drives at {rate:g} Hz fill {part:.1%} of a bus of {address.bitrate / 1e6:g} Mbit/s, "
-        f"over {LOAD_LIMIT:.0%}; set rate in [controller] to at most {whole:.4g} Hz, or drive the joints from a board"
-    )
+def limited(statusword: int) -> bool:
+    """Whether the drive holds back because of a limit of its own (of current, of heat)."""
+    return bool(statusword & _LIMIT_BIT)
 
 
-# --- opening it ---
+class Controlword(IntEnum):
+    """Controlwords."""
+
+    DISABLE_VOLTAGE = 0x00
+    QUICK_STOP = 0x02
+    SHUTDOWN = 0x06
+    SWITCH_ON = 0x07
+    ENABLE_OPERATION = 0x0F
+    FAULT_RESET = 0x80
 
 
-def open_network(address: CanAddress, listen: Callable[[Any], None]) -> Any:
-    """A connected canopen.Network; `listen` hears every frame. Raises LinkError with what to do about it."""
-    try:
-        import can
-        import canopen
-    except ModuleNotFoundError as error:
-        raise LinkError(
-            f'{address}: {error.name} is not installed; python -m pip install "canopen>=2.3" "python-can>=4.4"'
-        ) from None
-    for name in ("can", "canopen"):
-        # What matters of their remarks is raised, and said once.
-        logging.getLogger(name).addHandler(logging.NullHandler())
-    network: Any = canopen.Network()
-    network.listeners.append(listen)
-    # It looks this often whether it is to end; nothing else depends on it.
-    network.NOTIFIER_CYCLE = 0.1
-    try:
-        return network.connect(channel=address.channel, interface=address.interface, bitrate=address.bitrate)
-    except can.CanInterfaceNotImplementedError as error:
-        raise LinkError(f"{address}: interface {address.interface} cannot be used here: {error}") from None
-    except (can.CanError, OSError, ValueError, TypeError) as error:
-        raise LinkError(_open_failure(address, error)) from None
+_TOWARDS_ENABLED = {
+    DriveState.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
+    DriveState.READY: Controlword.SWITCH_ON,
+    DriveState.SWITCHED_ON: Controlword.ENABLE_OPERATION,
+    DriveState.ENABLED: Controlword.ENABLE_OPERATION,
+}
 
 
-def _open_failure(address: CanAddress, error: Exception) -> str:
-    code = getattr(error, "errno", None)
-    if code == errno.ENODEV:
-        return (
-            f"{address}: there is no such CAN channel; ip link shows those that are there, and "
-            f"ip link set {address.channel} up type can bitrate {address.bitrate} switches one on"
-        )
-    if code == errno.EAFNOSUPPORT:
-        return f"{address}: this system has no SocketCAN; load it (modprobe can_raw) or name another interface"
-    return f"{address}: cannot be opened through {address.interface}: {error}"
+def towards_enabled(state: DriveState, before: Controlword) -> Controlword:
+    """The next controlword on the way to operation enabled; `before`: the one that was sent last.
+
+    A fault is reset by a rising edge of its bit, so two words take turns. States that a drive leaves by itself, and
+    a quick stop, are met with voltage off.
+    """
+    if state is DriveState.FAULT and before is not Controlword.FAULT_RESET:
+        return Controlword.FAULT_RESET
+    return _TOWARDS_ENABLED.get(state, Controlword.DISABLE_VOLTAGE)
 
 
-@contextmanager
-def bus_faults(address: CanAddress) -> Iterator[None]:
-    """What goes wrong on a bus in use, as a Fault for people."""
-    import can
+# --- torque ---
 
-    try:
-        yield
-    except (can.CanError, OSError) as error:
-        raise Fault(f"{address}: {_bus_failure(error)}") from None
+_LARGEST = 32767
+"""Per mille that the target torque's 16 bits hold; the motor's sign may turn, so to either side."""
 
 
-def _bus_failure(error: Exception) -> str:
-    code = getattr(error, "error_code", None) or getattr(error, "errno", None)
-    if code == errno.ENETDOWN:
-        return "the channel is down, or the bus off; check wiring, termination and bit rate, then switch it on again"
-    if code == errno.ENOBUFS:
-        return "nothing that is sent is acknowledged; check that the drives have power and the bus its terminators"
-    return f"the bus cannot be used any more: {error}"
+@dataclass(frozen=True)
+class Scale:
+    """Between a joint's torque and a drive's target torque.
+
+    gear_ratio     turns of the motor per turn (rad per m) of the joint
+    direction      1, or −1 where the motor turns against the joint
+    rated_torque   of the motor, N m: what 1000 per mille are
+    max_torque     per mille that the drive lets through
+    """
+
+    gear_ratio: float
+    direction: int
+    rated_torque: float
+    max_torque: int = _LARGEST
+
+    @property
+    def resolution(self) -> float:
+        """N m (N) at the joint of one per mille: commands are rounded to it."""
+        return self.gear_ratio * self.rated_torque / 1000.0
+
+    @property
+    def largest(self) -> float:
+        """N m (N) at the joint that can be commanded."""
+        return self.resolution * min(self.max_torque, _LARGEST)
+
+    def per_mille(self, torque: float) -> int:
+        """Target torque nearest to `torque` N m (N) at the joint, within what can be commanded.
+
+        Raises ValueError where it is not finite.
+        """
+        if not abs(torque) < float("inf"):
+            raise ValueError(f"a torque of {torque} cannot be commanded")
+        most = min(self.max_torque, _LARGEST)
+        # Clamped before it is rounded: the ratio may be larger than any integer of the drive.
+        return self.direction * round(max(-most, min(most, torque / self.resolution)))
+
+    def torque(self, per_mille: int) -> float:
+        """N m (N) at the joint."""
+        return self.direction * per_mille * self.resolution
+
+
+# --- errors ---
+
+_ERRORS = {
+    0x1000: "generic error",
+    0x2000: "current",
+    0x2100: "current, device input side",
+    0x2200: "current inside the device",
+    0x2300: "current, device output side",
+    0x2310: "continuous over-current",
+    0x2320: "short circuit or earth leakage",
+    0x2330: "earth leakage",
+    0x2340: "short circuit",
+    0x3000: "voltage",
+    0x3100: "mains voltage",
+    0x3200: "DC link voltage",
+    0x3210: "DC link over-voltage",
+    0x3220: "DC link under-voltage",
+    0x3300: "output voltage",
+    0x4000: "temperature",
+    0x4100: "ambient temperature",
+    0x4200: "temperature of the device",
+    0x4210: "the device is too hot",
+    0x4300: "temperature of the drive",
+    0x4310: "the drive is too hot",
+    0x5000: "device hardware",
+    0x5100: "supply",
+    0x5200: "control hardware",
+    0x5300: "operating unit",
+    0x5400: "power section",
+    0x5500: "data storage",
+    0x6000: "device software",
+    0x6010: "software reset by the drive's watchdog",
+    0x6100: "internal software",
+    0x6200: "user software",
+    0x6300: "data set",
+    0x7000: "additional modules",
+    0x7100: "power",
+    0x7110: "brake chopper",
+    0x7120: "motor",
+    0x7121: "motor blocked",
+    0x7122: "motor error or commutation",
+    0x7200: "measurement circuit",
+    0x7300: "sensor",
+    0x7305: "incremental encoder 1",
+    0x7306: "incremental encoder 2",
+    0x7310: "speed sensor",
+    0x7320: "position sensor",
+    0x7400: "computation circuit",
+    0x7500: "communication module",
+    0x8000: "monitoring",
+    0x8100: "communication",
+    0x8110: "CAN overrun: messages lost",
+    0x8120: "CAN in error passive mode",
+    0x8130: "the computer's heartbeat was missing",
+    0x8140: "recovered from bus off",
+    0x8150: "two nodes send with one id",
+    0x8200: "protocol",
+    0x8210: "PDO not processed: its length is wrong",
+    0x8220: "PDO is too long",
+    0x8250: "RPDO was missing",
+    0x8300: "torque control",
+    0x8311: "excess torque",
+    0x8400: "velocity control",
+    0x8500: "position control",
+    0x8600: "positioning control",
+    0x8611: "following error",
+    0x8612: "reference limit",
+    0x9000: "external error",
+    0xF000: "additional functions",
+    0xFF00: "specific to the device, see its manual",
+}
+_REGISTER = ("generic", "current", "voltage", "temperature", "communication", "profile", "", "manufacturer")
+"""Bits of the error register (0x1001)."""
+
+
+def error_text(code: int) -> str:
+    """An emergency's or the error code's (0x603F) number in words, the most specific that the standards have."""
+    for mask in (0xFFFF, 0xFFF0, 0xFF00, 0xF000):
+        if text := _ERRORS.get(code & mask):
+            return f"0x{code:04X}, {text}"
+    return f"0x{code:04X}"
+
+
+def register_text(register: int) -> str:
+    """The error register's bits in words."""
+    return ", ".join(word for bit, word in enumerate(_REGISTER) if word and register & 1 << bit)
 
 
 HOST_NODE = 127
@@ -175,7 +304,7 @@ class Answer:
 
     @property
     def state(self) -> DriveState:
-        return cia402.state_of(self.statusword)
+        return state_of(self.statusword)
 
 
 class CanDrive:
@@ -217,10 +346,10 @@ class CanDrive:
         self._check_counts()
         scale = self._scale()
         self._map()
-        self._write(cia402.ON_LOST_HOST, cia402.DISABLE_VOLTAGE_THEN, self._unwatched)
+        self._write(ON_LOST_HOST, DISABLE_VOLTAGE_THEN, self._unwatched)
         self._write(_HOST_HEARTBEAT, HOST_NODE << 16 | round(1e3 * HOST_LOST), self._unwatched)
         self._write(_HEARTBEAT, round(1e3 * DRIVE_HEARTBEAT))
-        self._write(cia402.TARGET_TORQUE, 0)
+        self._write(TARGET_TORQUE, 0)
         self._set_period(period)
         self._set_mode()
         self.restarted, self.emergency = False, None
@@ -239,8 +368,8 @@ class CanDrive:
         """Why it failed, in words: its emergency message, or its error code, asked for."""
         if self.emergency is not None:
             return self.emergency
-        code = self._optional(cia402.ERROR_CODE)
-        return cia402.error_text(code) if code else "it does not say why"
+        code = self._optional(ERROR_CODE)
+        return error_text(code) if code else "it does not say why"
 
     @property
     def network_state(self) -> str:
@@ -248,40 +377,40 @@ class CanDrive:
         return str(self._remote.nmt.state)
 
     def _check_kind(self) -> None:
-        kind = self._read(cia402.DEVICE_TYPE)
-        if kind & 0xFFFF != cia402.PROFILE:
-            self._refuse(f"is of profile {kind & 0xFFFF}; expected a servo drive of CiA {cia402.PROFILE}")
-        if not self._read(cia402.SUPPORTED_MODES) & cia402.CYCLIC_TORQUE_BIT:
-            self._refuse(f"has no cyclic synchronous torque mode ({cia402.SUPPORTED_MODES}); update its firmware")
+        kind = self._read(DEVICE_TYPE)
+        if kind & 0xFFFF != PROFILE:
+            self._refuse(f"is of profile {kind & 0xFFFF}; expected a servo drive of CiA {PROFILE}")
+        if not self._read(SUPPORTED_MODES) & CYCLIC_TORQUE_BIT:
+            self._refuse(f"has no cyclic synchronous torque mode ({SUPPORTED_MODES}); update its firmware")
 
     def _check_counts(self) -> None:
         """A drive that counts otherwise than the model file would move the joint by another angle."""
-        found, turns = self._read(cia402.ENCODER_INCREMENTS), self._read(cia402.ENCODER_TURNS)
+        found, turns = self._read(ENCODER_INCREMENTS), self._read(ENCODER_TURNS)
         if found != (self.info.encoder_counts or 0) * turns:
             each = f"{found / turns:g}" if turns else "no"
             self._refuse(
-                f"has {each} counts per turn of the motor ({cia402.ENCODER_INCREMENTS}), "
+                f"has {each} counts per turn of the motor ({ENCODER_INCREMENTS}), "
                 f"the model file {self.info.encoder_counts}; correct [joint.encoder] counts or the drive"
             )
-        motor, shaft = self._optional(cia402.GEAR_MOTOR), self._optional(cia402.GEAR_SHAFT)
+        motor, shaft = self._optional(GEAR_MOTOR), self._optional(GEAR_SHAFT)
         if motor != shaft:
             self._refuse(
-                f"divides positions by a gear ratio of {motor}:{shaft} itself ({cia402.GEAR_MOTOR}); "
+                f"divides positions by a gear ratio of {motor}:{shaft} itself ({GEAR_MOTOR}); "
                 "expected counts of the motor: set it to 1:1, gear_ratio is in the model file"
             )
 
     def _scale(self) -> Scale:
         rated = self._keys.rated_torque
         if rated is None:
-            rated = self._read(cia402.RATED_TORQUE) / 1e3  # it says mN m
+            rated = self._read(RATED_TORQUE) / 1e3  # it says mN m
         if not rated > 0:
-            self._refuse(f"gives {cia402.RATED_TORQUE} as 0; set it, or rated_torque under [joint.drive]")
-        scale = Scale(self.info.gear_ratio, self._keys.direction, rated, self._read(cia402.MAX_TORQUE))
+            self._refuse(f"gives {RATED_TORQUE} as 0; set it, or rated_torque under [joint.drive]")
+        scale = Scale(self.info.gear_ratio, self._keys.direction, rated, self._read(MAX_TORQUE))
         limit, unit = self.info.torque_limit, self.info.force_unit
         # A limit between two steps of the command is still the limit.
         if limit is not None and limit > scale.largest + scale.resolution:
             self._refuse(
-                f"lets {scale.largest:.4g} {unit} through ({cia402.MAX_TORQUE}: {scale.max_torque} per mille of "
+                f"lets {scale.largest:.4g} {unit} through ({MAX_TORQUE}: {scale.max_torque} per mille of "
                 f"{rated:g} N m), less than the joint's limit of {limit:g} {unit}; lower [joint.limits] torque"
             )
         return scale
@@ -291,7 +420,7 @@ class CanDrive:
         for number in (2, 3, 4):
             if self._optional(Entry(0x1800 + number - 1, 1, "I", f"TPDO {number}")) is not None:
                 self._write(Entry(0x1800 + number - 1, 1, "I", f"TPDO {number}"), _PDO_OFF)
-        answer, command = (cia402.STATUSWORD, cia402.POSITION), (cia402.CONTROLWORD, cia402.TARGET_TORQUE)
+        answer, command = (STATUSWORD, POSITION), (CONTROLWORD, TARGET_TORQUE)
         self._map_one("TPDO 1", 0x1800, 0x1A00, 0x180, _EVERY_SYNC, answer)
         self._map_one("RPDO 1", 0x1400, 0x1600, 0x200, _AT_ONCE, command)
 
@@ -308,21 +437,21 @@ class CanDrive:
 
     def _set_period(self, period: float) -> None:
         """Of the SYNCs, where the drive wants to know and can be told: value * 10^exponent s."""
-        if self._optional(cia402.PERIOD) is None:
+        if self._optional(PERIOD) is None:
             return
         for exponent in (-3, -4, -5, -6):
             value = round(period / 10.0**exponent)
             if 1 <= value <= 255 and abs(value * 10.0**exponent - period) < 1e-9:
-                self._write(cia402.PERIOD, value)
-                self._write(cia402.PERIOD_EXPONENT, exponent)
+                self._write(PERIOD, value)
+                self._write(PERIOD_EXPONENT, exponent)
                 return
 
     def _set_mode(self) -> None:
-        self._write(cia402.MODE, cia402.CYCLIC_TORQUE)
+        self._write(MODE, CYCLIC_TORQUE)
         for _ in range(_TRIES):
-            if (mode := self._read(cia402.MODE_DISPLAY)) == cia402.CYCLIC_TORQUE:
+            if (mode := self._read(MODE_DISPLAY)) == CYCLIC_TORQUE:
                 return
-        self._refuse(f"stays in mode {mode} ({cia402.MODE_DISPLAY}); expected {cia402.CYCLIC_TORQUE}")
+        self._refuse(f"stays in mode {mode} ({MODE_DISPLAY}); expected {CYCLIC_TORQUE}")
 
     _unwatched = "then it would hold its last torque if this computer stopped; it cannot be driven from here"
 
@@ -383,8 +512,8 @@ class CanDrive:
         if not message.code & 0xFF00:  # what was wrong is over
             self.emergency = None
             return
-        register = cia402.register_text(message.register)
-        self.emergency = cia402.error_text(message.code) + (f" (error register: {register})" if register else "")
+        register = register_text(message.register)
+        self.emergency = error_text(message.code) + (f" (error register: {register})" if register else "")
 
     def _on_heartbeat(self, state: int) -> None:
         if state == 0:

@@ -12,23 +12,166 @@ What stops the motors, whatever fails:
 
 from __future__ import annotations
 
+import errno
+import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.hardware import can_drive, cia402
-from runtime.hardware.can_drive import HOST_LOST, HOST_NODE, CanAddress, CanDrive, bus_faults
-from runtime.hardware.cia402 import POWERLESS, Controlword, DriveState, Scale
+from runtime.hardware.boards import HostBoard
+from runtime.hardware.can_drive import (
+    HOST_LOST,
+    HOST_NODE,
+    POWERLESS,
+    CanDrive,
+    Controlword,
+    DriveState,
+    Scale,
+    limited,
+    towards_enabled,
+)
 from runtime.hardware.link import LinkError
-from runtime.hardware.lockstep import Fault, HostBoard, Lockstep
-from runtime.hardware.pace import Pace, Precedence
+from runtime.hardware.lockstep import Fault, Lockstep, Pace, Precedence
 from runtime.model.loader import Model
+
+CAN_SCHEME = "canopen"
+CAN_EXAMPLE = "canopen://can0?interface=socketcan&bitrate=1000000"
+BITRATE, BITRATES = 1_000_000, (10_000, 1_000_000)
+"""bit/s: if none is given, and what classical CAN allows."""
+LOAD_LIMIT = 0.8
+"""Largest part of the time that cyclic frames may fill; the rest is for emergencies, heartbeats and repetitions."""
+_SENT, _ANSWERED = 4, 6
+"""Bytes a period and drive: controlword and target torque; statusword and position."""
+
+
+@dataclass(frozen=True)
+class CanAddress:
+    """channel and interface as python-can names them; bitrate in bit/s."""
+
+    channel: str
+    interface: str = "socketcan"
+    bitrate: int = BITRATE
+
+    def __str__(self) -> str:
+        return f"{CAN_SCHEME}://{self.channel}"
+
+
+def parse_can_address(text: str) -> CanAddress:
+    """The address in `canopen://CHANNEL?interface=NAME&bitrate=NUMBER`. Raises LinkError."""
+    try:
+        parts = urlsplit(text)
+    except ValueError as error:  # brackets that are not closed
+        raise LinkError(f"--on {text}: {error}; expected {CAN_EXAMPLE}") from None
+    channel = unquote(parts.netloc + parts.path)
+    given = dict(parse_qsl(parts.query, keep_blank_values=True))
+    if parts.scheme != CAN_SCHEME or not channel:
+        raise LinkError(f"--on {text}: expected {CAN_EXAMPLE}")
+    if unknown := sorted(given.keys() - {"interface", "bitrate"}):
+        raise LinkError(f'--on {text}: unknown key "{unknown[0]}"; expected interface and bitrate: {CAN_EXAMPLE}')
+    rate = given.get("bitrate", str(BITRATE))
+    low, high = BITRATES
+    if not (rate.isascii() and rate.isdigit() and len(rate) < 10 and low <= int(rate) <= high):
+        raise LinkError(f"--on {text}: bitrate is {rate}; expected {low} to {high} bit/s")
+    return CanAddress(channel, given.get("interface", CanAddress.interface), int(rate))
+
+
+# --- how much fits through it ---
+
+
+def frame_bits(data: int) -> int:
+    """Bits of a frame with so many bytes at its longest: as many stuff bits as there can be, and the gap after it."""
+    return 47 + 8 * data + (34 + 8 * data - 1) // 4
+
+
+def period_bits(drives: int) -> int:
+    """Bits of all frames of a control period: SYNC, an answer and a command a drive."""
+    return frame_bits(0) + drives * (frame_bits(_SENT) + frame_bits(_ANSWERED))
+
+
+def bus_load(drives: int, rate: float, bitrate: int) -> float:
+    """The part of the time that the frames of `drives` at `rate` Hz fill at worst."""
+    return period_bits(drives) * rate / bitrate
+
+
+def check_bus_load(drives: int, rate: float, address: CanAddress) -> None:
+    """Raise LinkError where a control step at `rate` Hz does not fit, with the rate that does."""
+    part = bus_load(drives, rate, address.bitrate)
+    if part <= LOAD_LIMIT:
+        return
+    feasible = LOAD_LIMIT * address.bitrate / period_bits(drives)
+    whole = feasible // 10 * 10 if feasible >= 10 else feasible
+    raise LinkError(
+        f"{address}: {drives} drives at {rate:g} Hz fill {part:.1%} of a bus of {address.bitrate / 1e6:g} Mbit/s, "
+        f"over {LOAD_LIMIT:.0%}; set rate in [controller] to at most {whole:.4g} Hz, or drive the joints from a board"
+    )
+
+
+# --- opening it ---
+
+
+def open_network(address: CanAddress, listen: Callable[[Any], None]) -> Any:
+    """A connected canopen.Network; `listen` hears every frame. Raises LinkError with what to do about it."""
+    try:
+        import can
+        import canopen
+    except ModuleNotFoundError as error:
+        raise LinkError(
+            f'{address}: {error.name} is not installed; python -m pip install "canopen>=2.3" "python-can>=4.4"'
+        ) from None
+    for name in ("can", "canopen"):
+        # What matters of their remarks is raised, and said once.
+        logging.getLogger(name).addHandler(logging.NullHandler())
+    network: Any = canopen.Network()
+    network.listeners.append(listen)
+    # It looks this often whether it is to end; nothing else depends on it.
+    network.NOTIFIER_CYCLE = 0.1
+    try:
+        return network.connect(channel=address.channel, interface=address.interface, bitrate=address.bitrate)
+    except can.CanInterfaceNotImplementedError as error:
+        raise LinkError(f"{address}: interface {address.interface} cannot be used here: {error}") from None
+    except (can.CanError, OSError, ValueError, TypeError) as error:
+        raise LinkError(_open_failure(address, error)) from None
+
+
+def _open_failure(address: CanAddress, error: Exception) -> str:
+    code = getattr(error, "errno", None)
+    if code == errno.ENODEV:
+        return (
+            f"{address}: there is no such CAN channel; ip link shows those that are there, and "
+            f"ip link set {address.channel} up type can bitrate {address.bitrate} switches one on"
+        )
+    if code == errno.EAFNOSUPPORT:
+        return f"{address}: this system has no SocketCAN; load it (modprobe can_raw) or name another interface"
+    return f"{address}: cannot be opened through {address.interface}: {error}"
+
+
+@contextmanager
+def bus_faults(address: CanAddress) -> Iterator[None]:
+    """What goes wrong on a bus in use, as a Fault for people."""
+    import can
+
+    try:
+        yield
+    except (can.CanError, OSError) as error:
+        raise Fault(f"{address}: {_bus_failure(error)}") from None
+
+
+def _bus_failure(error: Exception) -> str:
+    code = getattr(error, "error_code", None) or getattr(error, "errno", None)
+    if code == errno.ENETDOWN:
+        return "the channel is down, or the bus off; check wiring, termination and bit rate, then switch it on again"
+    if code == errno.ENOBUFS:
+        return "nothing that is sent is acknowledged; check that the drives have power and the bus its terminators"
+    return f"the bus cannot be used any more: {error}"
+
 
 Counts = NDArray[np.int32]
 
@@ -57,7 +200,7 @@ def check_arm(model: Model, address: CanAddress, rate: float) -> None:
     if without:
         where = f'the model file of "{model.name}"'
         raise LinkError(f"{where} names no drive at joint {', '.join(without)}; add [joint.drive] with node")
-    can_drive.check_bus_load(model.n, rate, address)
+    check_bus_load(model.n, rate, address)
 
 
 class CanopenArm:
@@ -71,7 +214,7 @@ class CanopenArm:
     def __init__(self, model: Model, address: CanAddress, pace: Pace, patience: float | None = None) -> None:
         check_arm(model, address, 1.0 / pace.length)
         self.address, self.model, self.pace = address, model, pace
-        self.load = can_drive.bus_load(model.n, 1.0 / pace.length, address.bitrate)
+        self.load = bus_load(model.n, 1.0 / pace.length, address.bitrate)
         self.scales: tuple[Scale, ...] = ()
         self.missed = 0
         self.limited = np.zeros(model.n, dtype=np.int64)
@@ -80,7 +223,7 @@ class CanopenArm:
         self._on, self._bus_off = False, False
         self._beats: int | None = None
         self._fault: str | None = None
-        self._network: Any = can_drive.open_network(address, self._on_error_frame)
+        self._network: Any = open_network(address, self._on_error_frame)
         self._drives = [CanDrive(self._network, i, j, self._on_word) for i, j in enumerate(model.joints, 1)]
         self._sent = [Controlword.DISABLE_VOLTAGE] * model.n
 
@@ -195,7 +338,7 @@ class CanopenArm:
             if not drive.heard:
                 drive.misses += 1
                 self.missed += 1
-            self.limited[k] += self._on and cia402.limited(drive.answer.statusword)
+            self.limited[k] += self._on and limited(drive.answer.statusword)
 
     def _is_complete(self) -> bool:
         """Whether all have answered; nobody waits for a drive that is lost."""
@@ -245,7 +388,7 @@ class CanopenArm:
                 return
             with self._or_stop(), bus_faults(self.address):
                 for k, drive in enumerate(self._drives):
-                    self._sent[k] = cia402.towards_enabled(drive.answer.state, self._sent[k])
+                    self._sent[k] = towards_enabled(drive.answer.state, self._sent[k])
                     drive.command(self._sent[k])
         drive = next(drive for drive in self._drives if drive.answer.state is not DriveState.ENABLED)
         state = drive.answer.state.value
@@ -328,7 +471,7 @@ after half a period would stop this for nothing."""
 
 def check_link(url: str, model: Model) -> None:
     """What can be said of an address before the bus is touched. Raises LinkError."""
-    address = can_drive.parse_can_address(url)
+    address = parse_can_address(url)
     # Without a rate there is nothing to say of the load; what a controller lacks is named where its settings are made.
     if model.controller is not None:
         check_arm(model, address, model.controller["rate"])
@@ -351,7 +494,7 @@ class CanopenLink(Lockstep):
         assert model.controller is not None
         period = 1.0 / model.controller["rate"]
         pace = pace or Pace(period)
-        address = can_drive.parse_can_address(url)
+        address = parse_can_address(url)
         with ExitStack() as stack:
             self._precedence = Precedence()
             stack.callback(self._precedence.give_up)

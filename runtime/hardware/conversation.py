@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from runtime.hardware.frames import Codec, Decoder, ReceivedMessage
-from runtime.hardware.link import BoardLink, LinkError, LinkLost
+from runtime.hardware.link import BoardLink, Codec, Decoder, LinkError, LinkLost, ReceivedMessage
 
 _OFF, _UNPOWERED = ("idle",), ("idle", "armed")
 """States without power, and those without torque."""

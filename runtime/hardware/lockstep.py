@@ -1,10 +1,17 @@
-"""A board and an arm in step: a control period passes when the host reads, and in no other way."""
+"""A board and an arm in lockstep: one control period passes when the host reads, and only then.
+
+The clock of the periods is injected: a count of periods for simulated arms, or real time for drives on a bus.
+"""
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Mapping
-from pathlib import Path
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import sqrt
 from typing import Any, Protocol
 
 import numpy as np
@@ -151,51 +158,102 @@ class Lockstep:
                 self.fault = self.fault or str(fault)
 
 
-_CHUNK = 4096
+_SWITCH = 1e-4
+"""s after which a thread of Python gives way to another; 5 ms otherwise."""
+_PRIORITY = 30
+"""Of 99 in real time: above all that is not, below what the system itself needs to live."""
 
 
-class HostBoard:
-    """A board within this process.
+class Precedence:
+    """Before everything else on this computer, threads that are started meanwhile included.
 
-    directory   of codegen.prepare.prepare_firmware for the host: lib.so
-    _name       of the arm, which is that of other boards' images; the machine has the same names for every arm
-    n           its joints
+    granted   whether the system allows it; without, a busy computer makes periods late
     """
 
-    def __init__(self, directory: Path, _name: str, n: int) -> None:
-        self._library = ctypes.CDLL(str(directory / "lib.so"))
-        size = self._function("tendon_machine_size", ctypes.c_uint32)()
-        # Of doubles, so that it is aligned for everything.
-        self._memory = (ctypes.c_double * (-(-size // 8)))()
-        self._receive = self._function("tendon_machine_receive")
-        self._step = self._function("tendon_machine_step")
-        self._send = self._function("tendon_machine_send", ctypes.c_uint32)
-        self._is_enabled = self._function("tendon_machine_enabled", ctypes.c_bool)
-        self._counts: Counts = np.zeros(n, dtype=np.int32)
-        self._torque: Float32 = np.zeros(n, dtype=np.float32)
-        self._out = (ctypes.c_uint8 * _CHUNK)()
-        # Pointers made once: a call then costs little more than the C behind it.
-        self._machine = ctypes.byref(self._memory)
-        self._pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (self._counts, self._torque))
-        self._function("tendon_machine_start")(self._machine)
+    def __init__(self) -> None:
+        self._switch = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH)
+        self.granted = self._schedule("SCHED_FIFO", _PRIORITY)
 
-    def receive(self, data: bytes) -> None:
-        self._receive(self._machine, data, ctypes.c_uint32(len(data)))
+    def give_up(self) -> None:
+        """May be called twice."""
+        sys.setswitchinterval(self._switch)
+        if self.granted:
+            self._schedule("SCHED_OTHER", 0)
 
-    def send(self) -> bytes:
-        count = self._send(self._machine, self._out, _CHUNK)
-        return ctypes.string_at(self._out, count) if count else b""
+    def _schedule(self, policy: str, priority: int) -> bool:
+        try:
+            os.sched_setscheduler(0, getattr(os, policy), os.sched_param(priority))
+        except (AttributeError, OSError):
+            return False
+        return True
 
-    def period(self, counts: Counts, time_us: int, fault: int) -> tuple[bool, Float32]:
-        self._counts[:] = counts
-        read, write = self._pointers
-        self._step(self._machine, read, ctypes.c_uint32(time_us), ctypes.c_uint32(fault), write)
-        return self._is_enabled(self._machine), self._torque
 
-    def close(self) -> None:
-        """Nothing to stop: the memory goes with this object."""
+@dataclass
+class Punctuality:
+    """Of the periods so far: how late they began (s), and how many so late that others were left out."""
 
-    def _function(self, name: str, result: type | None = None) -> ctypes._NamedFuncPointer:
-        function = getattr(self._library, name)
-        function.restype = result
-        return function
+    periods: int = 0
+    worst: float = 0.0
+    squares: float = 0.0
+    overruns: int = 0
+
+    @property
+    def rms(self) -> float:
+        return sqrt(self.squares / self.periods) if self.periods else 0.0
+
+    def add(self, late: float) -> None:
+        self.periods += 1
+        self.squares += late * late
+        self.worst = max(self.worst, late)
+
+
+class Pace:
+    """The clock of an arm that moves in real time: a period begins every `length` s.
+
+    now, sleep   the computer's clock, s
+    A period that could not begin in time is not made up for: the next ones follow from where it began, and the
+    time that is reported shows the gap.
+    """
+
+    def __init__(
+        self,
+        length: float,
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.length, self.kept = length, Punctuality()
+        self._now, self._sleep = now, sleep
+        self._begin: float | None = None
+        self._next = 0.0
+        self._left_out = 0.0
+
+    def period(self) -> int:
+        """Wait until a period begins; µs since the first one did, as the computer's clock has it."""
+        if self._begin is None:
+            self._begin = self._next = self._now()
+        elif (early := self._next - self._now()) > 0.0:
+            self._sleep(early)
+        begun = self._now()
+        late = max(0.0, begun - self._next)
+        self.kept.add(late)
+        if late >= self.length:
+            self.kept.overruns += 1
+            self._next = begun
+        self._next += self.length
+        return round((begun - self._begin - self._left_out) * _MICROSECONDS)
+
+    def now(self) -> float:
+        """s."""
+        return self._now()
+
+    @contextmanager
+    def left_out(self) -> Iterator[None]:
+        """What passes inside is left out of the time that `period` reports: nothing is controlled meanwhile."""
+        since = self._now()
+        try:
+            yield
+        finally:
+            self._left_out += self._now() - since
+            # What is held from now on is held for a period.
+            self._next = self._now() + self.length

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.hardware.conversation import Conversation, NotReady, Refused, Untrusted
-from runtime.hardware.frames import DELIMITER, Codec
-from runtime.hardware.link import BoardLink, LinkLost
+from runtime.hardware.link import DELIMITER, BoardLink, Codec, LinkLost
 from runtime.hardware.settings import Settings
 
 _BLOCK = 4096

@@ -22,7 +22,7 @@ from runtime.motion.settings import (
     TEMPERATURE_START,
     TEMPERATURE_WINDOW_S,
 )
-from runtime.recordings.checks import unpowered
+from runtime.recordings.contents import unpowered
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]

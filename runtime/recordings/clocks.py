@@ -19,9 +19,8 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import gaussian_filter1d
 
-from runtime.recordings import checks
 from runtime.recordings.columns import Column
-from runtime.recordings.contents import Array, Contents, Refusal, Samples
+from runtime.recordings.contents import Array, Contents, Refusal, Samples, check_finite
 from runtime.recordings.settings import (
     CLOCK_SHIFT_CLEAR,
     CLOCK_SHIFT_FINEST,
@@ -226,7 +225,7 @@ def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, re
             "name the right one with --map t="
         )
     signals = {name: used[name].in_si(values) for name, values in raw.signals.items()}
-    return checks.finite(replace(raw, signals=signals), allow_gaps, refuse)
+    return check_finite(replace(raw, signals=signals), allow_gaps, refuse)
 
 
 def _ascending(other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) -> Samples:

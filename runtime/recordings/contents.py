@@ -1,18 +1,35 @@
-"""An opened recording: its fields and their clocks, samples with their place in the file, and how a file is refused."""
+"""What every format of recordings shares: fields and clocks, samples with their place in the file, refusal and checks.
+
+The checks are those that need no model: enough samples, finite values, the unit of the time, gaps, motion.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from itertools import combinations
 from typing import NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.recordings.settings import (
+    FASTEST_STEP,
+    GAP,
+    LARGEST,
+    MIN_SAMPLES,
+    MIN_SEGMENT,
+    MOST_SAMPLES,
+    ROUNDING,
+    SLOWEST_STEP,
+    SMALLEST,
+)
 from symbolic.model_file.checks import quote
 
 
@@ -156,3 +173,147 @@ def in_unit(cell: str, unit: str) -> str:
 def without_unit(cell: str) -> str:
     """A field without its unit."""
     return cell.split(" [")[0]
+
+
+_FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of a clock and their length in s, the coarsest first."""
+
+
+def slow_clock(step: float, cell: str) -> str | None:
+    """What is wrong with a time, read from `cell`, of which the median step is `step` s, and the cure, if any."""
+    if not step > SLOWEST_STEP:
+        return None
+    unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
+    cure = f'if t is in {unit}, pass --map t="{cell} [{unit}]"' if unit else "write t in seconds"
+    return f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}"
+
+
+def fast_clock(step: float, cell: str) -> str | None:
+    """The same of one that is too short to be filtered: its filters would be longer than any recording."""
+    if not step < FASTEST_STEP:
+        return None
+    return (
+        f"the median step of t is {step:.4g} s; expected at least {FASTEST_STEP:g} s between samples; "
+        f'if t is in s, pass --map t="{cell} [s]", else write t in seconds'
+    )
+
+
+def unpowered(tau: Array) -> NDArray[np.bool_]:
+    """(n,) joints whose torque never changes by as much as a sensor tells: passive ones, or those of which no torque is
+    recorded. tau (n, N)."""
+    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) < SMALLEST
+    return quiet
+
+
+def given_twice(samples: Sequence[tuple[Array, Array]]) -> tuple[int, int] | None:
+    """Indices of the first two of these positions and torques (n, N) each that are the same; None if none are."""
+    for one, other in combinations(range(len(samples)), 2):
+        pairs = list(zip(samples[one], samples[other], strict=True))
+        if all(x.shape == y.shape and np.array_equal(x, y) for x, y in pairs):
+            return one, other
+    return None
+
+
+def check_finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
+    """The signals without NaN, infinite or absurd values; samples with NaN are dropped if gaps are allowed."""
+    drop = np.zeros(len(table.numbers), dtype=bool)
+    for name, values in list(table.signals.items()):
+        absent = np.isnan(values)
+        # A time since 1970 in ns is no reading that is out; what its steps say tells its unit.
+        largest = np.inf if name == "t" else LARGEST
+        large = np.abs(values, where=~absent, out=np.zeros_like(values)) > largest
+        large |= np.isinf(values)
+        if large.any():
+            k = int(np.argmax(large))
+            what = "infinite" if np.isinf(values[k]) else f"{values[k]:.3g}, too large for a reading"
+            refuse(f"{name} is {what}; repair or drop the row", table.at(name, k))
+        if absent.any() and not allow_gaps:
+            refuse(f"{name} is NaN; drop the row or pass --allow-gaps", table.at(name, int(np.argmax(absent))))
+        if absent.any() and name.startswith("temperature"):
+            if absent.all():
+                del table.signals[name]
+            else:  # temperatures are slow, and often logged more slowly than the rest
+                rows = np.arange(len(values))
+                table.signals[name] = np.interp(rows, rows[~absent], values[~absent]).astype(np.float64)
+            continue
+        drop |= absent
+    return table.kept(~drop) if drop.any() else table
+
+
+def check_count(samples: int, refuse: Refusal) -> None:
+    """Refuses a recording that would fill the memory, before the rest of it is read."""
+    if samples > MOST_SAMPLES:
+        refuse(f"has more than {MOST_SAMPLES} samples; split it into several recordings, or thin it out")
+
+
+def check_length(t: Array, allow_gaps: bool, refuse: Refusal) -> None:
+    """Refuses a recording that is too short for anything, or too long."""
+    check_count(len(t), refuse)
+    if len(t) < MIN_SAMPLES:
+        left = (" is left" if len(t) == 1 else " are left") if allow_gaps else ""
+        refuse(f"only {len(t)} sample{'s' if len(t) != 1 else ''}{left}; expected at least {MIN_SAMPLES}")
+
+
+def run_numbers(table: Samples, refuse: Refusal) -> Numbers:
+    """(N,) number of each sample's run."""
+    run = table.signals.get("run")
+    if run is None:
+        return np.zeros(len(table.numbers), dtype=np.int64)
+    broken = run != np.round(run)
+    if broken.any():
+        k = int(np.argmax(broken))
+        refuse(f"run is {run[k]:g}; expected a whole number", table.at("run", k))
+    return run.astype(np.int64)
+
+
+def gap_free_segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: Refusal) -> tuple[slice, ...]:
+    """Gap-free pieces, each within one run. cell: the field of the time."""
+    t = table.signals["t"]
+    steps, same = np.diff(t), np.diff(run) == 0
+    step = median_step(t, run)
+    if not step > 0:
+        stuck = int(np.count_nonzero(same & (steps <= 0)))
+        refuse(
+            f"t does not advance in {stuck} of {np.count_nonzero(same)} steps; expected seconds that grow from sample "
+            "to sample, with enough digits to tell them apart"
+        )
+    back = same & (steps <= 0)
+    if back.any() and not allow_gaps:
+        k = int(np.argmax(back)) + 1
+        how = "stands still" if t[k] == t[k - 1] else "runs backwards"
+        refuse(
+            f"time {how}, {t[k]:.9g} s after {t[k - 1]:.9g} s; number the runs in a column run, or pass --allow-gaps",
+            table.at("t", k),
+        )
+    if wrong := slow_clock(step, cell):
+        refuse(wrong)
+    gap = same & (steps > GAP * step * (1 + ROUNDING))
+    if gap.any() and not allow_gaps:
+        k = int(np.argmax(gap)) + 1
+        refuse(
+            f"a gap of {steps[k - 1]:.4g} s in t, over {GAP:g} times the median step of {step:.4g} s; "
+            "pass --allow-gaps to split there",
+            table.at("t", k),
+        )
+    edges = [0, *(np.flatnonzero(~same | back | gap) + 1).tolist(), len(t)]
+    pieces = tuple(slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SEGMENT)
+    if not pieces:
+        refuse(f"no piece without a gap has {MIN_SEGMENT} samples; expected a longer recording")
+    return pieces
+
+
+def median_step(t: Array, run: Numbers) -> float:
+    """s, within the runs; NaN if none has two samples."""
+    steps = np.diff(t)[np.diff(run) == 0]
+    return float(np.median(steps)) if len(steps) else math.nan
+
+
+def check_moving(q: Array, tau: Array, refuse: Refusal) -> None:
+    """Joints may be held or passive while others move, but something must move, and by a torque."""
+    still: NDArray[np.bool_] = np.ptp(q, axis=1) < SMALLEST
+    if still.all():
+        which = "q1 is" if len(q) == 1 else f"q1 to q{len(q)} are"
+        refuse(f"{which} constant; nothing moves, so nothing can be learned from this recording")
+    if not (~still & ~unpowered(tau)).any():
+        i = int(np.flatnonzero(~still)[0])
+        refuse(f"tau{i + 1} is constant ({tau[i, 0]:g}) while q{i + 1} moves; is the right column recorded?")

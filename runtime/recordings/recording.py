@@ -14,10 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.recordings import array_files, checks, clocks, names, ros_logs, text
+from runtime.recordings import array_files, clocks, names, ros_logs, text
 from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.columns import IN_PLANE, IN_SPACE, UNITS, RecordedArm, columns, normal_unit
-from runtime.recordings.contents import Array, Contents, Refusal, Samples, printable
+from runtime.recordings.contents import (
+    Array,
+    Contents,
+    Refusal,
+    Samples,
+    check_length,
+    check_moving,
+    gap_free_segments,
+    median_step,
+    printable,
+    run_numbers,
+)
 from runtime.recordings.contents import RecordingError as RecordingError
 from runtime.recordings.settings import MAX_BYTES
 from runtime.recordings.text import check_file
@@ -131,7 +142,7 @@ class Recording:
     @property
     def dt(self) -> float:
         """Median step, s."""
-        return checks.median_step(self.t, self.run)
+        return median_step(self.t, self.run)
 
     def save(self, path: Path | str) -> None:
         """As `write`."""
@@ -187,9 +198,9 @@ def _recording(
     path: Path, table: Samples, cells: Mapping[str, str], arm: RecordedArm, allow_gaps: bool, refuse: Refusal
 ) -> Recording:
     signals, t, n = table.signals, table.signals["t"], len(arm.joints)
-    checks.enough(t, allow_gaps, refuse)
-    run = checks.runs(table, refuse)
-    segments = checks.segments(table, run, cells["t"].split(" [")[0], allow_gaps, refuse)
+    check_length(t, allow_gaps, refuse)
+    run = run_numbers(table, refuse)
+    segments = gap_free_segments(table, run, cells["t"].split(" [")[0], allow_gaps, refuse)
 
     def rows(pattern: str) -> Array | None:
         names = [pattern.format(i) for i in range(1, n + 1)]
@@ -200,7 +211,7 @@ def _recording(
     q, tau = rows("q{}"), rows("tau{}")
     assert q is not None
     assert tau is not None
-    checks.moving(q, tau, refuse)
+    check_moving(q, tau, refuse)
     rigid = rows("tau{}_rigid")
     for i in range(n):
         if rigid is not None and f"tau{i + 1}_rigid" not in signals:

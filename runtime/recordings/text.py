@@ -20,9 +20,8 @@ from typing import IO
 
 import numpy as np
 
-from runtime.recordings import checks
 from runtime.recordings.columns import NUMBERED, UNITS, normal_unit
-from runtime.recordings.contents import Array, Numbers, RecordedField, RecordingError, Refusal, Samples
+from runtime.recordings.contents import Array, Numbers, RecordedField, RecordingError, Refusal, Samples, check_count
 from runtime.recordings.settings import BLOCK, HEAD, LONGEST_LINE, MAX_BYTES, MOST_FIELDS
 from symbolic.model_file.checks import quote
 
@@ -170,7 +169,7 @@ class TextContents:
             tables.append(table)
             numbers.append(places)
             samples += len(table)
-            checks.not_too_many(samples, self.refuse)
+            check_count(samples, self.refuse)
         table = np.concatenate(tables) if tables else np.empty((0, len(wanted)))
         signals = {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(wanted)}
         places = np.concatenate(numbers) if numbers else np.empty(0, np.int64)

@@ -13,9 +13,9 @@ from scipy.signal import lfilter
 
 from runtime.execution.simulated import SimulatedArm
 from runtime.execution.trial import Trial, run
-from runtime.hardware.frames import Codec
-from runtime.hardware.link import BoardLink
-from runtime.hardware.lockstep import Board, Clock, Counts, HostBoard, Lockstep, SteppedArm
+from runtime.hardware.boards import HostBoard
+from runtime.hardware.link import BoardLink, Codec
+from runtime.hardware.lockstep import Board, Clock, Counts, Lockstep, SteppedArm
 from runtime.hardware.session import Session
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.hardware.frames import Codec, Decoder, ReceivedMessage
-from runtime.hardware.lockstep import Board, HostBoard
+from runtime.hardware.boards import HostBoard
+from runtime.hardware.link import Codec, Decoder, ReceivedMessage
+from runtime.hardware.lockstep import Board
 
 N = 2
 """Joints of the arm that is spoken to."""

@@ -20,8 +20,8 @@ from driven import Rig, rig
 from emulation import places
 
 from codegen.toolchain.stack import Elf
-from runtime.hardware import emulated_boards
-from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
+from runtime.hardware import boards
+from runtime.hardware.boards import QemuBoard, UnicornBoard
 from runtime.hardware.link import LinkError, LinkLost
 from runtime.model.loader import Model
 from runtime.workspace import Source
@@ -77,14 +77,14 @@ def instead_of_a_step(instruction: bytes) -> Callable[[UnicornBoard], None]:
 
 
 def test_an_image_that_hangs(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(emulated_boards, "PATIENCE", 0.3)
-    monkeypatch.setattr(emulated_boards._Watch, "_LOOK", 0.1)
+    monkeypatch.setattr(boards, "PATIENCE", 0.3)
+    monkeypatch.setattr(boards._Watch, "_LOOK", 0.1)
     check_lost(make(UnicornBoard, instead_of_a_step(b"\xfe\xe7")), "the emulated board hangs at 0x")
 
 
 def test_an_image_that_crashes(make: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(emulated_boards, "PATIENCE", 0.3)
-    monkeypatch.setattr(emulated_boards._Watch, "_LOOK", 0.1)
+    monkeypatch.setattr(boards, "PATIENCE", 0.3)
+    monkeypatch.setattr(boards._Watch, "_LOOK", 0.1)
     check_lost(make(UnicornBoard, instead_of_a_step(b"\x00\xde")), "the emulated board ")
 
 
@@ -98,7 +98,7 @@ def test_an_emulator_that_stands_still(make: Any, monkeypatch: pytest.MonkeyPatc
     def halt(board: QemuBoard) -> None:
         assert board._process is not None
         os.kill(board._process.pid, signal.SIGSTOP)
-        monkeypatch.setattr(emulated_boards, "PATIENCE", 0.5)
+        monkeypatch.setattr(boards, "PATIENCE", 0.5)
 
     check_lost(make(QemuBoard, halt), "the emulated board has not answered for 0.5 s; it hangs")
 
@@ -107,7 +107,7 @@ def test_an_emulator_that_stands_still(make: Any, monkeypatch: pytest.MonkeyPatc
 def test_no_emulator_outlives_its_parent(image: Path) -> None:
     """Not even one that is killed."""
     script = (
-        "import os, sys, signal; from pathlib import Path; from runtime.hardware.emulated_boards import QemuBoard\n"
+        "import os, sys, signal; from pathlib import Path; from runtime.hardware.boards import QemuBoard\n"
         f"board = QemuBoard(Path({str(image)!r}), 'bench', 1)\n"
         "print(board._process.pid, board._place.name, flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
@@ -135,7 +135,7 @@ def test_an_emulator_that_does_not_start_says_why(image: Path, tmp_path: Path) -
 @pytest.mark.parametrize("data", [b"", b"\x5a\x01\x00\x00", b"\x5b\x01" + bytes(4), b"\x5a\x01" + bytes(5)])
 def test_what_is_no_answer_is_a_lost_link(data: bytes) -> None:
     with pytest.raises(LinkLost, match=f"answered {len(data)} bytes to a control period; expected 6"):
-        emulated_boards.PlantLine(1).answer(data)
+        boards.PlantLine(1).answer(data)
 
 
 def test_the_image_says_where_its_memory_is(image: Path) -> None:

@@ -18,13 +18,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.hardware import can_drive, cia402
-from runtime.hardware.can_drive import CanAddress
-from runtime.hardware.canopen_arm import MISSED, CanopenArm
-from runtime.hardware.cia402 import Controlword, Scale
+from runtime.hardware import can_drive, canopen_arm
+from runtime.hardware.can_drive import Controlword, Scale
+from runtime.hardware.canopen_arm import MISSED, CanAddress, CanopenArm
 from runtime.hardware.link import LinkError
-from runtime.hardware.lockstep import Fault
-from runtime.hardware.pace import Pace, Precedence
+from runtime.hardware.lockstep import Fault, Pace, Precedence
 from runtime.model.catalogue import joint_info
 from tests.firmware.canopen_drives import (
     DISABLED,
@@ -68,7 +66,7 @@ def test_every_statusword_is_read_as_the_standard_has_it() -> None:
     table = [(matches(pattern), name) for pattern, name in STANDARD.items()]
     for word in range(2**16):
         expected = [name for is_it, name in table if is_it(word)] or ["no state of CiA 402"]
-        assert [cia402.state_of(word).value] == expected
+        assert [can_drive.state_of(word).value] == expected
 
 
 @pytest.mark.parametrize("state", [DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOPPED, FAULTY])
@@ -77,7 +75,7 @@ def test_from_every_state_a_drive_is_switched_on(state: str, before: Controlword
     drive = Drive(1, state=state, word=int(before))
     for _ in range(6):
         drive.refresh()
-        before = cia402.towards_enabled(cia402.state_of(drive.entries[0x6041, 0].value), before)
+        before = can_drive.towards_enabled(can_drive.state_of(drive.entries[0x6041, 0].value), before)
         drive.obey(before)
     assert drive.state == ENABLED
 
@@ -126,18 +124,18 @@ def test_a_torque_that_is_no_number_is_not_commanded(torque: float) -> None:
     ],
 )
 def test_errors_in_words(code: int, text: str) -> None:
-    assert cia402.error_text(code) == text
+    assert can_drive.error_text(code) == text
 
 
 # --- the bus ---
 
 
 def test_addresses() -> None:
-    assert can_drive.parse_can_address("canopen://can0") == CanAddress("can0", "socketcan", 1_000_000)
-    assert can_drive.parse_can_address("canopen://PCAN_USBBUS1?interface=pcan&bitrate=500000") == CanAddress(
+    assert canopen_arm.parse_can_address("canopen://can0") == CanAddress("can0", "socketcan", 1_000_000)
+    assert canopen_arm.parse_can_address("canopen://PCAN_USBBUS1?interface=pcan&bitrate=500000") == CanAddress(
         "PCAN_USBBUS1", "pcan", 500_000
     )
-    assert can_drive.parse_can_address("canopen:///dev/ttyACM0?interface=slcan").channel == "/dev/ttyACM0"
+    assert canopen_arm.parse_can_address("canopen:///dev/ttyACM0?interface=slcan").channel == "/dev/ttyACM0"
 
 
 @pytest.mark.parametrize(
@@ -152,7 +150,7 @@ def test_addresses() -> None:
 )
 def test_addresses_that_are_none(text: str, expected: str) -> None:
     with pytest.raises(LinkError) as caught:
-        can_drive.parse_can_address(text)
+        canopen_arm.parse_can_address(text)
     assert expected in str(caught.value)
     assert str(caught.value).startswith(f"--on {text}: ")
 
@@ -177,20 +175,20 @@ def stuffed(data: bytes, identifier: int = 0x201) -> int:
 
 @given(st.binary(max_size=8), st.integers(0, 0x7FF))
 def test_no_frame_is_longer_than_it_is_counted(data: bytes, identifier: int) -> None:
-    assert stuffed(data, identifier) <= can_drive.frame_bits(len(data))
+    assert stuffed(data, identifier) <= canopen_arm.frame_bits(len(data))
 
 
 def test_what_four_joints_fill_of_a_bus() -> None:
-    assert can_drive.frame_bits(8) == 135
-    assert can_drive.bus_load(4, 1000.0, 1_000_000) == pytest.approx(0.895)
-    can_drive.check_bus_load(4, 500.0, CanAddress("can0"))
+    assert canopen_arm.frame_bits(8) == 135
+    assert canopen_arm.bus_load(4, 1000.0, 1_000_000) == pytest.approx(0.895)
+    canopen_arm.check_bus_load(4, 500.0, CanAddress("can0"))
     with pytest.raises(LinkError) as caught:
-        can_drive.check_bus_load(4, 1000.0, CanAddress("can0"))
+        canopen_arm.check_bus_load(4, 1000.0, CanAddress("can0"))
     assert str(caught.value) == (
         "canopen://can0: 4 drives at 1000 Hz fill 89.5% of a bus of 1 Mbit/s, over 80%; "
         "set rate in [controller] to at most 890 Hz, or drive the joints from a board"
     )
-    can_drive.check_bus_load(4, 890.0, CanAddress("can0"))
+    canopen_arm.check_bus_load(4, 890.0, CanAddress("can0"))
 
 
 # --- drives ---
@@ -622,7 +620,7 @@ def test_joints_without_drives_are_named() -> None:
 def test_without_the_packages_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "canopen", None)
     with pytest.raises(LinkError) as caught:
-        can_drive.open_network(CanAddress("can0"), print)
+        canopen_arm.open_network(CanAddress("can0"), print)
     assert str(caught.value) == (
         'canopen://can0: canopen is not installed; python -m pip install "canopen>=2.3" "python-can>=4.4"'
     )
@@ -643,7 +641,7 @@ def test_a_channel_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch, error:
 
     monkeypatch.setattr(can, "Bus", fail)
     with pytest.raises(LinkError) as caught:
-        can_drive.open_network(CanAddress("can0"), print)
+        canopen_arm.open_network(CanAddress("can0"), print)
     assert str(caught.value).startswith(f"canopen://can0: {expected}")
 
 

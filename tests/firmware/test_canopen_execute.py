@@ -19,10 +19,10 @@ from runtime.cli.main import app
 from runtime.execution import targets
 from runtime.execution.demand import PlannedCycle
 from runtime.execution.simulated import SimulatedArm
-from runtime.hardware import can_drive, canopen_arm
+from runtime.hardware import canopen_arm
+from runtime.hardware.can_drive import Controlword
 from runtime.hardware.canopen_arm import CanopenLink
-from runtime.hardware.cia402 import Controlword
-from runtime.hardware.pace import Pace
+from runtime.hardware.lockstep import Pace
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Phase, Trajectory
@@ -117,7 +117,7 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         monkeypatch.setattr(os, "sched_setscheduler", _refuse)
         link = partial(CanopenLink, pace=Pace(PERIOD, time.now, time.sleep), patience=PATIENT)
         monkeypatch.setitem(
-            targets.LINES, "canopen", targets.ArmLine(can_drive.parse_can_address, canopen_arm.check_link, link)
+            targets.LINES, "canopen", targets.ArmLine(canopen_arm.parse_can_address, canopen_arm.check_link, link)
         )
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]

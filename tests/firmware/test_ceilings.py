@@ -17,7 +17,7 @@ from talk import DRIVE, PER_COUNT, SAFETY, Talk
 
 from codegen import prepare
 from codegen.firmware import source_tree
-from runtime.hardware.emulated_boards import UnicornBoard
+from runtime.hardware.boards import UnicornBoard
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm, Control, Gains, Limits

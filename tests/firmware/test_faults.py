@@ -19,8 +19,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from runtime.execution.trial import Trial
-from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
-from runtime.hardware.lockstep import Counted, Fault, HostBoard
+from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
+from runtime.hardware.lockstep import Counted, Fault
 from runtime.hardware.session import Refused
 from runtime.model.loader import Model
 from runtime.workspace import Source

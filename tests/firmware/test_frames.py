@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from codegen import prepare
 from codegen.firmware.source_tree import machine_files
-from runtime.hardware.frames import Codec, Decoder, FrameError, cobs_decode, cobs_encode
+from runtime.hardware.link import Codec, Decoder, FrameError, cobs_decode, cobs_encode
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file import reader

@@ -24,10 +24,9 @@ from codegen.toolchain import build, cross
 from codegen.toolchain.stack import Elf
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
-from runtime.hardware import emulated_boards
-from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
-from runtime.hardware.frames import Codec, Decoder
-from runtime.hardware.link import LinkLost
+from runtime.hardware import boards as emulated
+from runtime.hardware.boards import QemuBoard, UnicornBoard
+from runtime.hardware.link import Codec, Decoder, LinkLost
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Phase, Trajectory
 from symbolic.effects import LIBRARY
@@ -232,7 +231,7 @@ def test_a_fault_of_the_processor_takes_the_torque_away(
         (True, [1.0, 0.0, 0.0, 0.0]),
         (False, [0.0, 0.0, 0.0, 0.0]),
     ]
-    monkeypatch.setattr(emulated_boards, "PATIENCE", 0.5)
+    monkeypatch.setattr(emulated, "PATIENCE", 0.5)
     with pytest.raises(LinkLost):  # and nothing after that
         board.period(np.zeros(4, dtype=np.int32), 4000, 0)
     board.close()

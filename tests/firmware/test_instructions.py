@@ -20,7 +20,7 @@ from codegen import prepare
 from codegen.toolchain import cross
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
-from runtime.hardware.emulated_boards import UnicornBoard
+from runtime.hardware.boards import UnicornBoard
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
 from symbolic.effects import LIBRARY

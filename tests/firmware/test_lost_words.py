@@ -11,7 +11,7 @@ from bench_arm import THERE_AND_BACK, trajectory
 from driven import Rig, rig
 
 from runtime.execution.trial import Trial
-from runtime.hardware.frames import Codec, ReceivedMessage
+from runtime.hardware.link import Codec, ReceivedMessage
 from runtime.hardware.lockstep import Fault
 from runtime.model.loader import Model
 from runtime.workspace import Source

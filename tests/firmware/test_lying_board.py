@@ -28,8 +28,7 @@ from hypothesis.stateful import (
 from runtime.execution import stops
 from runtime.execution.trial import Trial
 from runtime.hardware.conversation import Refused, Statements, Untrusted
-from runtime.hardware.frames import Codec, ReceivedMessage
-from runtime.hardware.link import LinkLost
+from runtime.hardware.link import Codec, LinkLost, ReceivedMessage
 from runtime.model.loader import Model
 from runtime.workspace import Source
 

@@ -169,7 +169,7 @@ def test_stop_is_heard_whatever_its_number(talk: Talk, state: str, number: int) 
 def test_hello_from_a_host_of_another_version_is_answered(talk: Talk) -> None:
     plain = bytes([99, talk.codec.number("hello"), 3, 0, 0, 0])
     plain += zlib.crc32(plain).to_bytes(4, "little")
-    from runtime.hardware.frames import cobs_encode
+    from runtime.hardware.link import cobs_encode
 
     assert [m.name for m in talk.raw(cobs_encode(plain) + b"\0")] == ["ack", "identity"]
     assert talk.raw(cobs_encode(b"\x63" + plain[1:-4] + zlib.crc32(plain[:-4]).to_bytes(4, "little")) + b"\0")

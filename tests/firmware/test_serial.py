@@ -25,9 +25,9 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.execution.real import decimation
 from runtime.execution.simulated import SimulatedArm
-from runtime.hardware.emulated_boards import QemuBoard, UnicornBoard
+from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.link import LinkError, LinkLost, SerialLink
-from runtime.hardware.lockstep import Board, HostBoard
+from runtime.hardware.lockstep import Board
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Library, Model, load_model
 from runtime.planning.evaluate import mounted

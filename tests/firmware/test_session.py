@@ -24,8 +24,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.execution.interrupt import listening
 from runtime.execution.trial import Trial
-from runtime.hardware.frames import Codec
-from runtime.hardware.link import LinkLost
+from runtime.hardware.link import Codec, LinkLost
 from runtime.hardware.session import Refused, Session
 from runtime.model.loader import Model
 from runtime.workspace import Source

@@ -19,7 +19,7 @@ from codegen.toolchain import cross
 from runtime.execution.execute import Execution, execute
 from runtime.execution.options import ExecutionSettings
 from runtime.execution.targets import SIMULATED
-from runtime.hardware.emulated_boards import UnicornBoard
+from runtime.hardware.boards import UnicornBoard
 from runtime.model.loader import Library, Model, load_model
 from runtime.planning.trajectory import Phase, Trajectory
 from symbolic.effects import LIBRARY

@@ -15,7 +15,7 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.hardware import can_drive, link
+from runtime.hardware import canopen_arm, link
 from runtime.hardware.link import LinkError
 from runtime.model.loader import Model
 from runtime.planning import trajectory
@@ -105,7 +105,7 @@ def test_an_address_that_is_none(address: str) -> None:
     with pytest.raises(LinkError, match="expected serial:///dev/ttyACM0"):
         link.serial_address(address)
     with pytest.raises(LinkError, match="expected canopen://can0"):
-        can_drive.parse_can_address("canopen://[::1")
+        canopen_arm.parse_can_address("canopen://[::1")
 
 
 def test_a_small_file_that_unpacks_to_much_fills_no_memory(tmp_path: Path) -> None:

@@ -16,8 +16,11 @@ from hypothesis import strategies as st
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.exchange.full_regressor import PER_BODY, ChainGeometry, base_map, full_regressor
-from runtime.exchange.physical import (
+from runtime.exchange.bodies import (
+    PER_BODY,
+    ChainGeometry,
+    base_map,
+    full_regressor,
     is_possible,
     log_cholesky,
     project,

@@ -300,7 +300,7 @@ def test_what_is_too_long_is_refused_before_it_is_understood(tmp_path: Path, mon
     assert longest in said("t,q1,tau1," + "x" * 3 * LONGEST_LINE + "\n" + rows)
     assert longest in said("t,q1,tau1\n" + rows + "9" * 3 * LONGEST_LINE)
     assert f"expected at most {MOST_FIELDS}" in said("t,q1,tau1" + ",a" * MOST_FIELDS + "\n" + rows)
-    monkeypatch.setattr("runtime.recordings.checks.MOST_SAMPLES", 250)
+    monkeypatch.setattr("runtime.recordings.contents.MOST_SAMPLES", 250)
     assert said("t,q1,tau1\n" + rows).startswith("run.csv: has more than 250 samples; split it")
 
 

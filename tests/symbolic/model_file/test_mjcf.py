@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from runtime.exchange.full_regressor import ChainGeometry, full_regressor
+from runtime.exchange.bodies import ChainGeometry, full_regressor
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Frame, Link
 from symbolic.model_file.checks import ModelError
