@@ -8,7 +8,7 @@ WORKERS ?= auto
 PYTEST := $(BIN)/python -m pytest
 # A test goes to the process that is free; tests of one xdist_group share a dear fixture and go to one process.
 PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadgroup --no-loadscope-reorder --durations=10
-.PHONY: demo quick test test-all check analysis benchmark benchmarked benchmark-short generated clean
+.PHONY: demo quick test test-all check analysis benchmark benchmarked benchmark-short generated pictures clean
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Tendon needs Python 3.11 or newer; run make PYTHON=/path/to/python3.11")'
@@ -59,6 +59,10 @@ generated: $(STAMP)
 	$(BIN)/tendon firmware symbolic/arms/vishard4.toml
 	$(BIN)/python -m runtime.cli.schemas
 	$(BIN)/python -m codegen.descriptions
+
+# The figures of README.md, from a run of the demo.
+pictures: $(STAMP)
+	$(BIN)/python -m tests.pictures
 
 clean:
 	rm -rf $(VENV) tests/.cache .pytest_cache .mypy_cache .ruff_cache .hypothesis

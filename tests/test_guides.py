@@ -320,6 +320,15 @@ def test_every_function_for_notebooks_has_its_line() -> None:
 
 
 @pytest.mark.cheap
+def test_the_picture_of_the_error_has_the_figures_of_the_demo() -> None:
+    """The words of a drawing stand in its comments."""
+    (printed, *_) = (block.text for block in blocks(ROOT / "README.md") if block.language == "text")
+    before, held_out_before, after, held_out_after = re.findall(r"([\d.]+) %", printed)[:4]
+    words = re.findall(r"<!--.*?([\d.]+) % -->", (ROOT / ".images" / "error.svg").read_text(encoding="utf-8"))
+    assert differs(" ".join((before, after, held_out_before, held_out_after)), " ".join(words)) is None
+
+
+@pytest.mark.cheap
 def test_the_first_page_stays_short() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= LONGEST
 
