@@ -1,4 +1,4 @@
-"""Draws the README's figures from a run of the demo: `python -m tests.pictures`. The studio's test draws its screenshot."""
+"""Draws the README's figures from a run of the demo: `python -m tests.pictures`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 import tendon
+
 from runtime.cli.main import app
 from runtime.cli.output import run
 
