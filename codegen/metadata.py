@@ -15,7 +15,7 @@ from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import DescribedJoint, Joint
 from symbolic.rigid_body.lumps import Lump
-from symbolic.rigid_body.places import places
+from symbolic.rigid_body.spatial.frames import places
 
 
 def text(data: Mapping[str, Any]) -> str:

@@ -12,13 +12,12 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Argument, SymbolicFunction
-from symbolic.rigid_body.kinematics import Author
+from symbolic.functions import Argument, Author, SymbolicFunction, output
 from symbolic.rigid_body.newton_euler import Chain
 from symbolic.straightline import Recorder
 
 W_UNIT = "m, m, rad, rad"
-NOTATION = {
+CONTACT_NOTATION = {
     "theta": "absolute angle of a link",
     "c, s": "cosine and sine; c12 of q1 + q2",
     "x, y": "extent of a link",
@@ -31,12 +30,12 @@ NOTATION = {
 """What these functions call their values, for whoever reads the generated code."""
 
 
-def applies(chain: Chain) -> bool:
+def has_contact_phase(chain: Chain) -> bool:
     """Whether the arm has the coordinates of (13): four revolute joints, no length of links 1 and 2 zero."""
     return chain.revolute == (True,) * 4 and chain.lengths[0] != 0 and chain.lengths[1] != 0
 
 
-def functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
+def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
     """contact_coordinates, _jacobian, _bias, _inverse, _acceleration. `chain`: lengths in m."""
     return [make(author, chain.lengths) for make in (_coordinates, _jacobian, _bias, _inverse, _acceleration)]
 
@@ -74,11 +73,11 @@ def _coordinates(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     return author.function(
         "contact_coordinates",
         ("q",),
-        ("w", w, (4,), W_UNIT, "p_4x, p_2y, absolute angle of link 3, q_4"),
+        output("w", w, (4,), unit=W_UNIT, meaning="p_4x, p_2y, absolute angle of link 3, q_4"),
         recorder,
-        "Coordinates w = phi(q) of the contact phase.",
-        "Equation (13); p_2 is the end of link 2",
-        NOTATION,
+        doc="Coordinates w = phi(q) of the contact phase.",
+        source="Equation (13); p_2 is the end of link 2",
+        notation=CONTACT_NOTATION,
     )
 
 
@@ -92,11 +91,11 @@ def _jacobian(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     return author.function(
         "contact_jacobian",
         ("q",),
-        ("J_w", rows, (4, 4), "m/rad, m/rad, 1, 1 by row", "derivative of w by q"),
+        output("J_w", rows, (4, 4), unit="m/rad, m/rad, 1, 1 by row", meaning="derivative of w by q"),
         recorder,
-        "J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.",
-        "Equation (14)",
-        NOTATION,
+        doc="J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.",
+        source="Equation (14)",
+        notation=CONTACT_NOTATION,
     )
 
 
@@ -108,11 +107,11 @@ def _bias(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     return author.function(
         "contact_bias",
         ("q", "qd"),
-        ("b_w", bias, (4,), "m/s^2, m/s^2, rad/s^2, rad/s^2", "acceleration of w at qdd = 0"),
+        output("b_w", bias, (4,), unit="m/s^2, m/s^2, rad/s^2, rad/s^2", meaning="acceleration of w at qdd = 0"),
         recorder,
-        "b_w = (dJ_w/dt) qd.",
-        "Equation (14), with the factor qd",
-        NOTATION,
+        doc="b_w = (dJ_w/dt) qd.",
+        source="Equation (14), with the factor qd",
+        notation=CONTACT_NOTATION,
     )
 
 
@@ -134,11 +133,17 @@ def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     return author.function(
         "contact_inverse",
         (w, elbow),
-        ("q", [q1, q2, w3 - q1 - q2, w4], (4,), "rad", "joint positions; not a number where w is out of reach"),
+        output(
+            "q",
+            [q1, q2, w3 - q1 - q2, w4],
+            (4,),
+            unit="rad",
+            meaning="joint positions; not a number where w is out of reach",
+        ),
         recorder,
-        "q = phi^-1(w) on the side of the elbow that is asked for; q_1 and q_2 within (-pi, pi].",
-        "Equation (13), triangle of links 1 and 2",
-        {
+        doc="q = phi^-1(w) on the side of the elbow that is asked for; q_1 and q_2 within (-pi, pi].",
+        source="Equation (13), triangle of links 1 and 2",
+        notation={
             "x": "x of the end of link 2",
             "theta": "absolute angle of a link",
             "c, s": "cosine and sine of q2",
@@ -168,9 +173,9 @@ def _acceleration(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     return author.function(
         "contact_acceleration",
         ("q", "qd", wdd),
-        ("qdd", [al1, al2 - al1, al3 - al2, v4], (4,), "rad/s^2", "joint accelerations"),
+        output("qdd", [al1, al2 - al1, al3 - al2, v4], (4,), unit="rad/s^2", meaning="joint accelerations"),
         recorder,
-        "qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.",
-        "Equation (14), solved for qdd",
-        NOTATION,
+        doc="qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.",
+        source="Equation (14), solved for qdd",
+        notation=CONTACT_NOTATION,
     )

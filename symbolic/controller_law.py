@@ -15,10 +15,9 @@ import sympy as sp
 from symbolic.described import declared
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
 from symbolic.effects.signals import ArmOutput, ArmSlope, Coordinate, Given, JointConstant
-from symbolic.functions import Argument, Output, Struct, SymbolicFunction
+from symbolic.functions import Argument, Coordinates, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
 from symbolic.rigid_body.exact_rank import exact
-from symbolic.rigid_body.kinematics import Coordinates
 from symbolic.straightline import Recorder
 
 HAS_NEXT = SIGNAL["has_next"].symbol

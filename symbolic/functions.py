@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
 
 import sympy as sp
+
+from symbolic.straightline import Recorder
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,11 @@ class Output:
     shape: tuple[int, ...]
     unit: str
     meaning: str
+
+
+def output(name: str, values: Sequence[Any], shape: tuple[int, ...], *, unit: str, meaning: str) -> Output:
+    """An output whose values may be numbers or expressions, flattened row by row."""
+    return Output(name, tuple(sp.sympify(value) for value in values), shape, unit=unit, meaning=meaning)
 
 
 @dataclass(frozen=True)
@@ -91,4 +100,73 @@ class SymbolicFunction:
         return (
             Argument(self.struct.name, symbols, (len(symbols),), "", ", ".join(s.name for s in symbols)),
             *self.inputs,
+        )
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Symbols q, qd, qdd, tau of an arm with n joints, and their units (mixed arms have both)."""
+
+    types: tuple[str, ...]
+
+    def symbols(self, name: str) -> list[sp.Symbol]:
+        """n symbols, one a joint: name1, name2 and so on."""
+        return [sp.Symbol(f"{name}{i + 1}", real=True) for i in range(len(self.types))]
+
+    def unit(self, revolute: str, prismatic: str) -> str:
+        """One unit if all joints are of one type, else "a or b", joint by joint."""
+        kinds = dict.fromkeys(revolute if t == "revolute" else prismatic for t in self.types)
+        return " or ".join(kinds)
+
+    def argument(self, name: str) -> Argument:
+        """The input q, qd, qdd or tau."""
+        unit, meaning = {
+            "q": (self.unit("rad", "m"), "joint positions"),
+            "qd": (self.unit("rad/s", "m/s"), "joint rates"),
+            "qdd": (self.unit("rad/s^2", "m/s^2"), "joint accelerations"),
+            "tau": (self.unit("N m", "N"), "joint torques"),
+        }[name]
+        return Argument(name, tuple(self.symbols(name)), (len(self.types),), unit, meaning)
+
+    @property
+    def force(self) -> str:
+        """Unit of the joints' torques, in letters: N m, N, or both where joints are mixed."""
+        return self.unit("N m", "N")
+
+
+@dataclass(frozen=True)
+class Author:
+    """Writes SymbolicFunctions over the same inputs and the same struct."""
+
+    coordinates: Coordinates
+    struct: Struct
+
+    def recorder(self) -> Recorder:
+        """A recorder whose definitions cannot clash with inputs or parameters."""
+        inputs = (s.name for name in ("q", "qd", "qdd", "tau") for s in self.coordinates.symbols(name))
+        return Recorder([*inputs, *(s.name for s in self.struct.symbols)])
+
+    def function(
+        self,
+        name: str,
+        inputs: Sequence[str | Argument],
+        output: Output,
+        recorder: Recorder,
+        *,
+        doc: str,
+        source: str,
+        notation: Mapping[str, str] = MappingProxyType({}),
+        continues: Continuation | None = None,
+    ) -> SymbolicFunction:
+        """A function of one output. inputs: "q", "qd", "qdd" or "tau", or arguments of its own."""
+        return SymbolicFunction(
+            name,
+            tuple(i if isinstance(i, Argument) else self.coordinates.argument(i) for i in inputs),
+            outputs=(output,),
+            doc=doc,
+            source=source,
+            definitions=recorder.live(output.expressions),
+            struct=self.struct,
+            notation=notation,
+            continues=continues,
         )

@@ -7,24 +7,20 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from symbolic import contact
-from symbolic.functions import Struct, SymbolicFunction
+from symbolic.contact import contact_functions, has_contact_phase
+from symbolic.functions import Author, Coordinates, Struct, SymbolicFunction
 from symbolic.model_file.arm import Arm, Joint
 from symbolic.rigid_body import dynamics, kinematics
 from symbolic.rigid_body.base_parameters import base_parameters
 from symbolic.rigid_body.exact_rank import BaseParameters, Column
-from symbolic.rigid_body.kinematics import Author, Coordinates
 from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.layout import LayoutConstant, choose_layout
 from symbolic.rigid_body.lumps import Lump, named_lumps
 from symbolic.rigid_body.spatial import base_parameters as spatial_base
+from symbolic.rigid_body.spatial import composites
 from symbolic.rigid_body.spatial import dynamics as spatial_dynamics
-from symbolic.rigid_body.spatial import forward
-from symbolic.rigid_body.spatial import geometry as spatial_geometry
 from symbolic.rigid_body.spatial import kinematics as spatial_kinematics
-from symbolic.rigid_body.spatial import layout as spatial_layout
-from symbolic.rigid_body.spatial import lumps as spatial_lumps
-from symbolic.rigid_body.spatial import matrices as spatial_matrices
+from symbolic.rigid_body.spatial.geometry import geometry
 
 ASSUMED_SHARE = sp.Rational(1, 2)
 """Of a rotor in the base parameter into which its inertia is merged, where neither file nor rigid motion tell it."""
@@ -62,26 +58,26 @@ def _in_the_plane(arm: Arm) -> ArmModel:
     functions = [
         *dynamics.functions(author, layout.scaled, symbols, layout.frame, rotors),
         *kinematics.functions(author, arm, layout.metric, layout.frame),
-        *(contact.functions(author, layout.metric) if contact.applies(layout.metric) else ()),
+        *(contact_functions(author, layout.metric) if has_contact_phase(layout.metric) else ()),
     ]
     return _model(arm, lumps, layout.fields, functions)
 
 
 def _in_space(arm: Arm) -> ArmModel:
-    g = spatial_geometry.geometry(arm)
-    layout = spatial_layout.choose_layout(g)
+    g = geometry(arm)
+    layout = spatial_base.choose_layout(g)
     base = spatial_base.base_parameters(arm, g, layout.merged)
-    lumps = spatial_lumps.named_lumps(arm, base, layout.merged)
+    lumps = spatial_base.named_lumps(arm, base, layout.merged)
     symbols = _symbols(base, lumps)
     own = [_rotor(joint, i, base, symbols) for i, joint in enumerate(arm.joints)]
-    angles = spatial_lumps.angles(g)
+    angles = spatial_base.angles(g)
     author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, angles))
     chain = g.symbolic()
     bodies, rotors = spatial_dynamics.bodies(symbols, g.n)
     functions = [
         *spatial_dynamics.functions(author, chain, layout, symbols, own),
-        *spatial_matrices.functions(author, chain, bodies, rotors, own),
-        forward.forward_dynamics(author, chain, bodies, rotors),
+        *composites.functions(author, chain, bodies, rotors, own),
+        spatial_dynamics.forward_dynamics(author, chain, bodies, rotors),
         *spatial_kinematics.functions(author, arm, chain),
     ]
     return _model(arm, lumps, angles, functions)

@@ -18,7 +18,6 @@ symbolic.effects
 symbolic.grammar
 symbolic.model_file
 symbolic.rigid_body
-symbolic.contact
 symbolic.model
 symbolic.controller_law
 

@@ -15,9 +15,8 @@ from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
 from symbolic.controller_law import Compensation, Spring, compensation
 from symbolic.effects.declaration import Effect
-from symbolic.functions import Struct, SymbolicFunction
+from symbolic.functions import Coordinates, Struct, SymbolicFunction
 from symbolic.model import ArmModel
-from symbolic.rigid_body.kinematics import Coordinates
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import random
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import Any
 
 from symbolic.model_file.arm import Arm, Link
 from symbolic.rigid_body.exact_rank import (
@@ -104,6 +105,11 @@ def unit_lumps(n: int, column: Column) -> Lumps:
     values = {kind: [0] * n for kind in KINDS}
     values[column[0]][column[1]] = 1
     return Lumps(**{kind: tuple(v) for kind, v in values.items()})
+
+
+def lumps_of(values: dict[Column, Any], n: int) -> Lumps:
+    """The recursion's parameters from those that are base parameters; all others are 0."""
+    return Lumps(**{kind: tuple(values.get((kind, i), 0) for i in range(n)) for kind in KINDS})
 
 
 def _modular(chain: Chain) -> Chain:

@@ -7,18 +7,12 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import SymbolicFunction
-from symbolic.rigid_body.base_parameters import KINDS, unit_lumps
+from symbolic.functions import Author, SymbolicFunction, output
+from symbolic.rigid_body.base_parameters import lumps_of, unit_lumps
 from symbolic.rigid_body.exact_rank import Column
-from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
 from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques
 from symbolic.straightline import Recorder, Suffixed
-
-
-def lumps_of(values: dict[Column, Any], n: int) -> Lumps:
-    """The recursion's parameters from those that are base parameters; all others are 0."""
-    return Lumps(**{kind: tuple(values.get((kind, i), 0) for i in range(n)) for kind in KINDS})
 
 
 def functions(
@@ -47,20 +41,20 @@ def _inverse_dynamics(
         author.function(
             "inverse_dynamics",
             ("q", "qd", "qdd"),
-            ("tau", tau, (chain.n,), author.coordinates.force, "joint torques"),
+            output("tau", tau, (chain.n,), unit=author.coordinates.force, meaning="joint torques"),
             recorder,
-            "tau = D(q) qdd + C(q, qd) qd + g(q).",
-            "Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters",
-            notation(frame),
+            doc="tau = D(q) qdd + C(q, qd) qd + g(q).",
+            source="Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters",
+            notation=notation(frame),
         ),
         author.function(
             "link_load",
             ("q", "qd", "qdd"),
-            ("load", load, (chain.n,), author.coordinates.force, "at the joints' outputs"),
+            output("load", load, (chain.n,), unit=author.coordinates.force, meaning="at the joints' outputs"),
             recorder,
-            "Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
-            "Equation (1) less the model file's rotor inertia times qdd",
-            notation(frame) | {"whole": "torque of a joint, its rotor included"},
+            doc="Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
+            source="Equation (1) less the model file's rotor inertia times qdd",
+            notation=notation(frame) | {"whole": "torque of a joint, its rotor included"},
         ),
     ]
 
@@ -84,38 +78,38 @@ def _closed_forms(author: Author, chain: Chain, lumps: Lumps, rotors: Sequence[s
         author.function(
             "inertia",
             ("q",),
-            ("D", D, (n, n), inertia, "inertia matrix, symmetric and positive definite"),
+            output("D", D, (n, n), unit=inertia, meaning="inertia matrix, symmetric and positive definite"),
             recorder,
-            "Inertia matrix D(q), rotors included.",
-            "Lagrangian; D of equation (1)",
-            NOTATION,
+            doc="Inertia matrix D(q), rotors included.",
+            source="Lagrangian; D of equation (1)",
+            notation=NOTATION,
         ),
         author.function(
             "link_inertia",
             ("q",),
-            ("D", links, (n, n), inertia, "inertia matrix without the rotors"),
+            output("D", links, (n, n), unit=inertia, meaning="inertia matrix without the rotors"),
             recorder,
-            "Inertia of the links as the joints see it: D(q) less the rotors.",
-            "Lagrangian; the model file's rotor inertias",
-            NOTATION | {"D": "inertia of a joint, its rotor included"},
+            doc="Inertia of the links as the joints see it: D(q) less the rotors.",
+            source="Lagrangian; the model file's rotor inertias",
+            notation=NOTATION | {"D": "inertia of a joint, its rotor included"},
         ),
         author.function(
             "coriolis",
             ("q", "qd"),
-            ("C", C, (n, n), rate, "Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
+            output("C", C, (n, n), unit=rate, meaning="Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
             recorder,
-            "Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
-            "Lagrangian; C of equation (1); Spong & Vidyasagar 1989",
-            NOTATION,
+            doc="Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
+            source="Lagrangian; C of equation (1); Spong & Vidyasagar 1989",
+            notation=NOTATION,
         ),
         author.function(
             "gravity",
             ("q",),
-            ("g", m.g, (n,), author.coordinates.force, "gravity torques"),
+            output("g", m.g, (n,), unit=author.coordinates.force, meaning="gravity torques"),
             recorder,
-            "Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
-            "Lagrangian",
-            NOTATION,
+            doc="Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
+            source="Lagrangian",
+            notation=NOTATION,
         ),
     ]
 
@@ -129,11 +123,11 @@ def _forward_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) ->
     return author.function(
         "forward_dynamics",
         ("q", "qd", "tau"),
-        ("qdd", qdd, (n,), author.coordinates.argument("qdd").unit, "joint accelerations"),
+        output("qdd", qdd, (n,), unit=author.coordinates.argument("qdd").unit, meaning="joint accelerations"),
         recorder,
-        "qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
-        "Equation (1) solved for qdd by D = L diag(d) L^T",
-        notation(frame)
+        doc="qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
+        source="Equation (1) solved for qdd by D = L diag(d) L^T",
+        notation=notation(frame)
         | NOTATION
         | {"L, d": "D = L diag(d) L^T", "Ld": "L diag(d)", "e": "1/d", "z, x": "substitution"},
     )
@@ -171,9 +165,9 @@ def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame:
     return author.function(
         "regressor",
         ("q", "qd", "qdd"),
-        ("Y", Y, (n, p), "torque by lump", "derivative of the torques by the lumped parameters"),
+        output("Y", Y, (n, p), unit="torque by lump", meaning="derivative of the torques by the lumped parameters"),
         recorder,
-        "tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
-        "Newton-Euler recursion with one lump at a time; Gautier & Khalil 1990",
-        notation(frame) | {"N": "moment of the lump that is named, alone"},
+        doc="tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
+        source="Newton-Euler recursion with one lump at a time; Gautier & Khalil 1990",
+        notation=notation(frame) | {"N": "moment of the lump that is named, alone"},
     )

@@ -2,91 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Argument, Continuation, Output, Struct, SymbolicFunction
+from symbolic.functions import Author, SymbolicFunction, output
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import unit_lumps
 from symbolic.rigid_body.lagrangian import Components, derivative, distal_points, moved, rational
 from symbolic.rigid_body.newton_euler import Chain, motion, notation, torques
 from symbolic.straightline import Recorder
-
-
-@dataclass(frozen=True)
-class Coordinates:
-    """Symbols q, qd, qdd, tau of an arm with n joints, and their units (mixed arms have both)."""
-
-    types: tuple[str, ...]
-
-    def symbols(self, name: str) -> list[sp.Symbol]:
-        """n symbols, one a joint: name1, name2 and so on."""
-        return [sp.Symbol(f"{name}{i + 1}", real=True) for i in range(len(self.types))]
-
-    def unit(self, revolute: str, prismatic: str) -> str:
-        """One unit if all joints are of one type, else "a or b", joint by joint."""
-        kinds = dict.fromkeys(revolute if t == "revolute" else prismatic for t in self.types)
-        return " or ".join(kinds)
-
-    def argument(self, name: str) -> Argument:
-        """The input q, qd, qdd or tau."""
-        unit, meaning = {
-            "q": (self.unit("rad", "m"), "joint positions"),
-            "qd": (self.unit("rad/s", "m/s"), "joint rates"),
-            "qdd": (self.unit("rad/s^2", "m/s^2"), "joint accelerations"),
-            "tau": (self.unit("N m", "N"), "joint torques"),
-        }[name]
-        return Argument(name, tuple(self.symbols(name)), (len(self.types),), unit, meaning)
-
-    @property
-    def force(self) -> str:
-        """Unit of the joints' torques, in letters: N m, N, or both where joints are mixed."""
-        return self.unit("N m", "N")
-
-
-@dataclass(frozen=True)
-class Author:
-    """Writes SymbolicFunctions over the same inputs and the same struct."""
-
-    coordinates: Coordinates
-    struct: Struct
-
-    def recorder(self) -> Recorder:
-        """A recorder whose definitions cannot clash with inputs or parameters."""
-        inputs = (s.name for name in ("q", "qd", "qdd", "tau") for s in self.coordinates.symbols(name))
-        return Recorder([*inputs, *(s.name for s in self.struct.symbols)])
-
-    def function(
-        self,
-        name: str,
-        inputs: Sequence[str | Argument],
-        output: tuple[str, Sequence[Any], tuple[int, ...], str, str],
-        recorder: Recorder,
-        doc: str,
-        source: str,
-        notation: Mapping[str, str] = MappingProxyType({}),
-        continues: Continuation | None = None,
-    ) -> SymbolicFunction:
-        """inputs: names of joint vectors, or arguments; output: name, expressions, shape, unit, meaning."""
-        label, values, shape, unit, meaning = output
-        expressions = tuple(sp.sympify(v) for v in values)
-        arguments = tuple(i if isinstance(i, Argument) else self.coordinates.argument(i) for i in inputs)
-        return SymbolicFunction(
-            name,
-            arguments,
-            (Output(label, expressions, shape, unit, meaning),),
-            doc,
-            source,
-            recorder.live(expressions),
-            self.struct,
-            notation,
-            continues,
-        )
-
 
 NOTATION = {"theta": "absolute angle of a link", "c, s": "cosine and sine; c12 of q1 + q2"}
 
@@ -129,11 +55,11 @@ def _tip(author: Author, chain: Chain) -> SymbolicFunction:
     return author.function(
         "tip",
         ("q",),
-        ("p", (x, y, angle), (3,), "m, m, rad", "x, y and absolute angle of the last link"),
+        output("p", (x, y, angle), (3,), unit="m, m, rad", meaning="x, y and absolute angle of the last link"),
         recorder,
-        "Position and angle of the end-effector, the distal point of the last link.",
-        "Forward kinematics; p_4 of equation (12)",
-        NOTATION,
+        doc="Position and angle of the end-effector, the distal point of the last link.",
+        source="Forward kinematics; p_4 of equation (12)",
+        notation=NOTATION,
     )
 
 
@@ -148,20 +74,20 @@ def _tip_motion(author: Author, chain: Chain) -> list[SymbolicFunction]:
         author.function(
             "tip_jacobian",
             ("q",),
-            ("J", [e for row in rows for e in row], (3, chain.n), unit, "rows x, y, angle"),
+            output("J", [e for row in rows for e in row], (3, chain.n), unit=unit, meaning="rows x, y, angle"),
             recorder,
-            "Derivative of the end-effector's position and angle by q.",
-            "J of equation (1)",
-            NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
+            doc="Derivative of the end-effector's position and angle by q.",
+            source="J of equation (1)",
+            notation=NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
         ),
         author.function(
             "tip_rate",
             ("q", "qd"),
-            ("v", rates, (3,), "m/s, m/s, rad/s", "rates of x, y and angle"),
+            output("v", rates, (3,), unit="m/s, m/s, rad/s", meaning="rates of x, y and angle"),
             recorder,
-            "Rate of the end-effector's position and angle.",
-            "J qd, with J of equation (1)",
-            NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
+            doc="Rate of the end-effector's position and angle.",
+            source="J qd, with J of equation (1)",
+            notation=NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
         ),
     ]
 
@@ -200,11 +126,11 @@ def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
     return author.function(
         "tip_load",
         ("q", "qd", "qdd"),
-        ("load", load, (n,), author.coordinates.unit("N m/kg", "N/kg"), "torque per unit mass"),
+        output("load", load, (n,), unit=author.coordinates.unit("N m/kg", "N/kg"), meaning="torque per unit mass"),
         recorder,
-        "Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).",
-        "Newton-Euler recursion with one point mass",
-        notation(frame),
+        doc="Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).",
+        source="Newton-Euler recursion with one point mass",
+        notation=notation(frame),
     )
 
 
@@ -230,9 +156,9 @@ def _moment(author: Author, arm: Arm) -> SymbolicFunction:
     return author.function(
         "moment_jacobian",
         ("q",),
-        ("M", rows, (2, chain.n), author.coordinates.unit("kg m/rad", "kg"), "rows x, y"),
+        output("M", rows, (2, chain.n), unit=author.coordinates.unit("kg m/rad", "kg"), meaning="rows x, y"),
         recorder,
-        "Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
-        "Potential energy V = -gravity . sum m_i c_i",
-        NOTATION | {"x, y": "derivative of the moment by the angle of a joint"},
+        doc="Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
+        source="Potential energy V = -gravity . sum m_i c_i",
+        notation=NOTATION | {"x, y": "derivative of the moment by the angle of a joint"},
     )

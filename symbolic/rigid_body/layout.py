@@ -8,10 +8,10 @@ from fractions import Fraction
 
 import sympy as sp
 
+from symbolic.functions import Coordinates
 from symbolic.model_file.arm import Arm
-from symbolic.rigid_body.dynamics import lumps_of
+from symbolic.rigid_body.base_parameters import lumps_of
 from symbolic.rigid_body.exact_rank import BaseParameters, exact
-from symbolic.rigid_body.kinematics import Coordinates
 from symbolic.rigid_body.newton_euler import Chain, Gravity, inverse_dynamics
 from symbolic.straightline import Recorder, count
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Continuation, SymbolicFunction
+from symbolic.functions import Author, Continuation, SymbolicFunction, output
 from symbolic.rigid_body.exact_rank import Column
-from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.spatial.base_parameters import MIRRORED, columns
 from symbolic.rigid_body.spatial.geometry import Geometry
 from symbolic.rigid_body.spatial.layout import SpatialLayout, moments_of
@@ -54,21 +53,21 @@ def functions(
         author.function(
             "inverse_dynamics",
             ("q", "qd", "qdd"),
-            ("tau", tau, (n,), author.coordinates.force, "joint torques"),
+            output("tau", tau, (n,), unit=author.coordinates.force, meaning="joint torques"),
             recorder,
-            "tau = D(q) qdd + C(q, qd) qd + g(q).",
-            "Newton-Euler recursion on base parameters, in modified DH frames: Khalil & Kleinfinger 1987",
-            NOTATION,
+            doc="tau = D(q) qdd + C(q, qd) qd + g(q).",
+            source="Newton-Euler recursion on base parameters, in modified DH frames: Khalil & Kleinfinger 1987",
+            notation=NOTATION,
         ),
         author.function(
             "link_load",
             ("q", "qd", "qdd"),
-            ("load", load, (n,), author.coordinates.force, "at the joints' outputs"),
+            output("load", load, (n,), unit=author.coordinates.force, meaning="at the joints' outputs"),
             recorder,
-            "Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
-            "Inverse dynamics less the model file's rotor inertia times qdd",
-            NOTATION | {"whole": "torque of a joint, its rotor included"},
-            Continuation("inverse_dynamics", tuple((symbol, i) for i, symbol in enumerate(whole))),
+            doc="Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
+            source="Inverse dynamics less the model file's rotor inertia times qdd",
+            notation=NOTATION | {"whole": "torque of a joint, its rotor included"},
+            continues=Continuation("inverse_dynamics", tuple((symbol, i) for i, symbol in enumerate(whole))),
         ),
         _regressor(author, g, tuple(symbols)),
     ]
@@ -83,9 +82,11 @@ def _regressor(author: Author, g: Geometry, kept: Sequence[Column]) -> SymbolicF
     return author.function(
         "regressor",
         ("q", "qd", "qdd"),
-        ("Y", Y, (n, len(kept)), "torque by lump", "derivative of the torques by the lumped parameters"),
+        output(
+            "Y", Y, (n, len(kept)), unit="torque by lump", meaning="derivative of the torques by the lumped parameters"
+        ),
         recorder,
-        "tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
-        "The forces of one moment of mass at a time, along the joints; Gautier & Khalil 1990",
-        NOTATION | {"z": "axis of an inner joint", "y": "velocity of the origin by that joint"},
+        doc="tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
+        source="The forces of one moment of mass at a time, along the joints; Gautier & Khalil 1990",
+        notation=NOTATION | {"z": "axis of an inner joint", "y": "velocity of the origin by that joint"},
     )

@@ -20,12 +20,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from symbolic.functions import SymbolicFunction
+from symbolic.functions import Author, SymbolicFunction, output
 from symbolic.rigid_body.dynamics import solve_symmetric
-from symbolic.rigid_body.kinematics import Author
 from symbolic.rigid_body.spatial.composites import Composite, JointStep, Wrench, composites, gradient
 from symbolic.rigid_body.spatial.geometry import Geometry
-from symbolic.rigid_body.spatial.matrices import NOTATION, inertia, signed
+from symbolic.rigid_body.spatial.matrices import COMPOSITE_NOTATION, inertia, signed
 from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.recursion import groups
 from symbolic.rigid_body.spatial.vectors import NOWHERE, Matrix, Vector, added, applied, cross, dot, negative, scaled
@@ -44,11 +43,11 @@ def forward_dynamics(
     return author.function(
         "forward_dynamics",
         ("q", "qd", "tau"),
-        ("qdd", qdd, (geometry.n,), author.coordinates.argument("qdd").unit, "joint accelerations"),
+        output("qdd", qdd, (geometry.n,), unit=author.coordinates.argument("qdd").unit, meaning="joint accelerations"),
         recorder,
-        "qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
-        "Composite bodies, Walker & Orin 1982; D = L diag(d) L^T",
-        NOTATION
+        doc="qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
+        source="Composite bodies, Walker & Orin 1982; D = L diag(d) L^T",
+        notation=COMPOSITE_NOTATION
         | {
             "al": "angular acceleration at constant rates",
             "a": "acceleration of an origin at constant rates, less gravity",

@@ -64,6 +64,11 @@ def file_frames(arm: Arm) -> list[Standing]:
     return frames
 
 
+def places(arm: Arm) -> tuple[tuple[float, ...], ...]:
+    """Origins of the joint frames where q = 0, n tuples of 2 numbers (planar) or 3, m in base axes."""
+    return tuple(tuple(map(float, frame.at[: len(arm.stated_gravity)])) for frame in file_frames(arm))
+
+
 def file_axes(arm: Arm, files: Sequence[Standing]) -> list[Vector]:
     """The joints' axes, (n,) unit vectors in the base."""
     return [applied(file.turn, _unit(joint.axis)) for joint, file in zip(arm.joints, files, strict=True)]

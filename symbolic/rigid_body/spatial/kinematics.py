@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from symbolic.functions import SymbolicFunction
+from symbolic.functions import Author, SymbolicFunction, output
 from symbolic.model_file.arm import Arm
-from symbolic.rigid_body.kinematics import NOMINAL_MASS, Author
+from symbolic.rigid_body.kinematics import NOMINAL_MASS
 from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.spatial.composites import JointStep, composites, gradient
 from symbolic.rigid_body.spatial.geometry import Geometry
@@ -88,20 +88,22 @@ def _pose(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
         author.function(
             "tip",
             ("q",),
-            ("p", p, (3,), "m", "x, y and z of the tip along the base's axes"),
+            output("p", p, (3,), unit="m", meaning="x, y and z of the tip along the base's axes"),
             recorder,
-            "Position of the tip of the arm.",
-            "Forward kinematics; Khalil & Kleinfinger 1986",
-            NOTATION,
+            doc="Position of the tip of the arm.",
+            source="Forward kinematics; Khalil & Kleinfinger 1986",
+            notation=NOTATION,
         ),
         author.function(
             "tip_rotation",
             ("q",),
-            ("R", [e for row in R for e in row], (3, 3), "1", "columns: the tip's axes along the base's"),
+            output(
+                "R", [e for row in R for e in row], (3, 3), unit="1", meaning="columns: the tip's axes along the base's"
+            ),
             recorder,
-            "Rotation matrix of the tip's frame.",
-            "Forward kinematics; Khalil & Kleinfinger 1986",
-            NOTATION,
+            doc="Rotation matrix of the tip's frame.",
+            source="Forward kinematics; Khalil & Kleinfinger 1986",
+            notation=NOTATION,
         ),
     ]
 
@@ -117,20 +119,32 @@ def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
         author.function(
             "tip_jacobian",
             ("q",),
-            ("J", [e for row in rows for e in row], (6, n), units, "rows x, y, z, rotation about base x, y, z"),
+            output(
+                "J",
+                [e for row in rows for e in row],
+                (6, n),
+                unit=units,
+                meaning="rows x, y, z, rotation about base x, y, z",
+            ),
             recorder,
-            "By what the tip moves and turns with each joint.",
-            "Columns z x (p - o) and z of a revolute joint, z and 0 of a prismatic one; Whitney 1972",
-            NOTATION,
+            doc="By what the tip moves and turns with each joint.",
+            source="Columns z x (p - o) and z of a revolute joint, z and 0 of a prismatic one; Whitney 1972",
+            notation=NOTATION,
         ),
         author.function(
             "tip_rate",
             ("q", "qd"),
-            ("v", _rates(geometry, axes, tip, qd, recorder), (6,), "m/s, rad/s", "velocity, angular velocity"),
+            output(
+                "v",
+                _rates(geometry, axes, tip, qd, recorder),
+                (6,),
+                unit="m/s, rad/s",
+                meaning="velocity, angular velocity",
+            ),
             recorder,
-            "Velocity and angular velocity of the tip along the base's axes.",
-            "J qd; Whitney 1972",
-            NOTATION,
+            doc="Velocity and angular velocity of the tip along the base's axes.",
+            source="J qd; Whitney 1972",
+            notation=NOTATION,
         ),
     ]
 
@@ -194,18 +208,18 @@ def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
     return author.function(
         "tip_load",
         ("q", "qd", "qdd"),
-        (
+        output(
             "load",
             [e for row in rows for e in row],
             (n, len(LOADS)),
-            "torque by kg, kg m and kg m^2",
-            f"columns {', '.join(LOADS)}",
+            unit="torque by kg, kg m and kg m^2",
+            meaning=f"columns {', '.join(LOADS)}",
         ),
         recorder,
-        "Torques that a unit mass at (x, y, z) of the tip's frame asks of the joints, less gravity's pull on it: "
+        doc="Torques that a unit mass at (x, y, z) of the tip's frame asks of the joints, less gravity's pull on it: "
         "load . (1, x, y, z, xx, yy, zz, xy, xz, yz).",
-        "J^T (force, moment) of a field of accelerations a + U p",
-        NOTATION,
+        source="J^T (force, moment) of a field of accelerations a + U p",
+        notation=NOTATION,
     )
 
 
@@ -275,11 +289,11 @@ def _moment(author: Author, arm: Arm, geometry: Geometry) -> SymbolicFunction:
     return author.function(
         "moment_jacobian",
         ("q",),
-        ("M", rows, (3, geometry.n), author.coordinates.unit("kg m/rad", "kg"), "rows x, y, z"),
+        output("M", rows, (3, geometry.n), unit=author.coordinates.unit("kg m/rad", "kg"), meaning="rows x, y, z"),
         recorder,
-        "Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
-        "Potential energy V = -gravity . sum m_i c_i",
-        NOTATION,
+        doc="Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
+        source="Potential energy V = -gravity . sum m_i c_i",
+        notation=NOTATION,
     )
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from symbolic.functions import Continuation, SymbolicFunction
-from symbolic.rigid_body.kinematics import Author
+from symbolic.functions import Author, Continuation, SymbolicFunction, output
 from symbolic.rigid_body.spatial.composites import Composite, JointStep, MomentFlow, Wrench, composites
 from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame
 from symbolic.rigid_body.spatial.moments import Moments
 from symbolic.rigid_body.spatial.vectors import NOWHERE, Vector, added, cross, dot, scaled
 
-NOTATION = {
+COMPOSITE_NOTATION = {
     "c, s": "cosine and sine",
     "r": "way along the axis of a joint",
     "xx, yy, zz, xy, xz, yz, hx, hy, hz": "second and first moments of all that a joint moves; _c about its link's "
@@ -217,39 +216,39 @@ def functions(
         author.function(
             "inertia",
             ("q",),
-            ("D", _flat(D), (n, n), unit, "inertia matrix, symmetric and positive definite"),
+            output("D", _flat(D), (n, n), unit=unit, meaning="inertia matrix, symmetric and positive definite"),
             recorder,
-            "Inertia matrix D(q), rotors included.",
-            "Composite bodies; Walker & Orin 1982",
-            NOTATION,
+            doc="Inertia matrix D(q), rotors included.",
+            source="Composite bodies; Walker & Orin 1982",
+            notation=COMPOSITE_NOTATION,
         ),
         author.function(
             "link_inertia",
             ("q",),
-            ("D", _flat(links), (n, n), unit, "inertia matrix without the rotors"),
+            output("D", _flat(links), (n, n), unit=unit, meaning="inertia matrix without the rotors"),
             recorder,
-            "Inertia of the links as the joints see it: D(q) less the rotors.",
-            "Composite bodies; the model file's rotor inertias",
-            NOTATION | {"whole": "inertia at a joint, its rotor included"},
-            Continuation("inertia", tuple((symbol, (n + 1) * i) for i, symbol in enumerate(whole))),
+            doc="Inertia of the links as the joints see it: D(q) less the rotors.",
+            source="Composite bodies; the model file's rotor inertias",
+            notation=COMPOSITE_NOTATION | {"whole": "inertia at a joint, its rotor included"},
+            continues=Continuation("inertia", tuple((symbol, (n + 1) * i) for i, symbol in enumerate(whole))),
         ),
         author.function(
             "coriolis",
             ("q", "qd"),
-            ("C", _flat(C), (n, n), rate, "Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
+            output("C", _flat(C), (n, n), unit=rate, meaning="Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
             recorder,
-            "Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
-            "Composite bodies; Echeandia & Wensing 2021",
-            NOTATION,
+            doc="Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
+            source="Composite bodies; Echeandia & Wensing 2021",
+            notation=COMPOSITE_NOTATION,
         ),
         author.function(
             "gravity",
             ("q",),
-            ("g", gravity(geometry, steps, wholes), (n,), force, "gravity torques"),
+            output("g", gravity(geometry, steps, wholes), (n,), unit=force, meaning="gravity torques"),
             recorder,
-            "Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
-            "Composite bodies hang on their joints",
-            NOTATION,
+            doc="Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
+            source="Composite bodies hang on their joints",
+            notation=COMPOSITE_NOTATION,
         ),
     ]
 

@@ -12,7 +12,7 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symbolic.contact import applies
+from symbolic.contact import has_contact_phase
 from symbolic.straightline import Turn, count
 
 CASE = exact.case(exact.chain_of("RRRR"))
@@ -100,7 +100,7 @@ def test_inverse_map_inverts(q1: float, q2: float, q3: float, q4: float, elbow: 
 
 
 def test_only_arms_with_four_turning_joints_have_it() -> None:
-    assert applies(CASE.layout.metric)
+    assert has_contact_phase(CASE.layout.metric)
     for types in ("RRR", "RRPR", "RRRRR"):
         assert "contact_inverse" not in [f.name for f in exact.derive(exact.chain_of(types)).functions]
 
