@@ -14,8 +14,8 @@ from symbolic.described import DescribedEffect, DescribedParameter, UnitOfJoint,
 from symbolic.effects.declaration import SIGNALS, Effect, Signal, prefix
 from symbolic.functions import SymbolicFunction
 from symbolic.model_file.arm import DescribedJoint, Joint
-from symbolic.rigid_body.lumps import Lump
-from symbolic.rigid_body.spatial.frames import places
+from symbolic.rigid_body.base_parameters import Lump
+from symbolic.rigid_body.spatial.geometry import places
 
 
 def text(data: Mapping[str, Any]) -> str:

@@ -17,7 +17,7 @@ from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
 from symbolic.effects.signals import ArmOutput, ArmSlope, Coordinate, Given, JointConstant
 from symbolic.functions import Argument, Coordinates, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
-from symbolic.rigid_body.exact_rank import exact
+from symbolic.rigid_body.base_parameters import exact
 from symbolic.straightline import Recorder
 
 HAS_NEXT = SIGNAL["has_next"].symbol

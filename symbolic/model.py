@@ -7,15 +7,20 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from symbolic.contact import contact_functions, has_contact_phase
 from symbolic.functions import Author, Coordinates, Struct, SymbolicFunction
 from symbolic.model_file.arm import Arm, Joint
 from symbolic.rigid_body import dynamics, kinematics
-from symbolic.rigid_body.base_parameters import base_parameters
-from symbolic.rigid_body.exact_rank import BaseParameters, Column
+from symbolic.rigid_body.base_parameters import (
+    BaseParameters,
+    Column,
+    LayoutConstant,
+    Lump,
+    base_parameters,
+    choose_layout,
+    named_lumps,
+)
+from symbolic.rigid_body.kinematics import contact_functions, has_contact_phase
 from symbolic.rigid_body.lagrangian import rational
-from symbolic.rigid_body.layout import LayoutConstant, choose_layout
-from symbolic.rigid_body.lumps import Lump, named_lumps
 from symbolic.rigid_body.spatial import base_parameters as spatial_base
 from symbolic.rigid_body.spatial import composites
 from symbolic.rigid_body.spatial import dynamics as spatial_dynamics

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symbolic.model_file.arm import Arm, Frame, Joint, Link
-from symbolic.rigid_body.spatial.frames import rotation
+from symbolic.rigid_body.spatial.geometry import rotation
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 

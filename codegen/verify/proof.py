@@ -21,10 +21,9 @@ from codegen.tape.tape import Tape, balanced
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ASSUMED_SHARE, ArmModel
 from symbolic.model_file.arm import Link
-from symbolic.rigid_body.exact_rank import exact
+from symbolic.rigid_body.base_parameters import Lump, exact
 from symbolic.rigid_body.kinematics import NOMINAL_MASS
-from symbolic.rigid_body.lumps import Lump
-from symbolic.rigid_body.spatial import rounding
+from symbolic.rigid_body.spatial import lagrangian
 from symbolic.rigid_body.spatial.geometry import Geometry, geometry, offset_symbol
 from symbolic.rigid_body.spatial.kinematics import nominal_com
 from symbolic.rigid_body.spatial.lagrangian import (
@@ -81,9 +80,9 @@ def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed
     the order in which double precision has them."""
     assert model.arm.space
     frames = geometry(model.arm)
-    chain = rounding.exact_file_chain(frames)
-    apart = rounding.deviation(model.arm, chain)
-    proofs = [FunctionProof("frames", 1, f"by {apart:.2g} (m, rad)" if apart > rounding.ROUNDING else None)]
+    chain = lagrangian.exact_file_chain(frames)
+    apart = lagrangian.deviation(model.arm, chain)
+    proofs = [FunctionProof("frames", 1, f"by {apart:.2g} (m, rad)" if apart > lagrangian.ROUNDING else None)]
     rng = random.Random(seed)
     states = [_State.drawn(rng, model, frames, ExactChain.of(chain)) for _ in range(points)]
     inputs = {symbol: [state.inputs[symbol] for state in states] for symbol in states[0].inputs}

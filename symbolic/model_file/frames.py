@@ -70,7 +70,7 @@ def about(axis: Sequence[float], angle: float) -> Rotation:
     )
 
 
-def transposed(matrix: Rotation) -> Rotation:
+def transposed(matrix: Sequence[Vector]) -> Rotation:
     """Rᵀ of a matrix (3, 3)."""
     a, b, c = zip(*matrix, strict=True)
     return a, b, c

@@ -1,34 +1,118 @@
-"""Base inertial parameters: which combinations of masses, moments and inertias the torques can show.
+"""Base inertial parameters of a planar arm, the layout of its recursion, and the names under which users see them.
 
-Every link has the elementary parameters of newton_euler.Lumps. Their columns in the regressor are not
-independent: mass at a joint may be counted to either link, the first joint's rotor turns with its link,
-and so on. Those that depend on earlier ones, in an order of preference that makes the recursion short,
-are merged into them (exact_rank.py). What is left are base parameters: tau = Y lumps holds exactly, Y has
-full rank.
+Every link has the elementary parameters of newton_euler.Lumps. Their columns in the regressor are linearly dependent:
+mass at a joint may be counted to either link, the first joint's rotor turns with its link. Dependent columns are merged
+into the others, in an order of preference that makes the recursion short; tau = Y lumps then holds exactly and Y has
+full rank. Rank and combinations are exact: columns are evaluated at random points modulo PRIME.
 
-Source: Gautier & Khalil 1990 (minimum inertial parameters).
+Source: Gautier & Khalil 1990 (minimum inertial parameters), with exact instead of numerical rank.
 """
 
 from __future__ import annotations
 
+import math
 import random
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import isqrt
 from typing import Any
 
+import sympy as sp
+
+from symbolic.functions import Coordinates
 from symbolic.model_file.arm import Arm, Link
-from symbolic.rigid_body.exact_rank import (
-    PRIME,
-    BaseParameters,
-    Column,
-    dependencies,
-    exact,
-    known_sum,
-    random_turn,
-    residue,
-)
-from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, motion, torques
-from symbolic.straightline import Residues, Turn
+from symbolic.model_file.checks import ModelError, nearest
+from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
+from symbolic.straightline import Recorder, Residues, Turn, count
+
+PRIME = 2**1279 - 1
+"""Large enough to recover a coefficient of 190 digits over 190 from its residue: a few angles of 15 digits multiply."""
+
+Column = tuple[str, int]
+"""Kind and index (0-based) of an elementary parameter."""
+
+Combination = dict[Column, Fraction]
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """values: the base parameters in order, None where a number behind one is not known; merged: what went into each,
+    (column, coefficient) pairs."""
+
+    values: dict[Column, Fraction | None]
+    merged: dict[Column, tuple[tuple[Column, Fraction], ...]]
+
+
+def exact(value: float) -> Fraction:
+    """The decimal number that a person wrote, as a fraction."""
+    return Fraction(repr(float(value)))
+
+
+def known_sum(values: Mapping[Column, Fraction | None], parts: Sequence[tuple[Column, Fraction]]) -> Fraction | None:
+    """What the parts of a base parameter come to; None if one of them is not known."""
+    total = Fraction(0)
+    for column, factor in parts:
+        value = values[column]
+        if value is None:
+            return None
+        total += factor * value
+    return total
+
+
+def dependencies(rows: Mapping[Column, Sequence[int]]) -> dict[Column, Combination]:
+    """For every column, given by its residues, that depends on earlier independent ones: its combination of them.
+
+    ArithmeticError if a coefficient has more digits than the prime can hold.
+    """
+    independent: list[Column] = []
+    # Pivot row, the column in the rows that are no pivots up to it, and its combination of independent ones.
+    reduced: list[tuple[int, list[int], list[int]]] = []
+    dependent: dict[Column, Combination] = {}
+    for column, residues in rows.items():
+        vector, combination = list(residues), [0] * len(independent)
+        for pivot, other, used in reduced:
+            factor = vector.pop(pivot)
+            if factor:
+                vector = [(a - factor * b) % PRIME for a, b in zip(vector, other, strict=True)]
+                for j, c in enumerate(used):
+                    combination[j] = (combination[j] + factor * c) % PRIME
+        pivot_row = next((r for r, v in enumerate(vector) if v), None)
+        if pivot_row is None:
+            fractions = zip(independent, map(fraction, combination), strict=True)
+            dependent[column] = {c: f for c, f in fractions if f}
+            continue
+        inverse = pow(vector.pop(pivot_row), -1, PRIME)
+        own = [-c * inverse % PRIME for c in combination] + [inverse]
+        independent.append(column)
+        reduced.append((pivot_row, [v * inverse % PRIME for v in vector], own))
+    return dependent
+
+
+def random_turn(rng: random.Random) -> Turn:
+    """An angle modulo PRIME, by the tangent of its half."""
+    t = rng.randrange(PRIME)
+    inverse = pow(1 + t * t, -1, PRIME)
+    return Turn((1 - t * t) * inverse % PRIME, 2 * t * inverse % PRIME)
+
+
+def residue(x: Fraction | int) -> int:
+    """Of a fraction modulo PRIME."""
+    x = Fraction(x)
+    return x.numerator * pow(x.denominator, -1, PRIME) % PRIME
+
+
+def fraction(residue: int) -> Fraction:
+    """The fraction of small numerator and denominator with this residue (Wang 1981)."""
+    bound = isqrt(PRIME // 2)
+    (r0, r1), (s0, s1) = (PRIME, residue), (0, 1)
+    while r1 > bound:
+        quotient = r0 // r1
+        r0, r1, s0, s1 = r1, r0 - quotient * r1, s1, s0 - quotient * s1
+    if abs(s1) > bound:
+        raise ArithmeticError("a coefficient of the base parameters has more digits than the prime can hold")
+    return Fraction(r1, s1)
+
 
 KINDS = ("J", "I", "mu", "h", "hy")
 
@@ -118,3 +202,176 @@ def _modular(chain: Chain) -> Chain:
         angle = Turn(residue(g.angle.cos), residue(g.angle.sin))
         g = Gravity(residue(g.x), residue(g.y), residue(g.strength), angle)
     return Chain(chain.revolute, tuple(residue(l) for l in chain.lengths), g)
+
+
+@dataclass(frozen=True)
+class LayoutConstant:
+    """A constant of the struct; `value` is exact, but for the angle and strength of an inclined gravity."""
+
+    symbol: sp.Symbol
+    unit: str
+    meaning: str
+    value: Fraction | float
+
+
+@dataclass(frozen=True)
+class RecursionLayout:
+    """frame: the revolute joint in whose link's frame vectors are written (0: the base's).
+
+    reference   link whose length is the unit of length, None: the metre
+    scaled      the chain in that unit, for the dynamics
+    metric      the chain in metres, for the kinematics
+    fields      candidates for the struct, in order
+    """
+
+    frame: int
+    reference: int | None
+    scaled: Chain
+    metric: Chain
+    fields: tuple[LayoutConstant, ...]
+
+    def metres(self, kind: str) -> int:
+        """The power of the reference length that multiplies base parameters of this kind."""
+        return {"J": 0, "I": 0, "mu": 2, "h": 1, "hy": 1}[kind] if self.reference else 0
+
+
+def choose_layout(arm: Arm, base: BaseParameters) -> RecursionLayout:
+    """The layout whose inverse dynamics count fewest operations; the metre is preferred where that is equal.
+
+    With a length unit, masses appear as mass times length², and one link's lever arms cost no product.
+    Sliding joints have a position in metres, so that arms with one keep the metre.
+    """
+    n = len(arm.joints)
+    turning = [i for i, j in enumerate(arm.joints, 1) if j.type == "revolute"]
+    candidates: list[tuple[int, int | None]] = [(f, None) for f in (*turning, 0)]
+    if len(turning) == n:
+        candidates += [(f, f) for f in turning[:-1] if arm.lengths[f - 1]]
+    layouts = [_layout(arm, frame, reference) for frame, reference in candidates]
+    return min(layouts, key=lambda layout: _cost(arm, layout, base))
+
+
+def _cost(arm: Arm, layout: RecursionLayout, base: BaseParameters) -> int:
+    coordinates, recorder = Coordinates(tuple(j.type for j in arm.joints)), Recorder()
+    lumps = lumps_of({c: sp.Symbol(f"{c[0]}{c[1]}", real=True) for c in base.values}, len(arm.joints))
+    q, qd, qdd = (coordinates.symbols(name) for name in ("q", "qd", "qdd"))
+    tau = inverse_dynamics(layout.scaled, lumps, layout.frame, q, qd, qdd, recorder)
+    return count(recorder.live(tau), tau).cost
+
+
+def _layout(arm: Arm, frame: int, reference: int | None) -> RecursionLayout:
+    lengths = [exact(length) for length in arm.lengths]
+    unit = lengths[reference - 1] if reference else Fraction(1)
+    by = f"_by_l{reference}" if reference else ""
+    metres = tuple(
+        LayoutConstant(_symbol(f"l{i}"), "m", f"length of link {i}", value)
+        for i, value in enumerate(lengths, 1)
+        if value
+    )
+    ratios = tuple(
+        LayoutConstant(_symbol(f"l{i}{by}"), "1", f"length of link {i} over that of link {reference}", value / unit)
+        for i, value in enumerate(lengths, 1)
+        if value and reference and i != reference
+    )
+    gravity, constants = _gravity(arm, unit, by, reference)
+    revolute = tuple(j.type == "revolute" for j in arm.joints)
+    metric = tuple(_symbol(f"l{i}") if value else 0 for i, value in enumerate(lengths, 1))
+    scaled = tuple(
+        0 if not value else 1 if i == reference else _symbol(f"l{i}{by}") for i, value in enumerate(lengths, 1)
+    )
+    in_metres = gravity
+    if gravity is not None and reference:
+        l = _symbol(f"l{reference}")
+        in_metres = Gravity(gravity.x * l, gravity.y * l, gravity.strength * l, gravity.angle)
+    return RecursionLayout(
+        frame,
+        reference,
+        Chain(revolute, scaled, gravity),
+        Chain(revolute, metric, in_metres),
+        ratios + constants + metres,
+    )
+
+
+def _gravity(
+    arm: Arm, unit: Fraction, by: str, reference: int | None
+) -> tuple[Gravity | None, tuple[LayoutConstant, ...]]:
+    """Gravity in symbols, scaled by the unit of length, and its candidates for the struct."""
+    x, y = (exact(g) for g in arm.gravity[:2])
+    if not x and not y:
+        return None, ()
+    measure, over = ("1/s^2", f" over the length of link {reference}") if reference else ("m/s^2", "")
+    strength, angle = math.hypot(*arm.gravity[:2]) / float(unit), math.atan2(arm.gravity[1], arm.gravity[0])
+    fields = (
+        LayoutConstant(_symbol(f"gravity_x{by}"), measure, f"gravity along base x{over}", x / unit),
+        LayoutConstant(_symbol(f"gravity_y{by}"), measure, f"gravity along base y{over}", y / unit),
+        LayoutConstant(_symbol(f"gravity{by}"), measure, f"strength of gravity{over}", strength),
+        LayoutConstant(_symbol("gravity_angle"), "rad", "angle of gravity from base x", angle),
+    )
+    symbols = [f.symbol for f in fields]
+    return Gravity(symbols[0] if x else 0, symbols[1] if y else 0, symbols[2], symbols[3]), fields
+
+
+def _symbol(name: str) -> sp.Symbol:
+    return sp.Symbol(name, real=True)
+
+
+@dataclass(frozen=True)
+class Lump:
+    """A base inertial parameter. unit: e.g. "kg m^2"; joint: 1-based; value: what the model file says, None where it
+    leaves out a number behind it; parts: of an arm in space, what is in it: joint (1-based), a parameter of its body
+    (moments.INERTIA) or "I", the rotor, and by how much."""
+
+    name: str
+    unit: str
+    meaning: str
+    joint: int
+    value: float | None
+    parts: tuple[tuple[int, str, Fraction], ...] = ()
+
+
+def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tuple[Lump, ...]:
+    """The base parameters as people see them; values that an identification left in the file replace the links'.
+
+    Raises ModelError for a value in the file whose name this arm does not have.
+    """
+    scale = exact(arm.lengths[layout.reference - 1]) if layout.reference else Fraction(1)
+    lumps = []
+    for (kind, i), value in base.values.items():
+        sliding = arm.joints[i].type == "prismatic"
+        power = layout.metres(kind)
+        name = f"{'M' if sliding and kind == 'mu' else kind}{i + 1}"
+        own = {"J": "kg m^2", "I": "kg" if sliding else "kg m^2", "mu": "kg", "h": "kg m", "hy": "kg m"}[kind]
+        unit = "kg m^2" if power else own
+        note = f", times l{layout.reference}{'^2' if power == 2 else ''}" if power else ""
+        also = ", rotor included" if kind != "I" and any(c == ("I", i) for c, _ in base.merged[kind, i]) else ""
+        stated = None if value is None else float(value * scale**power)
+        text = _meaning(kind, i + 1, sliding, len(arm.joints)) + also + note
+        lumps.append(Lump(name, unit, text, i + 1, stated))
+    return overridden(arm, lumps)
+
+
+def overridden(arm: Arm, lumps: Sequence[Lump]) -> tuple[Lump, ...]:
+    """With the values that an identification left in the model file.
+
+    Raises ModelError for a value in the file whose name this arm does not have.
+    """
+    names = [lump.name for lump in lumps]
+    for name in arm.inertial:
+        if name not in names:
+            near = nearest(name, names)
+            hint = f'; did you mean "{near}"?' if near else ""
+            raise ModelError(
+                f'{arm.name}: inertial: unknown base parameter "{name}"{hint} (this arm has {", ".join(names)})'
+            )
+    return tuple(replace(lump, value=arm.inertial.get(lump.name, lump.value)) for lump in lumps)
+
+
+def _meaning(kind: str, joint: int, sliding: bool, n: int) -> str:
+    end = "the end-effector" if joint == n else f"joint {joint + 1}"
+    if kind == "mu":
+        return f"mass that joint {joint} slides" if sliding else f"point mass that link {joint} carries at {end}"
+    return {
+        "J": f"inertia that turns with link {joint} about joint {joint}, beyond the point masses",
+        "I": f"rotor inertia of joint {joint} at its output",
+        "h": f"first mass moment of link {joint} along it, beyond the point masses",
+        "hy": f"first mass moment of link {joint} across it, from a centre of mass off its line",
+    }[kind]

@@ -8,8 +8,7 @@ from typing import Any
 import sympy as sp
 
 from symbolic.functions import Author, SymbolicFunction, output
-from symbolic.rigid_body.base_parameters import lumps_of, unit_lumps
-from symbolic.rigid_body.exact_rank import Column
+from symbolic.rigid_body.base_parameters import Column, lumps_of, unit_lumps
 from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
 from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques
 from symbolic.straightline import Recorder, Suffixed

@@ -15,7 +15,7 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.rigid_body.exact_rank import exact
+from symbolic.rigid_body.base_parameters import exact
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps
 from symbolic.straightline import Exact, Notes
 

@@ -9,7 +9,7 @@ straightline.py). What makes it short:
   so that, with (lc, ls) = l (cos, sin), b += al ls + w² lc, y += al lc − w² ls and a moment is
   lc F + ls G: no negation anywhere.
 - A link is a point mass mu at its distal point, a first moment (h, hy) without mass, an inertia J.
-  Which of them a link really needs is decided in lumps.py; the others are 0 and vanish.
+  Which of them a link really needs is decided in base_parameters.py; the others are 0 and vanish.
 
 Source: Luh, Walker & Paul 1980 (recursive Newton-Euler); Khalil & Kleinfinger 1987 (base parameters).
 """

@@ -1,37 +1,152 @@
-"""Base inertial parameters in space: which combinations of the bodies' moments the torques can show.
+"""Base inertial parameters of a spatial chain, the layout of its recursion, and the names under which users see them.
 
-Mass on the axis of a revolute joint may be counted to the link before, whatever the joint does: three of a link's
-moments (m, z, zz) merge into its neighbour's. A prismatic joint does not turn its link: the six second moments merge.
-What else depends on each other, near the base and between rotors and links, is found exactly (exact_rank.py). What is
-left are base parameters: tau = Y lumps holds exactly, Y has full rank.
+Mass on the axis of a revolute joint may be counted to the link before: three moments of its link (m, z, zz) merge into
+the neighbour's. A prismatic joint does not turn its link, so that the six second moments merge. Further dependencies,
+near the base and between rotors and links, are found by exact rank. The remaining columns are the base parameters:
+tau = Y lumps holds exactly, Y has full rank. The layout with the fewest operations is found by running the recursion on
+values that only count.
 
 Source: Gautier & Khalil 1990 (minimum inertial parameters).
 """
 
 from __future__ import annotations
 
+import math
 import random
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 from symbolic.model_file.arm import Arm
-from symbolic.rigid_body.exact_rank import (
+from symbolic.rigid_body.base_parameters import (
     PRIME,
     BaseParameters,
     Column,
     Combination,
+    LayoutConstant,
+    Lump,
     dependencies,
     exact,
     known_sum,
+    overridden,
     random_turn,
 )
-from symbolic.rigid_body.spatial.geometry import Geometry
-from symbolic.rigid_body.spatial.moments import INERTIA, KINDS, Moments, body_values
-from symbolic.rigid_body.spatial.recursion import SpatialMotion, motion, named, turned, twisted, wrench
-from symbolic.rigid_body.spatial.vectors import Vector, dot, scaled
-from symbolic.straightline import Notes, Residues
+from symbolic.rigid_body.spatial.geometry import Geometry, Vector, dot, offset_symbol, scaled
+from symbolic.rigid_body.spatial.recursion import (
+    INERTIA,
+    KINDS,
+    Moments,
+    SpatialMotion,
+    body_values,
+    groups,
+    motion,
+    named,
+    torques,
+    turned,
+    twisted,
+    wrench,
+)
+from symbolic.straightline import Count, Notes, Residues, Turn
+
+_Node = tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CountedValue:
+    """± a node of a OperationCounter."""
+
+    counter: OperationCounter
+    sign: int
+    node: int
+
+    def __neg__(self) -> CountedValue:
+        return CountedValue(self.counter, -self.sign, self.node)
+
+    def __add__(self, other: Any) -> Any:
+        counter = self.counter
+        if not isinstance(other, CountedValue):
+            return self if other == 0 else counter.make("shift", other * self.sign, self.node, self.sign)
+        if self.node == other.node:
+            return 0 if self.sign != other.sign else self * 2
+        if self.sign == other.sign:
+            return counter.make("add", min(self.node, other.node), max(self.node, other.node), self.sign)
+        above, below = (self.node, other.node) if self.sign > 0 else (other.node, self.node)
+        if ("sub", below, above) in counter.known:
+            return counter.make("sub", below, above, -1)
+        return counter.make("sub", above, below, 1)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, CountedValue):
+            return self.counter.make(
+                "mul", min(self.node, other.node), max(self.node, other.node), self.sign * other.sign
+            )
+        if other == 0:
+            return 0
+        if abs(other) == 1:
+            return self if other > 0 else -self
+        return self.counter.make("scale", abs(other), self.node, self.sign if other > 0 else -self.sign)
+
+    __rmul__ = __mul__
+
+
+class OperationCounter:
+    """Notes over counted values."""
+
+    def __init__(self) -> None:
+        self.known: dict[_Node, int] = {}
+
+    def leaf(self, name: str) -> CountedValue:
+        """An input."""
+        return self.make("leaf", name, None, 1)
+
+    def make(self, operation: str, a: Any, b: Any, sign: int) -> CountedValue:
+        """The value of an operation on a and b: one that is there already costs nothing."""
+        key = (operation, a, b)
+        node = self.known.get(key)
+        if node is None:
+            node = self.known[key] = len(self.known)
+        return CountedValue(self, sign, node)
+
+    def let(self, name: str, value: Any) -> Any:  # noqa: ARG002
+        """The value itself: names cost nothing."""
+        return value
+
+    def sincos(self, angle: Any) -> tuple[Any, Any]:
+        """Cosine and sine; of an angle that is no input, 1 and 0."""
+        if not isinstance(angle, CountedValue):
+            return 1, 0
+        return self.make("cos", angle.node, None, 1), self.make("sin", angle.node, None, angle.sign)
+
+    def count(self, outputs: Iterable[Any]) -> Count:
+        """What the outputs take."""
+        nodes = list(self.known)
+        todo = [o.node for o in outputs if isinstance(o, CountedValue)]
+        live: set[int] = set()
+        while todo:
+            i = todo.pop()
+            if i not in live:
+                live.add(i)
+                todo += _arguments(nodes[i])
+        kinds = [nodes[i] for i in live]
+        angles = {a for operation, a, _ in kinds if operation in ("sin", "cos")}
+        return Count(sum(operation not in ("leaf", "sin", "cos") for operation, _, _ in kinds), len(angles))
+
+
+def _arguments(node: _Node) -> tuple[int, ...]:
+    operation, a, b = node
+    if operation == "leaf":
+        return ()
+    return {"sin": (a,), "cos": (a,), "shift": (b,), "scale": (b,)}.get(operation, (a, b))
+
 
 ROTOR = "I"
 MIRRORED = ("xy", "xz", "yz")
@@ -92,8 +207,8 @@ def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
         q = [random_turn(rng) if link.revolute else rng.randrange(PRIME) for link in g.links]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, range(n), q, qd, qdd, notes)
-        for column, torques in columns(chain, kept, moving, qdd, notes).items():
-            found[column] += [t % PRIME for t in torques]
+        for column, tau in columns(chain, kept, moving, qdd, notes).items():
+            found[column] += [t % PRIME for t in tau]
     return found
 
 
@@ -150,3 +265,120 @@ def base_parameters(arm: Arm, g: Geometry, merged: Merging) -> BaseParameters:
                 parts[column].append(((kind, i), -f if column[0] in MIRRORED else f))
     order = sorted(merged.kept, key=lambda c: (c[1], (*KINDS, ROTOR).index(c[0])))
     return BaseParameters({c: known_sum(values, parts[c]) for c in order}, {c: tuple(parts[c]) for c in order})
+
+
+@dataclass(frozen=True)
+class SpatialLayout:
+    """axes: see recursion.motion; merged: the base parameters."""
+
+    axes: tuple[int, ...]
+    merged: Merging
+
+
+def choose_layout(g: Geometry) -> SpatialLayout:
+    """The layout whose inverse dynamics count fewest operations, as far as single changes of the axes lead.
+
+    Masses are no base parameters of revolute links: one that is kept saves the recursion one operation in a hundred,
+    and D and forward dynamics, where it is carried through all composites, lose several.
+    """
+    best = SpatialLayout(tuple(range(g.n)), merging(g))
+    # Of those that one change led to, most are led to by the next one again: none of them costs less.
+    least, tried, improved = _cost(g, best), {best.axes}, True
+    while improved:
+        improved = False
+        for layout in (other for other in _other_axes(g, best) if other.axes not in tried):
+            tried.add(layout.axes)
+            cost = _cost(g, layout)
+            if cost < least:
+                best, least, improved = layout, cost, True
+                break
+    return best
+
+
+def _other_axes(g: Geometry, layout: SpatialLayout) -> Iterator[SpatialLayout]:
+    """Consecutive links of a group along other axes of it."""
+    for group in groups(g):
+        for first in group:
+            for last in range(first, group[-1] + 1):
+                for axes in range(group[0] - 1, group[-1] + 1):
+                    chosen = (*layout.axes[:first], *[axes] * (last + 1 - first), *layout.axes[last + 1 :])
+                    if chosen != layout.axes:
+                        yield replace(layout, axes=chosen)
+
+
+def moments_of(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:
+    """The links' moments and the joints' rotors, all 0 but for `values`."""
+    moments = [Moments(**{kind: x for (kind, j), x in values.items() if j == i and kind != ROTOR}) for i in range(n)]
+    return moments, [values.get((ROTOR, i), 0) for i in range(n)]
+
+
+def _cost(g: Geometry, layout: SpatialLayout) -> int:
+    counter = OperationCounter()
+    chain = g.over(lambda x: x, [rest if rest == 0 else counter.leaf(f"rest{i}") for i, rest in enumerate(g.rests)])
+
+    def leaves(name: str) -> Sequence[Any]:
+        return [counter.leaf(f"{name}{i}") for i in range(g.n)]
+
+    qdd = leaves("qdd")
+    moments, rotors = moments_of({c: counter.leaf(str(c)) for c in layout.merged.kept}, g.n)
+    moving = motion(chain, layout.axes, leaves("q"), leaves("qd"), qdd, counter)
+    return counter.count(torques(chain, moments, rotors, moving, qdd, counter)).cost
+
+
+NAMES = {"xx": "YY", "yy": "XX", "xy": "XY", "xz": "XZ", "yz": "YZ", "x": "MX", "y": "MY", "z": "MZ", "m": "M"}
+"""The field's names. What lies along a link's z axis merges into the link before: of a body without it, ∫ y² dm is the
+inertia about x, XX, ∫ x² dm that about y, YY, and ZZ = XX + YY."""
+
+
+def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, ...]:
+    """In the order of the base parameters; values that an identification left in the file replace the bodies'.
+
+    Raises ModelError for a value in the file whose name this arm does not have.
+    """
+    lumps = []
+    for column, value in base.values.items():
+        kind, i = column
+        parts = base.merged[column]
+        about_z = _only_about_z(column, merged)
+        name = "I" if kind == ROTOR else "ZZ" if about_z else NAMES[kind]
+        sliding = arm.joints[i].type == "prismatic"
+        lumps.append(
+            Lump(
+                f"{name}{i + 1}",
+                {"I": "kg" if sliding else "kg m^2", "M": "kg"}.get(name, "kg m" if name[0] == "M" else "kg m^2"),
+                _meaning(name, i + 1) + (", with what merges into it" if len(parts) > 1 else ""),
+                i + 1,
+                None if value is None else float(value),
+                tuple((j + 1, own, factor) for (own, j), factor in parts),
+            )
+        )
+    return overridden(arm, lumps)
+
+
+def _only_about_z(column: Column, merged: Merging) -> bool:
+    """Of a link that turns about its joint's direction alone, whose XX and YY are felt as one, ZZ."""
+    kind, i = column
+    return kind == "xx" and merged.terms["yy", i] == {column: 1}
+
+
+def _meaning(name: str, joint: int) -> str:
+    if name == "I":
+        return f"rotor inertia of joint {joint} at its output"
+    if name == "ZZ":
+        return f"inertia of link {joint} about its joint"
+    if name == "M":
+        return f"mass of link {joint}"
+    if name[0] == "M":
+        return f"first mass moment of link {joint} along {name[1].lower()} of its DH frame"
+    return f"inertia {name} of link {joint} in its DH frame, of what lies across z"
+
+
+def angles(g: Geometry) -> tuple[LayoutConstant, ...]:
+    """Constants of the struct: joint angles beyond quarter turns between the model file's zero and the DH frames'."""
+    return tuple(
+        LayoutConstant(
+            offset_symbol(j), "rad", f"of joint {j}'s DH frame where q{j} = 0", math.atan2(rest.sin, rest.cos)
+        )
+        for j, rest in enumerate(g.rests, 1)
+        if isinstance(rest, Turn)
+    )

@@ -1,24 +1,25 @@
-"""The geometry of a chain in space: a model file's origins and axes as modified DH frames, in exact numbers.
+"""The geometry of a spatial chain: the model file's origins and axes as modified DH frames, in exact numbers.
 
-Frame j is fixed to link j: z_j along joint j's axis, x_j along the common normal of the axes j and j + 1. From
-frame j − 1 to frame j:
+Frame j is fixed to link j: z_j lies along joint j's axis, x_j along the common normal of the axes j and j + 1. The step
+from frame j − 1 to frame j:
 
     turn by twist_j about x, move by a_j along x, turn by theta_j about z, move by d_j along z
 
-theta_j = offset_j + sign_j q_j of a revolute joint. A prismatic one moves its link by sign_j q_j in the plane of
-x_(j−1) and z_j, tilted from z_j towards x_(j−1). What the file leaves free is chosen so that most of it vanishes:
+theta_j = offset_j + sign_j q_j of a revolute joint. A prismatic joint moves its link by sign_j q_j in the plane of
+x_(j−1) and z_j, tilted from z_j towards x_(j−1). The notation leaves some frames free; they are chosen so that most of
+their parameters are 0:
 
 - Frame 0 is fixed to the base, with z_0 = z_1, and coincides with frame 1 where q1 = 0.
-- Parallel axes point the same way (sign_j = −1 where the file has them against each other): their twist is 0. What
-  they are apart along themselves stands at the last of them.
-- A prismatic joint has a direction and no place: its axis goes through the origin before it. It does not turn its
-  link: behind a revolute joint, z stays that one's, so that the twist to the next revolute axis is the angle between
-  the two. Before the first revolute joint z is along the slide.
-- The last link's frame stands in the one before it where q_n = 0.
+- Parallel axes point the same way (sign_j = −1 where the file has them antiparallel), so that their twist is 0. The
+  offset along parallel axes is given to the last of them.
+- A prismatic joint has a direction and no position: its axis passes through the origin before it. Its link does not
+  turn: behind a revolute joint, z stays that joint's, so that the twist to the next revolute axis is the angle between
+  the two revolute axes. Before the first revolute joint, z is along the slide.
+- The last link's frame coincides with the one before it where q_n = 0.
 
-Numbers are exact from here on: lengths are rounded to LENGTH_DIGITS, rotations to rational points of the unit circle
-or sphere, so that rotation matrices are orthogonal to the last digit in any ring and quarter turns are 0 and ±1. Axes
-that are parallel, perpendicular or one in the file are so exactly: base parameters are counted on these numbers.
+Lengths are rounded to LENGTH_DIGITS, rotations to rational points of the unit circle or sphere, so that rotation
+matrices are exactly orthogonal in any ring and quarter turns are exactly 0 and ±1. Axes that are parallel,
+perpendicular or coincident in the file are exactly so here: base parameters are counted on these numbers.
 
 Source: Khalil & Kleinfinger 1986 (modified Denavit-Hartenberg notation).
 """
@@ -29,22 +30,194 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 
-from symbolic.model_file.arm import Arm
-from symbolic.rigid_body.spatial.frames import (
-    BASE,
-    PARALLEL,
-    Standing,
-    file_axes,
-    file_frames,
-    link_frames,
-    transposed,
-)
-from symbolic.rigid_body.spatial.vectors import Matrix, Vector, applied, cross, dot, less, scaled
+from symbolic.model_file.arm import Arm, Frame
+from symbolic.model_file.frames import transposed
 from symbolic.straightline import Notes, Turn
+
+Vector = tuple[Any, Any, Any]
+Matrix = tuple[Vector, Vector, Vector]
+
+NOWHERE: Vector = (0, 0, 0)
+
+
+def vector(elements: Sequence[Any]) -> Vector:
+    """Three elements as a vector."""
+    x, y, z = elements
+    return x, y, z
+
+
+def added(u: Sequence[Any], v: Sequence[Any]) -> Vector:
+    """u + v, (3,)."""
+    return u[0] + v[0], u[1] + v[1], u[2] + v[2]
+
+
+def less(u: Sequence[Any], v: Sequence[Any]) -> Vector:
+    """u − v, (3,)."""
+    return u[0] - v[0], u[1] - v[1], u[2] - v[2]
+
+
+def negative(v: Sequence[Any]) -> Vector:
+    """−v, (3,)."""
+    return -v[0], -v[1], -v[2]
+
+
+def scaled(factor: Any, v: Sequence[Any]) -> Vector:
+    """c v, (3,)."""
+    return factor * v[0], factor * v[1], factor * v[2]
+
+
+def cross(u: Sequence[Any], v: Sequence[Any]) -> Vector:
+    """u × v, (3,)."""
+    return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
+
+
+def dot(u: Sequence[Any], v: Sequence[Any]) -> Any:
+    """u · v."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def along(v: Sequence[Any], x: Sequence[Any], y: Sequence[Any], z: Sequence[Any]) -> Vector:
+    """The vector whose elements stand along the axes x, y, z."""
+    return added(added(scaled(v[0], x), scaled(v[1], y)), scaled(v[2], z))
+
+
+def applied(R: Sequence[Sequence[Any]], v: Sequence[Any]) -> Vector:
+    """R v."""
+    return dot(R[0], v), dot(R[1], v), dot(R[2], v)
+
+
+def placed(turn: Sequence[Sequence[Any]], at: Sequence[Any], point: Sequence[Any]) -> Vector:
+    """A point of the frame that stands at `at`, turned by `turn`."""
+    return added(applied(turn, point), at)
+
+
+PARALLEL = 1e-10
+"""Sine of the angle between two axes below which they are parallel: rounding of rpy in double precision."""
+COINCIDENT = 1e-12
+"""m; axes that are less apart coincide: likewise."""
+
+
+class Standing(NamedTuple):
+    """A frame in the base: rotation matrix and origin."""
+
+    turn: Matrix
+    at: Vector
+
+    def inside(self, other: Standing) -> Standing:
+        """It as the other frame sees it."""
+        back = transposed(other.turn)
+        columns = [applied(back, column) for column in transposed(self.turn)]
+        return Standing(transposed(columns), applied(back, less(self.at, other.at)))
+
+    def followed(self, origin: Frame) -> Standing:
+        """The frame that stands in it at `origin`."""
+        columns = [applied(self.turn, column) for column in transposed(rotation(origin.rpy))]
+        return Standing(transposed(columns), added(self.at, applied(self.turn, origin.xyz)))
+
+
+def rotation(rpy: Sequence[float]) -> Matrix:
+    """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
+    (cr, cp, cy), (sr, sp, sy) = ([f(angle) for angle in rpy] for f in (math.cos, math.sin))
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+
+
+BASE = Standing(rotation((0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
+
+
+def file_frames(arm: Arm) -> list[Standing]:
+    """The model file's joint frames, (n,)."""
+    frames, last = [], BASE
+    for joint in arm.joints:
+        last = last.followed(joint.origin)
+        frames.append(last)
+    return frames
+
+
+def places(arm: Arm) -> tuple[tuple[float, ...], ...]:
+    """Origins of the joint frames where q = 0, n tuples of 2 numbers (planar) or 3, m in base axes."""
+    return tuple(tuple(map(float, frame.at[: len(arm.stated_gravity)])) for frame in file_frames(arm))
+
+
+def file_axes(arm: Arm, files: Sequence[Standing]) -> list[Vector]:
+    """The joints' axes, (n,) unit vectors in the base."""
+    return [applied(file.turn, _unit(joint.axis)) for joint, file in zip(arm.joints, files, strict=True)]
+
+
+def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
+    """Frame j of every link, (n,): z along its joint's axis or, after a parallel axis, along that one's z; of a slide
+    behind a revolute joint along that one's z."""
+    own = file_axes(arm, files)
+    axes: list[Vector] = []
+    turning = False
+    for joint, z in zip(arm.joints, own, strict=True):
+        stays = turning and joint.type == "prismatic"
+        axes.append(axes[-1] if stays or (axes and _length(cross(axes[-1], z)) < PARALLEL) else z)
+        turning = turning or joint.type == "revolute"
+    frames: list[Standing] = []
+    foot = files[0].at  # where the common normal from the joint before meets this axis
+    for j, z in enumerate(axes):
+        x, origin = None, foot
+        if j + 1 < len(axes):
+            if arm.joints[j + 1].type == "revolute":
+                x, origin, foot = _normal(foot, z, files[j + 1].at, axes[j + 1])
+            else:
+                x, origin = _slope(z, axes[j + 1], own[j + 1]), foot
+        before = transposed(frames[-1].turn) if frames else transposed(BASE.turn)
+        x = _across(z, before) if x is None else _nearer(x, before[0], z) if frames else x
+        frames.append(Standing(transposed((x, cross(z, x), z)), origin))
+    return frames
+
+
+def _slope(z: Vector, z_next: Vector, slide: Vector) -> Vector | None:
+    """x before a slide: across z and z_next or, where they are one, across z in the plane of the slide; None where any
+    will do."""
+    across = cross(z, z_next)
+    if _length(across) < PARALLEL:
+        across = cross(cross(z, slide), z)
+    return None if _length(across) < PARALLEL else _unit(across)
+
+
+def _normal(foot: Vector, z: Vector, point: Vector, z_next: Vector) -> tuple[Vector | None, Vector, Vector]:
+    """The common normal of two axes, a point and a direction each: direction, or None where any will do; its feet."""
+    across = cross(z, z_next)
+    size = _length(across)
+    apart = less(point, foot)
+    if size < PARALLEL:
+        apart = less(apart, scaled(dot(apart, z), z))
+        return (None if _length(apart) < COINCIDENT else _unit(apart)), foot, added(foot, apart)
+    normal = _unit(across)
+    origin = added(foot, scaled(dot(cross(apart, z_next), across) / size**2, z))
+    return normal, origin, added(origin, scaled(dot(apart, normal), normal))
+
+
+def _across(z: Vector, before: Matrix) -> Vector:
+    """A direction across z: the x axis before it or, where that is nearer to z, the y axis, less what is along z."""
+    x = less(before[0], scaled(dot(before[0], z), z))
+    return _unit(x if _length(x) ** 2 > 0.5 else less(before[1], scaled(dot(before[1], z), z)))
+
+
+def _nearer(x: Vector, before: Vector, z: Vector) -> Vector:
+    """Of the two directions of a normal, the one that turns the frame less against the x axis before it."""
+    cosine = dot(x, before)
+    side = cosine if abs(cosine) > PARALLEL else dot(cross(before, x), z)
+    return x if side > 0 else scaled(-1.0, x)
+
+
+def _length(v: Sequence[float]) -> float:
+    return math.sqrt(dot(v, v))
+
+
+def _unit(v: Sequence[float]) -> Vector:
+    return scaled(1 / _length(v), v)
+
 
 LENGTH_DIGITS = 12
 """Decimals of a length in m: what floating point adds to a file's decimals lies beyond them."""
@@ -63,8 +236,8 @@ class Placement:
 
     def over(self, number: Callable[[Fraction], Any]) -> Placement:
         """The same in another ring."""
-        a, b, c = (_vector([number(e) for e in row]) for row in self.turn)
-        return Placement((a, b, c), _vector([number(e) for e in self.at]))
+        a, b, c = (vector([number(e) for e in row]) for row in self.turn)
+        return Placement((a, b, c), vector([number(e) for e in self.at]))
 
 
 @dataclass(frozen=True)
@@ -156,7 +329,7 @@ class Geometry:
             )
             for link, rest in zip(self.links, rests, strict=True)
         )
-        gravity = _vector([number(g) for g in self.gravity])
+        gravity = vector([number(g) for g in self.gravity])
         return Geometry(links, gravity, self.base.over(number), self.tip.over(number))
 
     def symbolic(self) -> Geometry:
@@ -206,7 +379,7 @@ def geometry(arm: Arm) -> Geometry:
     gravity = Standing(BASE.turn, arm.gravity).inside(Standing(frames[0].turn, (0.0, 0.0, 0.0))).at
     return Geometry(
         links,
-        _settled(_vector([exact_length(g) for g in gravity]), _still_axes(links)),
+        _settled(vector([exact_length(g) for g in gravity]), _still_axes(links)),
         _placement(frames[0]),
         _placement(files[-1].followed(arm.tip).inside(frames[-1])),
     )
@@ -279,7 +452,7 @@ def exact_rotation(R: Matrix) -> Matrix:
         (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
     )
-    a, b, c = (_vector([e / size for e in row]) for row in rows)
+    a, b, c = (vector([e / size for e in row]) for row in rows)
     return a, b, c
 
 
@@ -303,9 +476,4 @@ def _scaled(elements: Sequence[float]) -> list[Fraction]:
 
 
 def _placement(frame: Standing) -> Placement:
-    return Placement(exact_rotation(frame.turn), _vector([exact_length(e) for e in frame.at]))
-
-
-def _vector(elements: Sequence[Any]) -> Vector:
-    x, y, z = elements
-    return x, y, z
+    return Placement(exact_rotation(frame.turn), vector([exact_length(e) for e in frame.at]))

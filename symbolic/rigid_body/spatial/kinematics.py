@@ -11,10 +11,9 @@ from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.kinematics import NOMINAL_MASS
 from symbolic.rigid_body.lagrangian import rational
 from symbolic.rigid_body.spatial.composites import JointStep, composites, gradient
-from symbolic.rigid_body.spatial.geometry import Geometry
-from symbolic.rigid_body.spatial.moments import Moments
-from symbolic.rigid_body.spatial.vectors import (
+from symbolic.rigid_body.spatial.geometry import (
     NOWHERE,
+    Geometry,
     Matrix,
     Vector,
     added,
@@ -27,6 +26,7 @@ from symbolic.rigid_body.spatial.vectors import (
     placed,
     scaled,
 )
+from symbolic.rigid_body.spatial.recursion import Moments
 from symbolic.straightline import Recorder
 
 NOTATION = {
@@ -291,7 +291,8 @@ def _moment(author: Author, arm: Arm, geometry: Geometry) -> SymbolicFunction:
         ("q",),
         output("M", rows, (3, geometry.n), unit=author.coordinates.unit("kg m/rad", "kg"), meaning="rows x, y, z"),
         recorder,
-        doc="Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the model file.",
+        doc="Derivative of the arm's first mass moment, the sum of mass times position, by q; "
+        "masses of the model file.",
         source="Potential energy V = -gravity . sum m_i c_i",
         notation=NOTATION,
     )

@@ -1,4 +1,4 @@
-"""The Lagrangian of a chain in space in Uicker's form, evaluated modulo a prime: the proof of all that is emitted.
+"""The Lagrangian of a spatial chain in Uicker's form, evaluated modulo a prime: the proof of what is emitted.
 
 Bodies are 4x4 pseudo-inertias Sigma, postures 4x4 homogeneous transforms T in base axes, from the model file's origins
 and axes. With the generator Q of a joint, S_j = T_j Q_j T_j^-1 and dT_l/dq_j = S_j T_l, Lagrange's equations
@@ -9,9 +9,13 @@ are traces:
     [jk, i]    = sum_l tr(d2T_l/dq_j dq_k Sigma_l dT_l/dq_i^T),   C_ij = sum_k [jk, i] qd_k
     V          = -sum_l gravity . (T_l Sigma_l e_4)
 
-Nothing here is a force, a moment, an angular velocity or a moved frame: it shares no equation with a recursion. All
-numbers are residues modulo PRIME. Of two different rational functions of degree d, a random point takes at most d in
-PRIME for equal (Schwartz 1980; Zippel 1979).
+No force, moment, angular velocity or moved frame occurs: the proof shares no equation with the recursion. All numbers
+are residues modulo PRIME. Two different rational functions of degree d agree at a random point with a probability of at
+most d/PRIME (Schwartz 1980; Zippel 1979).
+
+A cosine that a file means by 0.7854 is irrational, and equations can be equal exactly only for numbers that both sides
+share. The frames of geometry.py are therefore converted back to the file's chain in exact numbers and compared with
+what the file states: an error in the frames would deviate by many orders of magnitude more than rounding.
 
 Source: Uicker 1965 (On the dynamic analysis of spatial linkages using 4x4 matrices); Paul 1981, chapter 6.
 """
@@ -19,14 +23,121 @@ Source: Uicker 1965 (On the dynamic analysis of spatial linkages using 4x4 matri
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from symbolic.rigid_body.spatial.geometry import Placement
-from symbolic.rigid_body.spatial.rounding import ExactFileChain
-from symbolic.rigid_body.spatial.vectors import Vector
+from symbolic.model_file.arm import Arm, Frame
+from symbolic.rigid_body.spatial.geometry import (
+    Geometry,
+    LinkFrame,
+    Matrix,
+    Placement,
+    Vector,
+    applied,
+    negative,
+    placed,
+    scaled,
+)
 from symbolic.straightline import Turn
+
+ROUNDING = 1e-8
+"""m and rad; how far a number of the file may stand from the exact one: rounded decimals of a dozen frames."""
+
+
+@dataclass(frozen=True)
+class ExactFileChain:
+    """A file's chain in exact numbers, the joints' frames as it has them.
+
+    placements   (n,) of a joint's frame in the one before, where q = 0; the first in the base
+    axes         (n,) unit vectors in the joints' frames
+    tip          in the last joint's frame
+    gravity      in the base, m/s²
+    """
+
+    revolute: tuple[bool, ...]
+    placements: tuple[Placement, ...]
+    axes: tuple[Vector, ...]
+    tip: Placement
+    gravity: Vector
+
+
+def exact_file_chain(geometry: Geometry) -> ExactFileChain:
+    """The file's chain, from frames with exact numbers."""
+    placements, before = [], geometry.base
+    for link in geometry.links:
+        placements.append(_joined(before, _joined(_start(link), link.body)))
+        before = _reversed(link.body)
+    return ExactFileChain(
+        tuple(link.revolute for link in geometry.links),
+        tuple(placements),
+        tuple(_axis(link) for link in geometry.links),
+        _joined(before, geometry.tip),
+        applied(geometry.base.turn, geometry.gravity),
+    )
+
+
+def deviation(arm: Arm, chain: ExactFileChain) -> float:
+    """The largest difference of an element from what the model file says."""
+    frames = zip(chain.placements, (j.origin for j in arm.joints), strict=True)
+    apart = [_apart(placement, frame) for placement, frame in [*frames, (chain.tip, arm.tip)]]
+    for axis, joint in zip(chain.axes, arm.joints, strict=True):
+        length = math.hypot(*joint.axis)
+        apart += [abs(float(u) - v / length) for u, v in zip(axis, joint.axis, strict=True)]
+    apart += [abs(float(g) - h) for g, h in zip(chain.gravity, arm.gravity, strict=True)]
+    return max(apart)
+
+
+def _apart(placement: Placement, frame: Frame) -> float:
+    pairs = [
+        (u, v) for a, b in zip(placement.turn, _rotation(frame.rpy), strict=True) for u, v in zip(a, b, strict=True)
+    ]
+    return max(abs(float(u) - v) for u, v in [*pairs, *zip(placement.at, frame.xyz, strict=True)])
+
+
+def _rotation(rpy: Sequence[float]) -> list[list[float]]:
+    """R = Rz(yaw) Ry(pitch) Rx(roll): every unit vector turned about x, then y, then z."""
+    columns = []
+    for k in range(3):
+        v = [float(i == k) for i in range(3)]
+        for axis, angle in enumerate(rpy):
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            c, s = math.cos(angle), math.sin(angle)
+            v[i], v[j] = c * v[i] - s * v[j], s * v[i] + c * v[j]
+        columns.append(v)
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def _axis(link: LinkFrame) -> Vector:
+    """In the file's joint frame."""
+    c, s = link.offset.pair
+    return scaled(link.sign, applied(_transposed(link.body.turn), link.axis((c, -s))))
+
+
+def _start(link: LinkFrame) -> Placement:
+    """The link's frame in the one before, where q = 0."""
+    if isinstance(link.rest, int):
+        return link.start
+    return replace(link, offset=link.offset + link.rest).start
+
+
+def _transposed(R: Matrix) -> Matrix:
+    a, b, c = zip(*R, strict=True)
+    return a, b, c
+
+
+def _joined(outer: Placement, inner: Placement) -> Placement:
+    """inner, given in outer, in what outer is given in."""
+    columns = [applied(outer.turn, column) for column in _transposed(inner.turn)]
+    a, b, c = columns
+    return Placement(_transposed((a, b, c)), placed(outer.turn, outer.at, inner.at))
+
+
+def _reversed(placement: Placement) -> Placement:
+    turn = _transposed(placement.turn)
+    return Placement(turn, negative(applied(turn, placement.at)))
+
 
 PRIME = 2**127 - 1
 """A Mersenne prime: far above any degree that occurs, and quick to compute with."""

@@ -1,30 +1,119 @@
-"""Inverse dynamics in space as a recursion on lumped parameters: what is emitted.
+"""Inverse dynamics of a spatial chain: a Newton-Euler recursion on lumped parameters, which is what is emitted.
 
-It stands here once and runs on SymPy symbols, counted values and residues modulo a prime (see straightline.py).
-What makes it short:
+The same code runs on SymPy symbols, counted values and residues modulo a prime (see straightline.py). It is short
+because:
 
-- A link carries U, with acceleration(p) = acceleration(origin) + U p, in place of the angular acceleration: its
-  column along the joint's axis is the same before and after the joint, so that turning it is all it takes.
-- A link is its moments of mass 0, 1 and 2 about its frame's origin; those that merge into other links are 0 and
-  vanish (base_parameters.py). The moment of its forces is the axial vector of U S.
-- Links of parallel joints share the axes in which their vectors are written: not the vectors are turned from
-  link to link, but the few moments that the links have. Likewise the last link need not be turned.
+- A link carries U, with acceleration(p) = acceleration(origin) + U p, instead of the angular acceleration. The column
+  of U along the joint's axis is the same before and after the joint, so that it only has to be turned.
+- A link is described by its moments of mass of order 0, 1 and 2 about its frame's origin. Those that merge into other
+  links are 0 and vanish (base_parameters.py). The moment of the inertial forces is the axial vector of U S.
+- Links of parallel joints are written along shared axes: instead of turning vectors from link to link, the few moments
+  of each link are turned. Likewise the last link need not be turned.
 - Constants of the geometry are numbers and fold.
 
+Second moments S replace the inertia tensor: they turn like a matrix, and I = tr(S) − S.
+
 Source: Luh, Walker & Paul 1980 (recursive Newton-Euler); Khalil & Kleinfinger 1987 (customised, in modified DH
-frames); Featherstone 2008, section 2.
+frames); Featherstone 2008, section 2; Rucker & Wensing 2022 (pseudo-inertia).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any, NamedTuple
 
-from symbolic.rigid_body.spatial.geometry import Geometry, LinkFrame, quarter_turned
-from symbolic.rigid_body.spatial.moments import Moments
-from symbolic.rigid_body.spatial.vectors import Vector, added, cross, dot, scaled
+from symbolic.model_file.arm import Link
+from symbolic.rigid_body.base_parameters import exact
+from symbolic.rigid_body.spatial.geometry import (
+    Geometry,
+    LinkFrame,
+    Placement,
+    Vector,
+    added,
+    cross,
+    dot,
+    quarter_turned,
+    scaled,
+    vector,
+)
 from symbolic.straightline import Notes, Turn
+
+
+class Moments(NamedTuple):
+    """Of a body about a frame's origin and along its axes: the integrals of 1, x and x xᵀ over its mass.
+
+    m          mass, kg
+    x, y, z    first moments, kg m
+    xx .. yz   second moments, kg m²
+    """
+
+    m: Any = 0
+    x: Any = 0
+    y: Any = 0
+    z: Any = 0
+    xx: Any = 0
+    yy: Any = 0
+    zz: Any = 0
+    xy: Any = 0
+    xz: Any = 0
+    yz: Any = 0
+
+    @property
+    def first(self) -> tuple[Any, Any, Any]:
+        """First mass moments, (3,) kg m."""
+        return self.x, self.y, self.z
+
+    def placed(self, frame: Placement) -> Moments:
+        """The same body about the frame in which its own stands as `frame` says, and along that one's axes."""
+        R, p = frame.turn, frame.at
+        S = ((self.xx, self.xy, self.xz), (self.xy, self.yy, self.yz), (self.xz, self.yz, self.zz))
+        h = [sum(r * e for r, e in zip(row, self.first, strict=True)) for row in R]
+
+        def second(i: int, j: int) -> Any:
+            turned = sum(R[i][k] * S[k][l] * R[j][l] for k in range(3) for l in range(3) if S[k][l] != 0)
+            return turned + h[i] * p[j] + h[j] * p[i] + self.m * p[i] * p[j]
+
+        return Moments(
+            self.m,
+            *(h[i] + self.m * p[i] for i in range(3)),
+            *(second(i, j) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))),
+        )
+
+
+KINDS = Moments._fields
+
+INERTIA: Mapping[str, Moments] = {
+    "XX": Moments(xx=Fraction(-1, 2), yy=Fraction(1, 2), zz=Fraction(1, 2)),
+    "XY": Moments(xy=-1),
+    "XZ": Moments(xz=-1),
+    "YY": Moments(xx=Fraction(1, 2), yy=Fraction(-1, 2), zz=Fraction(1, 2)),
+    "YZ": Moments(yz=-1),
+    "ZZ": Moments(xx=Fraction(1, 2), yy=Fraction(1, 2), zz=Fraction(-1, 2)),
+    "MX": Moments(x=1),
+    "MY": Moments(y=1),
+    "MZ": Moments(z=1),
+    "M": Moments(m=1),
+}
+"""A unit of each of the ten parameters of a body as users know them: the inertia tensor about the origin of the joint's
+frame and along its axes in kg m², first moments in kg m, mass in kg."""
+
+
+def body_values(link: Link) -> dict[str, Fraction | None]:
+    """The parameters of INERTIA as the model file states them; None where a number behind one is not known."""
+    m = None if link.mass is None else exact(link.mass)
+    values: dict[str, Fraction | None] = dict.fromkeys(INERTIA) | {"M": m}
+    if m is None or link.com is None:
+        return values
+    x, y, z = (exact(e) for e in link.com)
+    values |= {"MX": m * x, "MY": m * y, "MZ": m * z}
+    if link.inertia is not None:
+        xx, xy, xz, yy, yz, zz = (exact(e) for e in link.inertia)
+        values |= {"XX": xx + m * (y * y + z * z), "YY": yy + m * (x * x + z * z), "ZZ": zz + m * (x * x + y * y)}
+        values |= {"XY": xy - m * x * y, "XZ": xz - m * x * z, "YZ": yz - m * y * z}
+    return values
+
 
 Direction = tuple[Any, Any]
 """Cosine and sine."""
@@ -212,12 +301,6 @@ def _turned_state(state: _State, direction: Direction, k: int, notes: Notes) -> 
 def named(name: str, k: Any, v: Sequence[Any], notes: Notes) -> Vector:
     """A vector (3,) whose elements are noted as nameXk, nameYk, nameZk with small letters."""
     return vector([notes.let(f"{name}{axis}{k}", e) for axis, e in zip("xyz", v, strict=True)])
-
-
-def vector(elements: Sequence[Any]) -> Vector:
-    """Three elements as a vector."""
-    x, y, z = elements
-    return x, y, z
 
 
 def twisted(v: Sequence[Any], twist: Turn) -> Vector:

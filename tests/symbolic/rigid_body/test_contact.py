@@ -12,7 +12,7 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symbolic.contact import has_contact_phase
+from symbolic.rigid_body.kinematics import has_contact_phase
 from symbolic.straightline import Turn, count
 
 CASE = exact.case(exact.chain_of("RRRR"))

@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose
 
 from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.base_parameters import merging
-from symbolic.rigid_body.spatial.frames import rotation
-from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry
+from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry, rotation
 from symbolic.straightline import Turn
 
 Array = spatial_arms.Array

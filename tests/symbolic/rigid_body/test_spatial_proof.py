@@ -20,7 +20,7 @@ from codegen.verify.proof import prove, random_turn
 from symbolic.model import ArmModel, derive
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Frame
-from symbolic.rigid_body.spatial import rounding
+from symbolic.rigid_body.spatial import lagrangian
 from symbolic.rigid_body.spatial.geometry import geometry
 from symbolic.rigid_body.spatial.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
 from symbolic.straightline import Turn
@@ -99,16 +99,16 @@ def test_frames_that_are_not_the_files_are_found() -> None:
     model, tapes = derived(arm)
     first, *others = arm.joints
     moved = replace(first, origin=Frame((0.0, 0.0, 1e-6), first.origin.rpy))
-    chain = rounding.exact_file_chain(geometry(arm))
-    assert rounding.deviation(arm, chain) < 1e-12
-    assert rounding.deviation(replace(arm, joints=(moved, *others)), chain) == pytest.approx(1e-6, rel=1e-3)
+    chain = lagrangian.exact_file_chain(geometry(arm))
+    assert lagrangian.deviation(arm, chain) < 1e-12
+    assert lagrangian.deviation(replace(arm, joints=(moved, *others)), chain) == pytest.approx(1e-6, rel=1e-3)
     other = replace(model, arm=replace(arm, gravity=(0.0, 0.0, -9.80)))
     assert [p.function for p in prove(other, tapes, 1) if not p.equal] != []
 
 
 def posture(arm: Arm, seed: int) -> tuple[ExactPosture, list[int], list[int]]:
     rng = random.Random(seed)
-    chain = ExactChain.of(rounding.exact_file_chain(geometry(arm)))
+    chain = ExactChain.of(lagrangian.exact_file_chain(geometry(arm)))
     q = [random_turn(rng) if turns else rng.randrange(PRIME) for turns in chain.revolute]
     bodies = [pseudo_inertia([rng.randrange(PRIME) for _ in ELEMENTS]) for _ in q]
     qd, qdd = ([rng.randrange(PRIME) for _ in q] for _ in range(2))
