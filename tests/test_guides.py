@@ -42,8 +42,7 @@ INSTEAD = {"make demo": "tendon demo"}
 NOT_TYPED = {
     "make ": "needs the project's folder, and is what runs these tests or what .ci/run runs beside them",
     ".ci/run": "likewise",
-    "pip install": "changes the environment that the tests run in",
-    ".venv/bin/python -m": "needs the project's folder; tests/judge and tests/benchmarks have tests of their own",
+    "bin/python -m": "needs the project's folder; tests/judge and tests/benchmarks have tests of their own",
     "serial://": "needs a board on a serial port; tests/firmware/test_serial.py has one",
     "canopen://": "needs drives on a CAN bus; tests/firmware/test_canopen_execute.py has some",
     "ur10.urdf": "needs a URDF and recordings of the arm; tests/runtime/test_import.py and test_export.py have some",
