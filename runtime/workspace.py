@@ -239,14 +239,14 @@ class Source:
         Its bodies are those of the model file where that says everything; else possible ones with the file's base
         parameters, as near to its bodies as that leaves open. Raises ModelError where a base parameter is not known.
         """
-        from symbolic.model_file.exchange import exporting, written
+        from symbolic.model_file.exchange import exporting
         from symbolic.model_file.exchange.onto import urdf_onto
 
         made, missing = self._with_bodies(language)
         if onto is not None:
             rewritten = urdf_onto(made, onto)
             return rewritten.data, exporting.document(made, missing, rewritten.kept)
-        text = (written.urdf if language == "urdf" else written.mjcf)(made)
+        text = (exporting.urdf_text if language == "urdf" else exporting.mjcf_text)(made)
         return text.encode(), exporting.document(made, missing)
 
     def _with_bodies(self, language: Language) -> tuple[ExportedArm, float]:

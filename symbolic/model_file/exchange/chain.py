@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Literal
 
 from symbolic.model_file.arm import Frame
-from symbolic.model_file.checks import ModelError, Place, nearest, printable, quote
+from symbolic.model_file.checks import MAX_LABEL, ModelError, Place, nearest, printable, quote
 from symbolic.model_file.exchange.bodies import NOTHING, StatedBody, placed, together
 from symbolic.model_file.exchange.tree import MOVING, Tree, TreeJoint
 from symbolic.model_file.frames import (
@@ -25,6 +26,7 @@ from symbolic.model_file.frames import (
     scaled,
 )
 from symbolic.model_file.keys import MAX_JOINTS
+from symbolic.model_file.model_text import DIGITS
 
 LISTED = 8
 """Names in a message; of more, the number is said."""
@@ -391,3 +393,12 @@ def some(names: Sequence[str]) -> str:
     """Names in a message, not all of very many."""
     shown = ", ".join(shortened(name) for name in names[:LISTED])
     return shown if len(names) <= LISTED else f"{shown} and {len(names) - LISTED} more"
+
+
+def label_of(name: str) -> str:
+    """A joint's name with only the letters that the model file takes."""
+    return re.sub(r"[^A-Za-z0-9_ .:/()-]", "_", name).lstrip(" .:/()-")[:MAX_LABEL] or "joint"
+
+
+def gears_of(joint: TreeJoint) -> str:
+    return some([f"{ratio:.{DIGITS}g} of {by}" for by, ratio in joint.gears])

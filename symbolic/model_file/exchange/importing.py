@@ -14,7 +14,7 @@ from symbolic.model_file import model_text
 from symbolic.model_file.arm import Arm, Joint, Limits, Link, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import urdf, xml_file
-from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, joints_of, shortened, some
+from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, gears_of, joints_of, label_of, shortened, some
 from symbolic.model_file.exchange.tree import Tree, TreeJoint
 from symbolic.model_file.frames import applied, listed, transposed
 from symbolic.model_file.reader import parse
@@ -94,11 +94,11 @@ def read_tree(path: Path) -> Tree:
     """The links and joints of a file, by what it contains and not by its name. Raises ModelError."""
     root = xml_file.read(path)
     if root.tag == "robot":
-        return urdf.tree(root)
+        return urdf.urdf_tree(root)
     if root.tag == "mujoco":
         from symbolic.model_file.exchange import mjcf
 
-        return mjcf.tree(path, root)
+        return mjcf.mjcf_tree(path, root)
     return root.fail(f"its root is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)")
 
 
@@ -180,10 +180,6 @@ def _beside_gear(joint: TreeJoint) -> str:
     if joint.gear is not None:
         return ""
     return f"not known: the file's differ ({gears_of(joint)})" if joint.gears else "not stated"
-
-
-def gears_of(joint: TreeJoint) -> str:
-    return some([f"{ratio:.{model_text.DIGITS}g} of {by}" for by, ratio in joint.gears])
 
 
 def _is(names: Sequence[str]) -> str:
@@ -293,11 +289,6 @@ def _accepted(name: str) -> bool:
     except ModelError:
         return False
     return not is_taken(name)
-
-
-def label_of(name: str) -> str:
-    """A joint's name with only the letters that the model file takes."""
-    return re.sub(r"[^A-Za-z0-9_ .:/()-]", "_", name).lstrip(" .:/()-")[:MAX_LABEL] or "joint"
 
 
 def unique(names: Iterable[str]) -> list[str]:

@@ -26,7 +26,7 @@ PLAIN = (0, 0)
 """Of an actuator's gain and bias: its control is its force, as a motor's is."""
 
 
-def tree(path: Path, root: XmlNode) -> Tree:
+def mjcf_tree(path: Path, root: XmlNode) -> Tree:
     """The bodies and joints that an MJCF file describes; its sites are links without a body.
 
     root   of the file, as XML

@@ -11,13 +11,13 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from symbolic.model_file.checks import ModelError, quote
-from symbolic.model_file.exchange import urdf, xml_file
+from symbolic.model_file.exchange import xml_file
 from symbolic.model_file.exchange.bodies import NOTHING, StatedBody
 from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, joints_of, some
 from symbolic.model_file.exchange.exporting import WORDS, ExportedArm, ExportedJoint, body_of, parameters
-from symbolic.model_file.exchange.importing import gears_of, label_of
+from symbolic.model_file.exchange.chain import gears_of, label_of
 from symbolic.model_file.exchange.tree import Tree, TreeJoint
-from symbolic.model_file.exchange.urdf import Reduction
+from symbolic.model_file.exchange.urdf import Reduction, reductions, urdf_tree
 from symbolic.model_file.exchange.written import inertial, number
 from symbolic.model_file.exchange.xml_file import XmlNode
 from symbolic.model_file.frames import Vector, impossible_moment, rotation, scaled
@@ -55,7 +55,7 @@ def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
     root = xml_file.read(path)
     if root.tag != "robot":
         root.fail(f"its root is <{root.tag}>; expected a URDF to write into")
-    tree = urdf.tree(root)
+    tree = urdf_tree(root)
     found = _chain(tree, made)
     _check_places(tree, found, made)
     data = path.read_bytes()
@@ -63,7 +63,7 @@ def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
         root.fail("is written in UTF-16; save it as UTF-8")
     links = {node.word("name"): node for node in root.all("link")}
     joints = {node.word("name"): node for node in root.all("joint")}
-    reductions = urdf.reductions(root)
+    gears = reductions(root)
     edits: list[_Edit] = []
     for stated, joint in zip(found.joints, made.joints, strict=True):
         own, *carried = stated.links
@@ -77,7 +77,7 @@ def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
         if not _is_dynamics(there.first("dynamics"), dynamics := _dynamics(there, joint)):
             edits.append(_put(data, there, "dynamics", _element("dynamics", dynamics)))
         if stated.joint.gear is not None:
-            edits += _geared(data, reductions[stated.joint.name], joint.joint.gear_ratio)
+            edits += _geared(data, gears[stated.joint.name], joint.joint.gear_ratio)
     for edit in sorted(edits, key=lambda edit: edit.start, reverse=True):
         data = data[: edit.start] + edit.text.encode() + data[edit.end :]
     return Rewritten(data, tuple(_kept(found, made)))

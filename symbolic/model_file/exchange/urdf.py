@@ -33,7 +33,7 @@ class Reduction:
     node: XmlNode
 
 
-def tree(root: XmlNode) -> Tree:
+def urdf_tree(root: XmlNode) -> Tree:
     """The robot that a URDF describes. Raises ModelError."""
     if any(node.tag.startswith("xacro:") for node in root.everything()):
         root.fail("is a xacro template and no URDF yet; expand it first: xacro FILE > robot.urdf")

@@ -12,12 +12,12 @@ from symbolic.model_file.exchange.exporting import ExportedArm, ExportedJoint
 from symbolic.model_file.exchange.tree import FREE
 from symbolic.model_file.frames import scaled
 
-DIGITS = 15
+DIGITS_OF_DOUBLE = 15
 """Of a number: as many as a double has for certain, so that the torques are those of the model."""
 BASE, TIP = "base", "tip"
 
 
-def urdf(made: ExportedArm) -> str:
+def urdf_text(made: ExportedArm) -> str:
     """The text of a URDF. Limits of effort and speed that are not known are FREE."""
     lines = ['<?xml version="1.0"?>', *_about(made), f"<robot name={quoteattr(made.arm.name)}>"]
     lines.append(f'  <link name="{BASE}"/>')
@@ -42,7 +42,7 @@ def _about(made: ExportedArm) -> list[str]:
 
 def number(value: float) -> str:
     """A number as it is written, of so many digits that a double comes back; no negative zero."""
-    return f"{value + 0.0:.{DIGITS}g}"
+    return f"{value + 0.0:.{DIGITS_OF_DOUBLE}g}"
 
 
 def numbers(values: Sequence[float]) -> str:
@@ -110,7 +110,7 @@ def _transmission(joint: ExportedJoint) -> list[str]:
 # --- MJCF ---
 
 
-def mjcf(made: ExportedArm) -> str:
+def mjcf_text(made: ExportedArm) -> str:
     """The text of an MJCF: armature is the rotor's inertia, a motor's gear the gear ratio."""
     lines = [*_about(made), f"<mujoco model={quoteattr(made.arm.name)}>"]
     lines += ['  <compiler angle="radian" eulerseq="XYZ" autolimits="true"/>']
