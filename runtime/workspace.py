@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from symbolic.described import AnyEffect
     from symbolic.effects.declaration import Effect
     from symbolic.model_file.arm import Arm, Values
-    from symbolic.model_file.exchange.bodies import StatedBody
     from symbolic.model_file.exchange.exporting import ExportedArm, Language
+    from symbolic.model_file.exchange.tree import StatedBody
 
 
 class UsageError(ValueError):
@@ -240,7 +240,7 @@ class Source:
         parameters, as near to its bodies as that leaves open. Raises ModelError where a base parameter is not known.
         """
         from symbolic.model_file.exchange import exporting
-        from symbolic.model_file.exchange.onto import urdf_onto
+        from symbolic.model_file.exchange.urdf import urdf_onto
 
         made, missing = self._with_bodies(language)
         if onto is not None:

@@ -15,10 +15,9 @@ import sympy as sp
 from symbolic.described import declared
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Parameter
 from symbolic.effects.signals import ArmOutput, ArmSlope, Coordinate, Given, JointConstant
-from symbolic.functions import Argument, Coordinates, Output, Struct, SymbolicFunction
+from symbolic.functions import Argument, Coordinates, Output, Recorder, Struct, SymbolicFunction
 from symbolic.model import ArmModel
 from symbolic.rigid_body.base_parameters import exact
-from symbolic.straightline import Recorder
 
 HAS_NEXT = SIGNAL["has_next"].symbol
 C_U, C_E = sp.Symbol("friction_scale", real=True), sp.Symbol("friction_slope", nonnegative=True)

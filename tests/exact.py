@@ -11,13 +11,12 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import SymbolicFunction
+from symbolic.functions import SymbolicFunction, Turn
 from symbolic.model import ArmModel, derive
 from symbolic.model_file.arm import Arm, Joint, planar, planar_link
 from symbolic.rigid_body.base_parameters import RecursionLayout, base_parameters, choose_layout, exact, exact_chain
 from symbolic.rigid_body.lagrangian import Body, Mechanics, distal_points, mechanics, moved, rational
 from symbolic.rigid_body.newton_euler import Chain, Gravity
-from symbolic.straightline import Turn
 
 
 def _half_tangent(t: Fraction) -> Turn:

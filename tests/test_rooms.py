@@ -13,7 +13,7 @@ from sources import ROOT, imports, modules, reached, tree
 pytestmark = pytest.mark.cheap
 
 ROOMS = """
-symbolic.primitives symbolic.units symbolic.described symbolic.straightline symbolic.functions
+symbolic.primitives symbolic.units symbolic.described symbolic.functions
 symbolic.effects
 symbolic.grammar
 symbolic.model_file

@@ -18,7 +18,7 @@ from typing import Any
 import sympy as sp
 
 from codegen.tape.tape import Tape, balanced
-from symbolic.functions import SymbolicFunction
+from symbolic.functions import SymbolicFunction, Turn
 from symbolic.model import ASSUMED_SHARE, ArmModel
 from symbolic.model_file.arm import Link
 from symbolic.rigid_body.base_parameters import Lump, exact
@@ -35,7 +35,6 @@ from symbolic.rigid_body.spatial.lagrangian import (
     pseudo_inertia,
     residue,
 )
-from symbolic.straightline import Turn
 
 LOADS: Mapping[str, tuple[int, int]] = {
     "1": (3, 3),

@@ -7,8 +7,7 @@ import stat
 from pathlib import Path
 
 from symbolic.effects import contact, drive, friction, loads, springs, transmission
-from symbolic.effects.declaration import Effect, check
-from symbolic.effects.well_typed import mistake
+from symbolic.effects.declaration import Effect, check, mistake
 
 DECLARED: dict[str, Effect] = {
     effect.name: effect

@@ -20,11 +20,10 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Coordinates
+from symbolic.functions import Coordinates, Recorder, Residues, Turn, count
 from symbolic.model_file.arm import Arm, Link
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
-from symbolic.straightline import Recorder, Residues, Turn, count
 
 PRIME = 2**1279 - 1
 """Large enough to recover a coefficient of 190 digits over 190 from its residue: a few angles of 15 digits multiply."""

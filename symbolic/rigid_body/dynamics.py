@@ -7,11 +7,10 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Author, SymbolicFunction, output
+from symbolic.functions import Author, Recorder, Suffixed, SymbolicFunction, output
 from symbolic.rigid_body.base_parameters import Column, lumps_of, unit_lumps
 from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
 from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques
-from symbolic.straightline import Recorder, Suffixed
 
 
 def functions(

@@ -13,12 +13,11 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Argument, Author, SymbolicFunction, output
+from symbolic.functions import Argument, Author, Recorder, SymbolicFunction, output
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import unit_lumps
 from symbolic.rigid_body.lagrangian import Components, derivative, distal_points, moved, rational
 from symbolic.rigid_body.newton_euler import Chain, motion, notation, torques
-from symbolic.straightline import Recorder
 
 NOTATION = {"theta": "absolute angle of a link", "c, s": "cosine and sine; c12 of q1 + q2"}
 

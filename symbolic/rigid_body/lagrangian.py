@@ -15,9 +15,9 @@ from typing import Any
 
 import sympy as sp
 
+from symbolic.functions import Exact, Notes
 from symbolic.rigid_body.base_parameters import exact
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps
-from symbolic.straightline import Exact, Notes
 
 NOTATION = {
     "c, s": "cosine and sine; c23 of q2 + q3",

@@ -1,15 +1,13 @@
-"""Inverse dynamics as a recursion on lumped parameters: what is emitted.
+"""Inverse dynamics of a planar chain: a Newton-Euler recursion on lumped parameters, which is what is emitted.
 
-It stands here once and runs on SymPy symbols, fractions and residues modulo a prime (see
-straightline.py). What makes it short:
+The same code runs on SymPy symbols, fractions and residues modulo a prime (see functions.py). It is short because:
 
-- Rates and angles are absolute, and all vectors are written in the frame of one chosen link, whose
-  own angle is therefore 0. Without gravity the arm's absolute orientation does not matter at all.
-- The x components of acceleration and force are carried with the opposite sign (b = −a_x, G = −F_x),
-  so that, with (lc, ls) = l (cos, sin), b += al ls + w² lc, y += al lc − w² ls and a moment is
-  lc F + ls G: no negation anywhere.
-- A link is a point mass mu at its distal point, a first moment (h, hy) without mass, an inertia J.
-  Which of them a link really needs is decided in base_parameters.py; the others are 0 and vanish.
+- Rates and angles are absolute, and all vectors are written in the frame of one chosen link, whose own angle is
+  therefore 0. Without gravity, the arm's absolute orientation does not matter.
+- The x components of acceleration and force have the opposite sign (b = −a_x, G = −F_x), so that, with
+  (lc, ls) = l (cos, sin), b += al ls + w² lc, y += al lc − w² ls and a moment is lc F + ls G: nothing is negated.
+- A link is a point mass mu at its distal point, a first moment (h, hy) without mass, and an inertia J. Those that are
+  no base parameters (base_parameters.py) are 0 and vanish.
 
 Source: Luh, Walker & Paul 1980 (recursive Newton-Euler); Khalil & Kleinfinger 1987 (base parameters).
 """
@@ -19,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from symbolic.straightline import Notes
+from symbolic.functions import Notes
 
 
 @dataclass(frozen=True)

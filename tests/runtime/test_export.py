@@ -35,8 +35,8 @@ from runtime.workspace import Source
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Arm
 from symbolic.model_file.exchange import exporting
-from symbolic.model_file.exchange.bodies import StatedBody
 from symbolic.model_file.exchange.importing import imported
+from symbolic.model_file.exchange.tree import StatedBody
 from symbolic.model_file.frames import rotation
 from tests import one_joint
 

@@ -14,8 +14,18 @@ from symbolic.model_file import model_text
 from symbolic.model_file.arm import Arm, Joint, Limits, Link, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import urdf, xml_file
-from symbolic.model_file.exchange.chain import ChainJoint, TreeChain, chain, gears_of, joints_of, label_of, shortened, some
-from symbolic.model_file.exchange.tree import Tree, TreeJoint
+from symbolic.model_file.exchange.tree import (
+    ChainJoint,
+    Tree,
+    TreeChain,
+    TreeJoint,
+    chain,
+    gears_of,
+    joints_of,
+    label_of,
+    shortened,
+    some,
+)
 from symbolic.model_file.frames import applied, listed, transposed
 from symbolic.model_file.reader import parse
 

@@ -1,15 +1,107 @@
-"""A robot as other programs describe it: links joined into a tree."""
+"""A robot described as a tree of links and joints, and the serial arm in it: from a base link to a tip.
+
+Fixed and locked joints merge their links into one body.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import Literal
 
 from symbolic.model_file.arm import Frame
-from symbolic.model_file.checks import ModelError, quote
-from symbolic.model_file.exchange.bodies import StatedBody
-from symbolic.model_file.frames import Vector
+from symbolic.model_file.checks import MAX_LABEL, ModelError, Place, nearest, printable, quote
+from symbolic.model_file.frames import (
+    IDENTITY,
+    Rotation,
+    Snapping,
+    Vector,
+    about,
+    added,
+    angles,
+    applied,
+    composed,
+    impossible_moment,
+    listed,
+    product,
+    rotation,
+    scaled,
+    symmetric,
+    transposed,
+)
+from symbolic.model_file.keys import MAX_JOINTS
+from symbolic.model_file.model_text import DIGITS
+
+Inertia = tuple[float, float, float, float, float, float]
+NOWHERE = Frame()
+
+
+@dataclass(frozen=True)
+class StatedBody:
+    """mass in kg, com (3,) in m in some frame, inertia about it in kg m² along that frame's axes, as Link's."""
+
+    mass: float
+    com: Vector
+    inertia: Inertia
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the file states a body without mass and without inertia."""
+        return self.mass == 0 and not any(self.inertia)
+
+
+NOTHING = StatedBody(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+
+
+def placed(body: StatedBody, frame: Frame) -> StatedBody:
+    """A body of an inner frame, which stands at `frame`, in the outer one."""
+    if frame == NOWHERE:
+        return body
+    com = added(frame.xyz, applied(rotation(frame.rpy), body.com))
+    return StatedBody(body.mass, com, turned(body.inertia, frame.rpy))
+
+
+def turned(inertia: Inertia, rpy: Vector) -> Inertia:
+    """R I Rᵀ; as it is where nothing turns."""
+    if not any(rpy):
+        return inertia
+    R = rotation(rpy)
+    return packed(product(product(R, symmetric(inertia)), transposed(R)))
+
+
+def packed(matrix: Sequence[Sequence[float]]) -> Inertia:
+    """The six of a symmetric (3, 3)."""
+    return matrix[0][0], matrix[0][1], matrix[0][2], matrix[1][1], matrix[1][2], matrix[2][2]
+
+
+def together(bodies: Sequence[StatedBody]) -> StatedBody:
+    """One body of several in one frame, by the parallel axis theorem; of a single one, itself."""
+    bodies = [body for body in bodies if not body.is_nothing]
+    if len(bodies) == 1:
+        return bodies[0]
+    mass = math.fsum(body.mass for body in bodies)
+    x, y, z = (math.fsum(b.mass * b.com[k] for b in bodies) / mass if mass else 0.0 for k in range(3))
+    shifted = [about_point(body, (x, y, z)) for body in bodies]
+    xx, xy, xz, yy, yz, zz = (math.fsum(inertia[k] for inertia in shifted) for k in range(6))
+    return StatedBody(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+
+def about_point(body: StatedBody, point: Vector) -> Inertia:
+    """The body's inertia about a point (Steiner)."""
+    m, (x, y, z) = body.mass, (a - b for a, b in zip(body.com, point, strict=True))
+    xx, xy, xz, yy, yz, zz = body.inertia
+    return (
+        xx + m * (y * y + z * z),
+        xy - m * x * y,
+        xz - m * x * z,
+        yy + m * (x * x + z * z),
+        yz - m * y * z,
+        zz + m * (x * x + y * y),
+    )
+
 
 MOVING: Mapping[str, Literal["revolute", "prismatic"]] = {
     "revolute": "revolute",
@@ -125,3 +217,379 @@ class Tree:
         for joint in self.joints.values():
             found[joint.parent].append(joint)
         return found
+
+
+LISTED = 8
+"""Names in a message; of more, the number is said."""
+LONGEST = 60
+"""Letters of a name in a message."""
+COMPARED = 1000
+"""Names that a mistyped one is compared with, of a file that may have any number."""
+
+
+@dataclass(frozen=True)
+class ChainJoint:
+    """A joint of the arm: as the tree has it, its origin in the frame of the joint before, and the body that it moves.
+
+    body     None: not known     links   those whose bodies it is
+    doubt    why a stated inertia was not taken, or ""
+    loose    of the links those that hang on a joint that is held, though it moves, and what they are as one body
+    """
+
+    joint: TreeJoint
+    origin: Frame
+    body: StatedBody | None
+    links: tuple[str, ...]
+    doubt: str = ""
+    loose: tuple[str, ...] = ()
+    loose_body: StatedBody = NOTHING
+
+    @property
+    def type(self) -> Literal["revolute", "prismatic"]:
+        """How it moves, in the words of a model file."""
+        return MOVING[self.joint.kind]
+
+
+@dataclass(frozen=True)
+class TreeChain:
+    """A serial arm between two links.
+
+    held     moving joints off its way, which stand still with it
+    root     the link that the base hangs on, or the base itself     mounting   how the base is turned in it
+    """
+
+    tree: Tree
+    base: str
+    tip_link: str
+    joints: tuple[ChainJoint, ...]
+    tip: Frame
+    held: tuple[str, ...]
+    root: str = ""
+    mounting: Rotation = IDENTITY
+    notes: tuple[str, ...] = ()
+
+
+def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, float]) -> TreeChain:
+    """The arm from the link `base` (None: the root) to the link `tip` (None: the only end).
+
+    locked   joint -> where it is held, rad or m
+    Raises ModelError, which says what to ask for instead.
+    """
+    above, below = tree.above(), tree.below()
+    _check_locks(tree, locked)
+    root = _root(tree, above) if base is None else _link(tree, base, "--base")
+    end, note = (_link(tree, tip, "--tip"), "") if tip is not None else _only_end(tree, root, below, locked)
+    way = _way(tree, above, root, end)
+    moving = [joint for joint in way if joint.kind != "fixed" and joint.name not in locked]
+    for joint in moving:
+        _check_moves(tree, joint)
+    if not 1 <= len(moving) <= MAX_JOINTS:
+        _fail_count(tree, root, end, moving)
+    snapping = Snapping()
+    snapped = {joint.name: _snapped(tree, joint, snapping) for joint in tree.joints.values()}
+    way = [snapped[joint.name] for joint in way]
+    below = {link: [snapped[joint.name] for joint in joints] for link, joints in below.items()}
+    made = _assembled(tree, root, end, way, below, locked)
+    before = [snapped[joint.name] for joint in _down_to(root, above)]
+    used = {joint.name for joint in (*before, *way)}
+    used |= {above[link].name for joint in made.joints for link in joint.links}
+    snapping.only({_place(name) for name in used})
+    return replace(
+        made,
+        root=before[0].parent if before else root,
+        mounting=rotation(reduce(composed, (_origin(joint, locked) for joint in before), Frame()).rpy),
+        notes=(
+            *([note] if note else []),
+            *_turning(root, before, locked),
+            *_out_of_range(tree, locked),
+            *snapping.notes(),
+        ),
+    )
+
+
+def _down_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
+    """The joints from the root of all to a link."""
+    way: list[TreeJoint] = []
+    while link in above:
+        way.append(above[link])
+        link = above[link].parent
+    return way[::-1]
+
+
+def _turning(base: str, before: Sequence[TreeJoint], locked: Mapping[str, float]) -> Iterator[str]:
+    """That gravity depends on joints before the base."""
+    still = ("fixed", "prismatic")
+    names = [joint.name for joint in before if joint.kind not in still and joint.name not in locked]
+    if names:
+        yield (
+            f"{shortened(base)} hangs on {some(names)}: gravity is that with "
+            f"{'it' if len(names) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another place)"
+        )
+
+
+def _out_of_range(tree: Tree, locked: Mapping[str, float]) -> Iterator[str]:
+    """That a joint is held where it cannot come."""
+    for name, value in locked.items():
+        low, high = tree.joints[name].position or (-math.inf, math.inf)
+        if not low <= value <= high:
+            yield f"{shortened(name)} is held at {value:g}, beyond its range of {low:g} to {high:g}"
+
+
+# --- which links ---
+
+
+def _check_locks(tree: Tree, locked: Mapping[str, float]) -> None:
+    for name in locked:
+        joint = tree.joints.get(name)
+        if joint is None:
+            able = (one.name for one in tree.joints.values() if one.kind in MOVING)
+            raise ModelError(f"{tree.file}: --lock {shortened(name)}: no such joint; {_meant(name, able)}")
+        if joint.kind not in MOVING:
+            raise ModelError(
+                f"{tree.file}: --lock {shortened(name)}: the joint is {shortened(joint.kind)}; only {_or(MOVING)} can "
+                "be locked"
+            )
+
+
+def _link(tree: Tree, name: str, option: str) -> str:
+    if name not in tree.links:
+        raise ModelError(f"{tree.file}: {option} {shortened(name)}: no such link; {_meant(name, tree.links)}")
+    return name
+
+
+def _root(tree: Tree, above: Mapping[str, TreeJoint]) -> str:
+    roots = [name for name in tree.links if name not in above]
+    if len(roots) > 1:
+        raise ModelError(
+            f"{tree.file}: {len(roots)} links hang on no other: {some(roots)}; say where the arm begins: --base LINK"
+        )
+    return roots[0]
+
+
+def _only_end(
+    tree: Tree, root: str, below: Mapping[str, Sequence[TreeJoint]], locked: Mapping[str, float]
+) -> tuple[str, str]:
+    """The link at which the arm ends, and a note where others end with it: they differ by fixed joints only. Frames on
+    the way, behind which something moves, are no ends."""
+    ends: dict[str, list[str]] = {}
+    passed = {""}
+    count = {"": 0}
+    todo: list[tuple[str, str]] = [(root, "")]
+    while todo:
+        link, last = todo.pop()
+        if not below[link]:
+            ends.setdefault(last, []).append(link)
+        for joint in reversed(below[link]):
+            moves = joint.kind != "fixed" and joint.name not in locked
+            todo.append((joint.child, joint.name if moves else last))
+            if moves:
+                passed.add(last)
+                count[joint.name] = count[last] + 1
+    outermost = [links for joint, links in ends.items() if joint not in passed]
+    if not outermost:
+        raise ModelError(f"{tree.file}: nothing moves beyond {quote(root)}; say where the arm begins: --base LINK")
+    if len(outermost) > 1:
+        # The end of an arm is behind as many joints as an arm has, or more; a camera is not.
+        behind = sorted(filter(None, ends), key=lambda joint: -min(count[joint], MAX_JOINTS))
+        names = [link for joint in behind for link in ends[joint]]
+        raise ModelError(
+            f"{tree.file}: from {quote(root)} one comes to {len(names)} ends: {some(names)}; say which: --tip LINK"
+        )
+    (links,) = outermost
+    order = list(tree.links)
+    links = sorted(links, key=lambda link: (link != TOOL, order.index(link)))
+    others = f"; {some(links[1:])} {'ends' if len(links) == 2 else 'end'} at the same joint" if links[1:] else ""
+    return links[0], f"the arm ends at {links[0]}{others} (--tip LINK for another)" if others else ""
+
+
+TOOL = "tool0"
+"""What drivers of industrial arms call the flange (ROS-Industrial, REP-199)."""
+
+
+def _way(tree: Tree, above: Mapping[str, TreeJoint], base: str, tip: str) -> list[TreeJoint]:
+    """The joints from the base to the tip."""
+    way: list[TreeJoint] = []
+    link = tip
+    while link != base:
+        if link not in above or len(way) > len(tree.joints):
+            raise ModelError(
+                f"{tree.file}: {quote(tip)} does not lie beyond {quote(base)}; expected a --tip that hangs, joint by "
+                "joint, on the --base"
+            )
+        way.append(above[link])
+        link = above[link].parent
+    return way[::-1]
+
+
+def _check_moves(tree: Tree, joint: TreeJoint) -> None:
+    place = f"{tree.file}: joint {quote(joint.name)}"
+    if joint.mimics is not None:
+        raise ModelError(
+            f"{place} follows {quote(joint.mimics)} (mimic), which an arm's joint cannot; hold it: --lock "
+            f"{shortened(joint.name)}=VALUE, or end before it: --tip {shortened(joint.parent)}"
+        )
+    if joint.kind not in MOVING:
+        close = nearest(joint.kind, (*MOVING, "fixed"))
+        meant = f" (did you mean {quote(close)}?)" if close else ""
+        raise ModelError(
+            f"{place} is {shortened(joint.kind)}{meant}; an arm has {_or(MOVING)} joints: begin behind it: --base "
+            f"{shortened(joint.child)}, or end before it: --tip {shortened(joint.parent)}"
+        )
+
+
+def _fail_count(tree: Tree, base: str, tip: str, moving: Sequence[TreeJoint]) -> None:
+    names = [joint.name for joint in moving]
+    if not names:
+        raise ModelError(
+            f"{tree.file}: nothing moves between {quote(base)} and {quote(tip)}; choose others with --base and --tip"
+        )
+    raise ModelError(
+        f"{tree.file}: {len(names)} joints move between {quote(base)} and {quote(tip)}: {some(names)}; expected at "
+        f"most {MAX_JOINTS}: hold some with --lock JOINT=VALUE, or begin later or end earlier with --base and --tip"
+    )
+
+
+# --- what moves with what ---
+
+
+def _place(name: str) -> str:
+    return f"joint {shortened(name)}"
+
+
+def _snapped(tree: Tree, joint: TreeJoint, snapping: Snapping) -> TreeJoint:
+    """With exact quarter turns before anything is computed from them."""
+    where = _place(joint.name)
+    axis = snapping.axis(Place(tree.file, where), where, joint.axis) if joint.kind in MOVING else joint.axis
+    return replace(joint, origin=snapping.frame(where, joint.origin), axis=axis)
+
+
+def _assembled(
+    tree: Tree,
+    base: str,
+    tip: str,
+    way: Sequence[TreeJoint],
+    below: Mapping[str, Sequence[TreeJoint]],
+    locked: Mapping[str, float],
+) -> TreeChain:
+    made: list[ChainJoint] = []
+    held: list[str] = []
+    on_the_way = {joint.name for joint in way}
+    origin = Frame()
+    for joint in way:
+        origin = composed(origin, _origin(joint, locked))
+        if joint.kind == "fixed" or joint.name in locked:
+            continue
+        carried = list(_carried(joint.child, below, locked, on_the_way, held))
+        made.append(_chain_joint(tree, joint, origin, carried))
+        origin = Frame()
+    return TreeChain(tree, base, tip, tuple(made), origin, tuple(held))
+
+
+def _origin(joint: TreeJoint, locked: Mapping[str, float]) -> Frame:
+    """Of the child's frame where the joint is held, or at 0."""
+    value = locked.get(joint.name, 0.0)
+    if not value or joint.kind not in MOVING:
+        return joint.origin
+    if MOVING[joint.kind] == "prismatic":
+        along = scaled(value / math.hypot(*joint.axis), joint.axis)
+        return composed(joint.origin, Frame(along))
+    return composed(joint.origin, Frame(rpy=angles(about(joint.axis, value))))
+
+
+def _carried(
+    link: str,
+    below: Mapping[str, Sequence[TreeJoint]],
+    locked: Mapping[str, float],
+    on_the_way: set[str],
+    held: list[str],
+) -> Iterator[_Carried]:
+    """The links that move rigidly with one, itself first, and where they stand in its frame; `held` gets the moving
+    joints that are held for it."""
+    todo = [_Carried(link, Frame(), loose=False)]
+    while todo:
+        one = todo.pop()
+        name, frame = one.link, one.frame
+        yield one
+        for joint in below[name]:
+            moves = joint.kind != "fixed" and joint.name not in locked
+            if moves and joint.name in on_the_way:
+                continue
+            if moves:
+                held.append(joint.name)
+            todo.append(_Carried(joint.child, composed(frame, _origin(joint, locked)), one.loose or moves))
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """A link that moves with another; loose: by a joint that could move."""
+
+    link: str
+    frame: Frame
+    loose: bool
+
+
+def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[_Carried]) -> ChainJoint:
+    """The bodies of what it carries as one; not known where its own link is drawn, but says nothing of its mass."""
+    links = tuple(one.link for one in carried)
+    bodies, loose, silent = [], [], []
+    for one in carried:
+        link = tree.links[one.link]
+        if link.body is not None and not link.body.is_nothing:
+            bodies.append(placed(link.body, one.frame))
+            loose += bodies[-1:] if one.loose else []
+        elif link.solid:
+            silent.append(one.link)
+    made = ChainJoint(
+        joint, origin, None, links, loose=tuple(one.link for one in carried if one.loose), loose_body=together(loose)
+    )
+    if joint.child in silent or (not bodies and tree.links[joint.child].body is None):
+        return made
+    body = together(bodies)
+    wrong = impossible_moment(body.inertia)
+    if wrong is not None:
+        doubt = f"the inertia of {some(links)} has the principal moment {wrong:.3g} kg m^2, which no body has"
+        return replace(made, body=body, doubt=doubt)
+    return replace(made, body=body)
+
+
+# --- words ---
+
+
+def joints_of(which: Sequence[bool]) -> str:
+    """Which of the arm's joints, in words."""
+    return (
+        "all joints"
+        if all(which) and len(which) > 1
+        else listed([f"joint {k}" for k, is_it in enumerate(which, 1) if is_it])
+    )
+
+
+def _or(words: Mapping[str, str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} or {last}"
+
+
+def _meant(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    close = nearest(name, names[:COMPARED])
+    return f"did you mean {quote(close)}?" if close else f"it has {some(names)}"
+
+
+def shortened(name: str) -> str:
+    """A name within a line."""
+    return printable(name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}...")
+
+
+def some(names: Sequence[str]) -> str:
+    """Names in a message, not all of very many."""
+    shown = ", ".join(shortened(name) for name in names[:LISTED])
+    return shown if len(names) <= LISTED else f"{shown} and {len(names) - LISTED} more"
+
+
+def label_of(name: str) -> str:
+    """A joint's name with only the letters that the model file takes."""
+    return re.sub(r"[^A-Za-z0-9_ .:/()-]", "_", name).lstrip(" .:/()-")[:MAX_LABEL] or "joint"
+
+
+def gears_of(joint: TreeJoint) -> str:
+    return some([f"{ratio:.{DIGITS}g} of {by}" for by, ratio in joint.gears])

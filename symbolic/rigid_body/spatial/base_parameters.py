@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+from symbolic.functions import Count, Notes, Residues, Turn
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import (
     PRIME,
@@ -47,7 +48,6 @@ from symbolic.rigid_body.spatial.recursion import (
     twisted,
     wrench,
 )
-from symbolic.straightline import Count, Notes, Residues, Turn
 
 _Node = tuple[Any, ...]
 

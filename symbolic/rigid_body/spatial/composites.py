@@ -21,10 +21,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from symbolic.functions import Author, Continuation, SymbolicFunction, output
+from symbolic.functions import Author, Continuation, Notes, SymbolicFunction, output
 from symbolic.rigid_body.spatial.geometry import NOWHERE, Geometry, LinkFrame, Matrix, Vector, added, cross, dot, scaled
 from symbolic.rigid_body.spatial.recursion import KINDS, Direction, Moments, direction_along, groups
-from symbolic.straightline import Notes
 
 Wrench = tuple[Vector, Vector]
 """A force and a moment, or a momentum and its moment."""

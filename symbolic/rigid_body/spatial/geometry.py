@@ -34,9 +34,9 @@ from typing import Any, NamedTuple
 
 import sympy as sp
 
+from symbolic.functions import Notes, Turn
 from symbolic.model_file.arm import Arm, Frame
 from symbolic.model_file.frames import transposed
-from symbolic.straightline import Notes, Turn
 
 Vector = tuple[Any, Any, Any]
 Matrix = tuple[Vector, Vector, Vector]

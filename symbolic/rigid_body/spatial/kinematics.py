@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from symbolic.functions import Author, SymbolicFunction, output
+from symbolic.functions import Author, Recorder, SymbolicFunction, output
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.kinematics import NOMINAL_MASS
 from symbolic.rigid_body.lagrangian import rational
@@ -27,7 +27,6 @@ from symbolic.rigid_body.spatial.geometry import (
     scaled,
 )
 from symbolic.rigid_body.spatial.recursion import Moments
-from symbolic.straightline import Recorder
 
 NOTATION = {
     "c, s": "cosine and sine",

@@ -28,6 +28,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from symbolic.functions import Turn
 from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.geometry import (
     Geometry,
@@ -40,7 +41,6 @@ from symbolic.rigid_body.spatial.geometry import (
     placed,
     scaled,
 )
-from symbolic.straightline import Turn
 
 ROUNDING = 1e-8
 """m and rad; how far a number of the file may stand from the exact one: rounded decimals of a dozen frames."""

@@ -1,6 +1,6 @@
 """Inverse dynamics of a spatial chain: a Newton-Euler recursion on lumped parameters, which is what is emitted.
 
-The same code runs on SymPy symbols, counted values and residues modulo a prime (see straightline.py). It is short
+The same code runs on SymPy symbols, counted values and residues modulo a prime (see functions.py). It is short
 because:
 
 - A link carries U, with acceleration(p) = acceleration(origin) + U p, instead of the angular acceleration. The column
@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, NamedTuple
 
+from symbolic.functions import Notes, Turn
 from symbolic.model_file.arm import Link
 from symbolic.rigid_body.base_parameters import exact
 from symbolic.rigid_body.spatial.geometry import (
@@ -38,7 +39,6 @@ from symbolic.rigid_body.spatial.geometry import (
     scaled,
     vector,
 )
-from symbolic.straightline import Notes, Turn
 
 
 class Moments(NamedTuple):

@@ -11,8 +11,7 @@ import sympy as sp
 from runtime.workspace import effects_library
 from symbolic import units as u
 from symbolic.effects import DECLARED, LIBRARY, EffectsError, load_user_effects
-from symbolic.effects.declaration import Effect, Grid, LinearForm, Parameter, check, parameter
-from symbolic.effects.well_typed import mistake
+from symbolic.effects.declaration import Effect, Grid, LinearForm, Parameter, check, mistake, parameter
 from symbolic.grammar.laws import drafts
 
 HEAD = """

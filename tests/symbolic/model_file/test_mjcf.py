@@ -15,9 +15,9 @@ from runtime.exchange.bodies import ChainGeometry, full_regressor
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Frame, Link
 from symbolic.model_file.checks import ModelError
-from symbolic.model_file.exchange.bodies import StatedBody
 from symbolic.model_file.exchange.exporting import parameters
 from symbolic.model_file.exchange.importing import ImportedArm, imported
+from symbolic.model_file.exchange.tree import StatedBody
 from symbolic.model_file.frames import about, angles, composed, rotation, scaled
 
 ARM = """\

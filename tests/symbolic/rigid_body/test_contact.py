@@ -12,8 +12,8 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
+from symbolic.functions import Turn, count
 from symbolic.rigid_body.kinematics import has_contact_phase
-from symbolic.straightline import Turn, count
 
 CASE = exact.case(exact.chain_of("RRRR"))
 L1, L2 = Fraction("0.23"), Fraction("0.17")

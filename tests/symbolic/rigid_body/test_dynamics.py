@@ -12,7 +12,7 @@ import exact
 import pytest
 import sympy as sp
 
-from symbolic.straightline import Turn, count
+from symbolic.functions import Turn, count
 
 CASES = [(n, seed) for n in range(1, 8) for seed in range(4 if n < 6 else 3)]
 

@@ -10,10 +10,10 @@ import pytest
 import spatial_arms
 from numpy.testing import assert_allclose
 
+from symbolic.functions import Turn
 from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.base_parameters import merging
 from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry, rotation
-from symbolic.straightline import Turn
 
 Array = spatial_arms.Array
 TYPES = ("r", "p", "rr", "pr", "rp", "rrr", "prp", "rrrrrr", "rrprrpr", "pprrrr")

@@ -17,13 +17,13 @@ from codegen.tape.numbering import Node
 from codegen.tape.tape import Tape
 from codegen.verify import proof
 from codegen.verify.proof import prove, random_turn
+from symbolic.functions import Turn
 from symbolic.model import ArmModel, derive
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial import lagrangian
 from symbolic.rigid_body.spatial.geometry import geometry
 from symbolic.rigid_body.spatial.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
-from symbolic.straightline import Turn
 
 ARMS = Path(__file__).resolve().parents[3] / "symbolic" / "arms"
 KNOWN = tuple(spatial_arms.TABLES)
