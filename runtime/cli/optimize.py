@@ -13,8 +13,7 @@ from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, nearby
 from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import DRAWN, WRITTEN, keep
 from runtime.cli.setting_options import with_settings
-from runtime.planning.options import PlanningSettings
-from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
+from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE, PlanningSettings
 from runtime.workspace import is_name, scenario_path, scenario_source
 
 app = typer.Typer()

@@ -17,7 +17,7 @@ from runtime.cli.options import EffectsFile, Json, ScenarioFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN, keep
 from runtime.cli.setting_options import with_settings
-from runtime.planning.options import Starts
+from runtime.planning.settings import Starts
 from runtime.workspace import UsageError, effects_described, scenario_path, scenario_source
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ import numpy as np
 
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Structure, given
-from runtime.planning.evaluate import Effort, effort, mounted
-from runtime.planning.limits import Along, every_instant, limited
+from runtime.planning.evaluate import Along, Effort, effort, every_instant, limited, mounted
 from runtime.planning.trajectory import JointMotion, Trajectory
 from runtime.wording import number, told_apart
 

@@ -29,7 +29,7 @@ from runtime.notebook.results import (
 )
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
-from runtime.planning.options import PlanningSettings
+from runtime.planning.settings import PlanningSettings
 from runtime.recordings.recording import Recording
 from runtime.report.follow_up import Invocation, about
 from runtime.report.summary import ResultSummary

@@ -1,4 +1,4 @@
-"""Motion and springs together: the best of several starts, then the springs that can be bought."""
+"""Motion and springs together: random starts, the best of their solutions, then the springs that can be bought."""
 
 from __future__ import annotations
 
@@ -12,17 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
-from runtime.planning.evaluate import Effort, at_times, effort, objective
-from runtime.planning.limits import Along, every_instant, limited
-from runtime.planning.options import PlanningSettings
-from runtime.planning.program import Program
-from runtime.planning.scenario import Scenario
-from runtime.planning.settings import MOST_TIGHTENINGS
-from runtime.planning.solve import Attempt, Miss, Solver
-from runtime.planning.springs import SoughtSpring, usual
-from runtime.planning.starts import random_start
+from runtime.planning.evaluate import (
+    Along,
+    Effort,
+    at_times,
+    effort,
+    every_instant,
+    limited,
+    objective,
+    tightened,
+)
+from runtime.planning.physics import turn_needed
+from runtime.planning.program import Attempt, Miss, Program, Solver
+from runtime.planning.scenario import Point, Scenario, SoughtSpring, usual
+from runtime.planning.settings import MOST_TIGHTENINGS, PlanningSettings
 from runtime.planning.task import Task
-from runtime.planning.tightening import tightened
 from runtime.planning.trajectory import Phase, Trajectory
 from runtime.progress import of_long, one_thread, steps
 
@@ -30,34 +34,45 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 WIDTH = 0.1
-"""rad/s (m/s): within this of standstill dry friction is smooth. The exact torque is evaluated afterwards."""
+"""rad/s (m/s); dry friction is smooth within this speed. The exact torque is evaluated afterwards."""
 _WAYS = ((5 * WIDTH, 2 * WIDTH, WIDTH), (2 * WIDTH, WIDTH / 2))
-"""Widths on the way from the search to the result. Where joints stick, each may end in a slightly worse place."""
+"""Sequences of widths from the search to the result. Where joints stick, either may end in a slightly worse minimum."""
 _SOFT = 1.0
-"""The same while searching: so smooth that each start finds its basin in some thirty steps."""
+"""Width of the search: so smooth that each start finds its basin in some thirty steps."""
 _STEPS = 30
-"""Of a solution, about."""
+"""Approximate number of steps of a solution."""
 _WORTH_FORKING = 0.06
-"""s of work, which processes begin and end in some hundredths of a second."""
+"""s of work, above which processes are worth their start and end of some hundredths of a second."""
 _STARTS = 4
 _SHARES = (0.01, 0.3)
-"""Of the squared torque of joints whose spring is yet to be chosen, in the motions that it is chosen for."""
+"""Shares of the squared torque that count at joints with unknown springs, in motions for which springs are chosen."""
 _PLACES = 41
+
+_TRIES = 200
+_REACH_STEPS = 40
+_REACHED = 1e-6  # m, rad
+_DAMPING = 1e-3  # m/rad, of the least squares near singular postures
+_SPAN = {"revolute": 2.0, "prismatic": 0.3}
+"""Range to either side of zero where the model file states no limit."""
+_BENT = 0.1
+"""Least |sin q_2| in contact."""
+_SCATTER = 0.15
+"""Standard deviation of control points about the straight line, as a fraction of a joint's span."""
 
 
 def _few(degree: int) -> int:
-    """Nodes a phase that tell basins apart."""
+    """Nodes per phase of the search."""
     return degree + 5
 
 
 def _many(degree: int) -> int:
-    """Nodes a phase between which no kink of a spring can hide."""
+    """Nodes per phase of the result, which resolve the kinks of springs."""
     return 3 * degree + 20
 
 
 @dataclass(frozen=True)
 class SpringChoice:
-    """A spring, or one for each sprung joint, that can be bought: sizes (SI) by joint, and what it costs."""
+    """A combination of springs that can be bought: sizes (SI) by joint; cost: of the objective, None if infeasible."""
 
     sizes: Mapping[int, float]
     cost: float | None
@@ -65,15 +80,15 @@ class SpringChoice:
 
 @dataclass(frozen=True)
 class Plan:
-    """What an optimization found.
+    """The result of an optimization.
 
-    trajectory  with the springs chosen; effort: its exact torques; cost: the objective, exact
-    smooth_cost what the program, smooth at standstill, made of it
-    springs     as sought; free: sizes (SI) by joint before a spring was chosen from a catalogue
-    choices     the springs of the catalogue that were compared, the chosen one first
-    attempts    of the search, in order; refined: the best of them on the fine program
-    setup_seconds, seconds   to build the programs, and altogether
-    left_out    effects of the model that a plan cannot hold, and why
+    trajectory   with the springs chosen; effort: its exact torques; cost: the exact objective
+    smooth_cost  the objective of the program, which is smooth at standstill
+    springs      as sought; free: optimal sizes (SI) by joint, before springs were chosen from a catalogue
+    choices      the springs of the catalogue that were compared, the chosen one first
+    attempts     of the search, the best first; refined: the best of them on the fine program
+    setup_seconds, seconds   to build the programs, and in total
+    left_out     effects of the model that a plan cannot hold, and why
     """
 
     scenario: Scenario
@@ -91,8 +106,12 @@ class Plan:
     left_out: Mapping[str, str]
 
 
+class StartError(ValueError):
+    """No posture meets a point; the message says which."""
+
+
 class Infeasible(Exception):
-    """No start met all constraints; missed: the least that stands in the way."""
+    """No start met all constraints; missed: the largest violation of the best attempt."""
 
     def __init__(self, scenario: Scenario, missed: Miss, attempts: Sequence[Attempt]) -> None:
         self.missed, self.attempts = missed, tuple(attempts)
@@ -100,7 +119,7 @@ class Infeasible(Exception):
 
 
 def optimize(model: Model, scenario: Scenario, settings: PlanningSettings = PlanningSettings()) -> Plan:
-    """The best of several random starts, with the springs of the catalogues if there are some.
+    """The best of several random starts, with springs from the catalogues if there are any.
 
     Raises Infeasible if no start meets all constraints, StartError if no posture meets a point.
     """
@@ -110,7 +129,7 @@ def optimize(model: Model, scenario: Scenario, settings: PlanningSettings = Plan
 
 
 class Planner:
-    """The programs of one scenario: a coarse one to search with, a fine one for the result."""
+    """The programs of one scenario: a coarse one for the search, a fine one for the result."""
 
     def __init__(self, model: Model, scenario: Scenario) -> None:
         self.model, self.scenario, self._started = model, scenario, time.perf_counter()
@@ -119,17 +138,16 @@ class Planner:
         self._step: Callable[[], None] = lambda: None
 
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
-        with one_thread(), steps("solutions", self._solutions(starts)) as self._step:
-            return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
-
-    def _solutions(self, starts: int) -> int:
-        """How many solutions a plan takes, about."""
+        """The best of so many random starts."""
         searched = max(starts, len(_SHARES)) + 2 * len(_SHARES) if self.scenario.springs else starts
         bought = sum(bool(spring.catalogue) for spring in self.scenario.springs)
-        return searched + len(_WAYS) + (2**bought if bought else 0)
+        # The number of solutions, approximately.
+        count = searched + len(_WAYS) + (2**bought if bought else 0)
+        with one_thread(), steps("solutions", count) as self._step:
+            return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
 
     def _each(self, solver: Solver, solve: Callable[[T], Attempt], parts: Sequence[T]) -> list[Attempt]:
-        """What `solve` finds with the solver for each part, on all cores where that is worth their processes."""
+        """solve(part) with the solver for each part, on all cores if that saves time."""
         worth = _STEPS * solver.pace * len(parts) > _WORTH_FORKING
         found = []
         for attempt in of_long(solve, parts) if worth else map(solve, parts):
@@ -140,13 +158,13 @@ class Planner:
     def search(self, guesses: Sequence[Array]) -> list[Attempt]:
         """Coarse solutions, the best first.
 
-        The motion that suits a spring can be far from the one without: so springs begin as they suit motions for
-        which torque at their joints is nearly free, or costs less.
+        The best motion with a spring can be far from the one without. So springs begin with the parameters that suit
+        motions for which torque at their joints is nearly free, or costs less.
         """
         coarse = self.coarse
         if not self.scenario.springs:
-            # A large barrier carries all guesses into one wide basin, a small one leaves each in its own: which of them
-            # is the better is seen at the end.
+            # A large barrier takes all guesses into one wide basin, a small one leaves each in its own. Either may
+            # be better.
             begun = list(zip(cycle((coarse.run, coarse.refine)), guesses, strict=False))
             return sorted(self._each(coarse, lambda begin: begin[0](begin[1], _SOFT), begun), key=self._rank)
         # Each guess serves one share, and a single one both.
@@ -159,16 +177,13 @@ class Planner:
         return sorted(self._each(coarse, lambda x: coarse.refine(x, _SOFT), sprung), key=self._rank)
 
     def _rank(self, attempt: Attempt) -> tuple[bool, float]:
-        """The cheapest that meets all constraints, else the one that misses them least.
-
-        By the exact cost: between few nodes a kink of a spring can hide.
-        """
+        """Sort key: feasible attempts by exact cost, with the kinks between nodes, then others by their violation."""
         if attempt.missed is not None:
             return True, attempt.missed.amount
         return False, objective(self.scenario, effort(self.model, self.trajectory(attempt.x)))
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
-        """The first attempt refined, and its springs chosen."""
+        """The first attempt refined, with its springs chosen from the catalogues."""
         ways = self._each(self.fine, lambda widths: self._refined(attempts[0].x, widths), _WAYS)
         free, (*_, width) = min(zip(ways, _WAYS, strict=True), key=lambda way: self._rank(way[0]))
         if free.missed is not None:
@@ -179,21 +194,19 @@ class Planner:
             raise Infeasible(self.scenario, chosen.missed, attempts)
         trajectory = self.trajectory(chosen.x)
         found = effort(self.model, trajectory)
-        setup = self.coarse.setup_seconds + self.fine.setup_seconds
+        springs = self.fine.program.task.springs
         return Plan(
             scenario=self.scenario,
             trajectory=trajectory,
             effort=found,
             cost=objective(self.scenario, found),
             smooth_cost=chosen.cost,
-            springs=self.fine.program.task.springs,
-            free={
-                s.plan.joint: size for s, size in zip(self.fine.program.task.springs, self._sizes(free), strict=True)
-            },
+            springs=springs,
+            free={s.plan.joint: size for s, size in zip(springs, self._sizes(free), strict=True)},
             choices=choices,
             attempts=tuple(attempts),
             refined=free,
-            setup_seconds=setup,
+            setup_seconds=self.coarse.setup_seconds + self.fine.setup_seconds,
             seconds=time.perf_counter() - self._started,
             left_out={str(term): why for term, why in self.fine.program.task.physics.left_out.items()},
         )
@@ -205,7 +218,7 @@ class Planner:
         return self.fine.onwards(x, last)
 
     def _kept_everywhere(self, found: Attempt, width: float, fixed: Mapping[int, float]) -> Attempt:
-        """The motion, sought again where it goes beyond a limit between its nodes, at which alone a program asks."""
+        """The motion, computed again with tighter limits where it exceeds one between its nodes."""
         rows = self.fine.rows
         for _ in range(MOST_TIGHTENINGS):
             t, beyond = self._beyond(found.x)
@@ -217,49 +230,46 @@ class Planner:
         return replace(found, missed=found.missed or next((along.missed(t) for along in beyond), None))
 
     def _beyond(self, x: Array) -> tuple[Array, list[Along]]:
-        """Instants of a motion, and the limits that it does not keep at all of them."""
+        """Times of a motion (N,) s, and the limits that it exceeds at some of them."""
         seen = every_instant(self.model, self.trajectory(x))
         return seen.motion.t, [along for along in limited(seen) if not along.kept]
-
-    def _spring(self, k: int) -> slice:
-        return self.fine.program.task.unknowns.spring(k)
 
     # --- springs ---
 
     def _values(self, x: Array) -> list[dict[str, float]]:
         """All parameters of each spring, SI."""
-        springs = enumerate(self.fine.program.task.springs)
-        return [{name: float(v) for name, v in s.values(x[self._spring(k)]).items()} for k, s in springs]
+        springs, place = enumerate(self.fine.program.task.springs), self.fine.program.task.unknowns.spring
+        return [{name: float(v) for name, v in s.values(x[place(k)]).items()} for k, s in springs]
 
     def _sizes(self, found: Attempt) -> list[float]:
         springs = self.fine.program.task.springs
         return [values[s.size.name] for s, values in zip(springs, self._values(found.x), strict=True)]
 
     def _sprung(self, x: Array) -> list[Array]:
-        """x with springs that take most of the squared torque off its motion, and with others that are always taut.
+        """x with springs that take most of the squared torque off its motion, and with springs that are always taut.
 
-        The first are often slack for most of the motion, and from there a search does not reach the second.
+        The former are often slack for most of the motion, and from there a search does not reach the latter.
         """
         t = np.linspace(0.0, self.scenario.cycle_time, 400, endpoint=False)
         bare = at_times(self.model, self.trajectory(x, springs=False), t)
-        fitting, taut = x.copy(), x.copy()
+        fitting, taut, place = x.copy(), x.copy(), self.fine.program.task.unknowns.spring
         for k, spring in enumerate(self.fine.program.task.springs):
             i = spring.plan.joint - 1
-            fitting[self._spring(k)] = _relief(self.model.library, bare, i, spring)
+            fitting[place(k)] = _relief(self.model.library, bare, i, spring)
             values = {spring.size.name: sum(spring.plan.sought[spring.size.name]) / 2}
             if spring.place is not None:
                 q, bounds = bare.motion.q[i], spring.plan.sought[spring.place.name]
                 values[spring.place.name] = min(q.max() + np.ptp(q) / 2, bounds[1])
-            taut[self._spring(k)] = spring.unknowns(values)
+            taut[place(k)] = spring.unknowns(values)
         return [fitting, taut]
 
     def _chosen(self, free: Attempt, width: float) -> tuple[Mapping[int, float], Attempt, tuple[SpringChoice, ...]]:
-        """The last step of section IV.A, for both neighbours in each catalogue: fixed, and the motion sought again.
+        """The last step of section IV.A, for both neighbours in each catalogue: the motion with the size fixed.
 
-        Gives the sizes chosen, by number of the spring (0-based), and the motion with them, too.
+        Returns the chosen sizes by number of the spring (0-based), the motion with them, and all choices.
         """
         springs = self.scenario.springs
-        options = [neighbours(s.catalogue, k) for s, k in zip(springs, self._sizes(free), strict=True)]
+        options = [_neighbours(s.catalogue, k) for s, k in zip(springs, self._sizes(free), strict=True)]
         if not any(options):
             return {}, free, ()
         combinations = [
@@ -279,7 +289,7 @@ class Planner:
     # --- results ---
 
     def trajectory(self, x: Array, springs: bool = True) -> Trajectory:
-        """The motion that the unknowns x describe, with its springs or with none."""
+        """The motion of the unknowns x, with its springs or without."""
         s, u = self.scenario, self.fine.program.task.unknowns
         phases = []
         for k, plan in enumerate(s.phases):
@@ -298,12 +308,21 @@ class Planner:
             for term, values in self.fine.program.task.physics.terms.items()
             if library[term.effect].scope == "contact"
         }
-        told = self.model.name, s.name, tuple(phases), s.periodic, s.elbow, s.friction
-        return Trajectory(*told, mounted, contact, foreign)
+        return Trajectory(
+            arm=self.model.name,
+            scenario=s.name,
+            phases=tuple(phases),
+            periodic=s.periodic,
+            elbow=s.elbow,
+            friction=s.friction,
+            springs=mounted,
+            contact=contact,
+            effects=foreign,
+        )
 
 
 def _relief(library: Library, bare: Effort, i: int, spring: SoughtSpring) -> list[float]:
-    """Unknowns of the spring that leaves the least squared torque of joint i (0-based) of a motion without springs."""
+    """Unknowns of the spring that minimizes the squared torque of joint i (0-based) of a motion without springs."""
     torque, read = bare.tau[i], {"q": bare.motion.q[i], "qd": bare.motion.qd[i]}
     bounds = spring.plan.sought
     best: tuple[float, float, float] | None = None
@@ -317,8 +336,119 @@ def _relief(library: Library, bare: Effort, i: int, spring: SoughtSpring) -> lis
     return [best[1] if p is spring.size else best[2] / p.scale for p in spring.sought]
 
 
-def neighbours(catalogue: Sequence[float], stiffness: float) -> tuple[float, ...]:
-    """The nearest in a catalogue on either side of a stiffness."""
+def _neighbours(catalogue: Sequence[float], stiffness: float) -> tuple[float, ...]:
+    """The nearest sizes of a catalogue on either side of a stiffness."""
     below = [k for k in catalogue if k <= stiffness]
     above = [k for k in catalogue if k > stiffness]
     return (*([max(below)] if below else []), *([min(above)] if above else []))
+
+
+# --- first guesses ---
+
+
+def random_start(program: Program, rng: np.random.Generator) -> Array:
+    """Unknowns (nx,) of a random first guess: postures that meet the points, straight lines between them, disturbed.
+
+    Raises StartError.
+    """
+    scenario, u = program.task.scenario, program.task.unknowns
+    postures = _postures(program, rng)
+    x = np.zeros(u.size)
+    span = _limits(program) @ np.array([-1.0, 1.0])
+    for k, plan in enumerate(scenario.phases):
+        line = np.linspace(postures[plan.start], postures[plan.end], plan.degree + 1, axis=1)
+        if plan.kind == "contact":
+            line = program.task.model.contact_coordinates(line)
+        else:
+            inner = line[:, 1:-1]
+            inner += _SCATTER * span[:, None] / 2 * rng.standard_normal(inner.shape)
+        for row, c in enumerate(u.free[k]):
+            x[u.points(k, row)] = line[c]
+    for k, spring in enumerate(program.task.springs):
+        x[u.spring(k)] = [rng.uniform(*spring.plan.sought[p.name]) / p.scale for p in spring.sought]
+    if scenario.objective.goal == "peak_torque":
+        x[u.peak] = 1.0
+    return x
+
+
+def _limits(program: Program) -> Array:
+    """(n, 2) range of each joint's position."""
+    joints = enumerate(program.task.model.joints)
+    return np.array([program.task.span(i) or (-_SPAN[j.type], _SPAN[j.type]) for i, j in joints])
+
+
+def _postures(program: Program, rng: np.random.Generator) -> Mapping[str, Array]:
+    """A posture (n,) for each point; the search for each begins at the previous one, so that they are close."""
+    found: dict[str, Array] = {}
+    scenario = program.task.scenario
+    touching = {name for p in scenario.phases if p.kind == "contact" for name in (p.start, p.end)}
+    near: Array | None = None
+    # Those in contact first, because they have the least freedom.
+    for name in sorted(scenario.points, key=lambda name: name not in touching):
+        point = scenario.points[name]
+        near = _posture(program, point, name in touching, rng=rng, before=near)
+        if near is None:
+            raise StartError(
+                f'{scenario.name}: point "{name}": no posture within the limits found'
+                + (f" that reaches ({', '.join(f'{x:g}' for x in point.tip)}) m" if point.tip else "")
+                + (" in that direction" if point.directed else "")
+                + "; check the target, the lengths of the links and the position limits"
+            )
+        found[name] = near
+    return found
+
+
+def _posture(
+    program: Program, point: Point, touching: bool, *, rng: np.random.Generator, before: Array | None
+) -> Array | None:
+    """A posture within the limits that meets a point; None if none is found."""
+    limits = _limits(program)
+    for attempt in range(_TRIES):
+        guess = rng.uniform(limits[:, 0], limits[:, 1]) if before is None or attempt else before
+        q = _reach(program, point, guess)
+        if q is None or np.any((q < limits[:, 0]) | (q > limits[:, 1])):
+            continue
+        if not touching or program.task.scenario.elbow * np.sin(q[1]) > _BENT:
+            return q
+    return None
+
+
+def _reach(program: Program, point: Point, q: Array) -> Array | None:
+    """The posture near q that meets the point, by damped least squares; joints that rest or are given stay."""
+    model, scenario = program.task.model, program.task.scenario
+    q = q.copy()
+    for i, posture in enumerate(scenario.posture):
+        if i not in program.task.moving:
+            q[i] = posture
+    for joint, value in point.q.items():
+        q[joint - 1] = value
+    if not point.reached:
+        return q
+    able = [i for i in program.task.moving if i + 1 not in point.q]
+    for _ in range(_REACH_STEPS):
+        miss, J = _missing(model, point, q)
+        if np.linalg.norm(miss) < _REACHED:
+            # Without whole turns of revolute joints.
+            turning = [i for i in able if model.joints[i].type == "revolute"]
+            q[turning] = (q[turning] + np.pi) % (2 * np.pi) - np.pi
+            return q
+        if not able:
+            return None
+        J = J[:, able]
+        step = J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(len(miss)), miss)
+        q[able] += step * min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
+    return None
+
+
+def _missing(model: Model, point: Point, q: Array) -> tuple[Array, Array]:
+    """Distance from the end-effector at q to what the point requires, m and rad (k,), and its Jacobian (k, n)."""
+    J, misses, rows = model.tip_jacobian(q), [np.zeros(0)], [np.zeros((0, model.n))]
+    if point.tip is not None:
+        count = len(point.tip)
+        misses.append(np.array(point.tip) - model.tip(q)[:count])
+        rows.append(J[:count])
+    if point.directed:
+        axes, angles = turn_needed(point, model.call("tip_rotation", {"q": q}))
+        misses.append(angles)
+        rows.append(axes @ J[3:])
+    return np.concatenate(misses), np.vstack(rows)

@@ -1,12 +1,15 @@
-"""The motor torque of a plan, (10) and (15), as expressions of the generated CasADi functions."""
+"""Torque, place and direction of the end-effector at one instant of a plan, as expressions of the CasADi functions."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from math import cos, sin
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
@@ -22,13 +25,18 @@ from runtime.model.terms import (
     structure,
     unknown_to_plan,
 )
-from runtime.planning.scenario import Scenario
-from runtime.planning.springs import is_spring
+from runtime.planning.blocks import Row
+from runtime.planning.scenario import Point, Scenario, is_spring
+
+Array = NDArray[np.float64]
+
+AXIS = 2
+"""The axis of the tip's frame whose direction `pointing` gives."""
 
 
 @dataclass(frozen=True)
 class Physics:
-    """What acts in a plan: terms with their values, springs apart, and what it leaves out and why."""
+    """Terms with their values, without springs; left_out: terms that a plan cannot hold, and why."""
 
     model: Model
     terms: Structure
@@ -36,9 +44,9 @@ class Physics:
 
     @classmethod
     def of(cls, model: Model, scenario: Scenario) -> Physics:
-        """The model file's effects; parallel springs are the scenario's, and so is what it says of the contact.
+        """The model file's effects, with the contact's parameters of the scenario; springs are the scenario's alone.
 
-        Raises ModelError where one of them has no value.
+        Raises ModelError if a parameter has no value.
         """
         terms, left_out = {}, {}
         for term, values in structure(model).items():
@@ -56,17 +64,18 @@ class Physics:
 
     @cached_property
     def sizes(self) -> dict[str, int]:
-        """Of the parts of p that the equations read."""
+        """Sizes of the parts of p that the equations read."""
         own = {str(term): len(self.model.library[term.effect].parameters) for term in self.terms}
         return {"struct": len(self.model.struct_values), "width": len(casadi_functions.WIDTHS), **own}
 
     def values(self, width: float) -> dict[str, list[float]]:
-        """The same parts' values; width of the switches in rad/s (m/s), and their other widths with it."""
+        """Values of the same parts; width of the smooth switches in rad/s (m/s), other widths in proportion."""
         own = {str(term): casadi_functions.ordered(self.model, term.effect, v) for term, v in self.terms.items()}
-        return {"struct": self.model.struct_values, "width": widths(width), **own}
+        # In the order of casadi_functions.WIDTHS: rate, position, force, time.
+        return {"struct": self.model.struct_values, "width": [width, width / 50.0, width, width / 50.0], **own}
 
     def given(self, signal: str, p: Callable[[str], ca.SX]) -> ca.SX | None:
-        """The signal that a parameter of a term is; None where there is none."""
+        """The signal that is a parameter of one of the terms; None where there is none."""
         found = giver(self.model.library, self.terms, signal)
         if found is None:
             return None
@@ -81,16 +90,11 @@ class Physics:
         return position
 
 
-def widths(rate: float) -> list[float]:
-    """In the order of casadi_functions.WIDTHS: rate (rad/s, m/s), and position, force, time in proportion."""
-    return [rate, rate / 50.0, rate, rate / 50.0]
-
-
 @dataclass(frozen=True)
 class PlanInstant:
     """Expressions of one instant: q, qd, qdd (n,), parameters of the springs, p by name.
 
-    apart   the end-effector is known to be off the plate, so that nothing of the contact acts
+    apart   the end-effector is above the plate for certain, so that no effect of the contact acts
     """
 
     physics: Physics
@@ -107,25 +111,25 @@ class PlanInstant:
 
     @property
     def tip(self) -> ca.SX:
-        """Place of the end-effector: base x, y, in space x, y, z, m."""
+        """Position of the end-effector: base x, y, in space x, y, z, m."""
         return self._signals.arm("tip")
 
     @property
     def tip_rotation(self) -> ca.SX:
-        """(3, 3) of the tip's frame of a spatial arm, in base axes."""
+        """(3, 3) rotation of the tip's frame of a spatial arm, in base axes."""
         return self._signals.arm("tip_rotation")
 
     @property
     def tip_rate(self) -> ca.SX:
-        """Its rate, m/s."""
+        """Velocity of the end-effector, m/s."""
         return self._signals.arm("tip_rate")
 
     @cached_property
     def torque(self) -> ca.SX:
-        """(n,) motor torques, N m or N."""
+        """(n,) motor torques, N m or N: (10) and (15)."""
         own = self._signals.own
-        # What reads the predicted torque comes last, when all the rest is in it.
         model, library = self.physics.model, self.physics.model.library
+        # Terms that read the predicted torque come last, when it is complete.
         terms = sorted(self.acting, key=lambda t: bool(library.needs[t.effect] & OF_DRIVE))
         for term in (*self.springs, *terms):
             for joint in joints_of(model, term):
@@ -134,7 +138,7 @@ class PlanInstant:
 
     @property
     def acting(self) -> list[Term]:
-        """The model's effects, without the springs."""
+        """The model's effects that act here, without springs."""
         library = self.physics.model.library
         return [t for t in self.physics.terms if not (self.apart and library[t.effect].scope == "contact")]
 
@@ -146,7 +150,7 @@ class PlanInstant:
 
 
 class _Signals(SignalContext):
-    """What effects read at one instant of a plan; own: the motors' torques (n,), as far as they are summed."""
+    """What effects read at one instant of a plan; own: the motor torques (n,) summed so far."""
 
     def __init__(self, instant: PlanInstant) -> None:
         self.model, self.instant = instant.physics.model, instant
@@ -173,3 +177,71 @@ class _Signals(SignalContext):
 
     def predicted(self, joint: int) -> ca.SX:
         return self.own[joint]
+
+
+# --- direction of the end-effector ---
+
+
+def rotation(rpy: ArrayLike) -> Array:
+    """(3, 3) of roll, pitch and yaw about fixed axes, rad, as in URDF."""
+    (cr, cp, cy), (sr, sp, sy) = ([f(float(a)) for a in np.asarray(rpy)] for f in (cos, sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def target_frame(point: Point) -> Array | None:
+    """(3, 3) target axes of the tip's frame, in columns; None where the direction is free.
+
+    Where only the z axis is given, the other two are any perpendicular ones.
+    """
+    if point.orientation is not None:
+        return rotation(point.orientation)
+    if point.pointing is None:
+        return None
+    d = np.array(point.pointing) / np.linalg.norm(point.pointing)
+    across = np.cross(d, np.eye(3)[np.argmin(np.abs(d))])
+    u = across / np.linalg.norm(across)
+    return np.column_stack([u, np.cross(d, u), d])
+
+
+def direction_rows(point: Point, R: ca.SX, target: ca.SX) -> list[Row]:
+    """Constraints on the tip's rotation R (3, 3); target (9,): the target frame, column after column.
+
+    An axis a along d leaves the rotation about d free: with u and v perpendicular to d, u·a and v·a are zero and d·a is
+    not negative. For a whole orientation the skew part of Rtᵀ R is zero, and the trace excludes a half turn.
+    """
+    own = ca.reshape(target, 3, 3).T @ R
+    what = "end-effector's direction"
+    if point.orientation is None:
+        axis = own[:, AXIS]
+        rows = [(axis[0], 0.0, 0.0, what, "rad"), (axis[1], 0.0, 0.0, what, "rad")]
+        return [*rows, (axis[2], 0.0, float("inf"), what, "rad")]
+    skew = [(own[2, 1] - own[1, 2]) / 2, (own[0, 2] - own[2, 0]) / 2, (own[1, 0] - own[0, 1]) / 2]
+    turned = [
+        (part, 0.0, 0.0, f"end-effector's rotation about its {axis}", "rad")
+        for part, axis in zip(skew, "xyz", strict=True)
+    ]
+    return [*turned, (ca.trace(own), 0.0, float("inf"), "end-effector's rotation", "rad")]
+
+
+def turn_needed(point: Point, R: Array) -> tuple[Array, Array]:
+    """The rotation from the tip's R (3, 3) to the target: axes (k, 3), and the angle about each, rad (k,)."""
+    frame = target_frame(point)
+    if frame is None:
+        return np.zeros((0, 3)), np.zeros(0)
+    if point.orientation is None:
+        about = np.cross(R[:, AXIS], frame[:, AXIS])
+        angle = np.arctan2(np.linalg.norm(about), R[:, AXIS] @ frame[:, AXIS])
+        axes = frame[:, :AXIS].T
+        if angle > np.pi / 2 and np.linalg.norm(about) < 1e-9:
+            return axes, np.array([angle, 0.0])
+        return axes, axes @ about * (angle / max(np.linalg.norm(about), 1e-12))
+    left = frame @ R.T
+    about = np.array([left[2, 1] - left[1, 2], left[0, 2] - left[2, 0], left[1, 0] - left[0, 1]]) / 2
+    angle = np.arctan2(np.linalg.norm(about), (np.trace(left) - 1) / 2)
+    return np.eye(3), about * (angle / max(np.linalg.norm(about), 1e-12))

@@ -11,9 +11,8 @@ from runtime.model.loader import Model
 from runtime.model.terms import Values
 from runtime.planning.evaluate import Effort, at_times, effort
 from runtime.planning.optimize import Infeasible, Plan, SpringChoice
-from runtime.planning.scenario import Scenario
-from runtime.planning.solve import MET, Attempt
-from runtime.planning.springs import SoughtSpring, usual
+from runtime.planning.program import MET, Attempt
+from runtime.planning.scenario import Scenario, SoughtSpring, usual
 from runtime.planning.trajectory import Trajectory
 from symbolic.described import DescribedParameter
 from symbolic.model_file.fields import JointType

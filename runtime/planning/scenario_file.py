@@ -1,4 +1,4 @@
-"""The scenario file: TOML in, a checked Scenario out. Every error is one line that says where and what to do."""
+"""The scenario file in TOML, checked. An error is one line that says where it is and what to do."""
 
 from __future__ import annotations
 
@@ -11,9 +11,18 @@ from typing import Any, get_args
 
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Term, giver
-from runtime.planning.scenario import Goal, Kind, Objective, PhasePlan, Point, Scenario, SpringPlan
+from runtime.planning.scenario import (
+    Goal,
+    Kind,
+    Objective,
+    PhasePlan,
+    Point,
+    Scenario,
+    SpringPlan,
+    springs,
+    usual,
+)
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
-from runtime.planning.springs import springs, usual
 from symbolic.model_file import checks
 from symbolic.model_file.checks import Place, did_you_mean, number, printable, quote, table_at, unknown
 from symbolic.model_file.fields import (
@@ -43,8 +52,9 @@ from symbolic.model_file.fields import (
 
 MAX_DEGREE = 20
 _OF_A_SPRING = ("joint", "effect", "catalogue")
-"""Keys of [[spring]] beside its parameters."""
-CLOSE = 1e-6  # m
+"""Keys of [[spring]] that are not parameters of the effect."""
+_CLOSE = 1e-6
+"""m; tolerance of the plate's x."""
 
 
 def read(path: Path) -> Scenario:
@@ -137,54 +147,54 @@ def scenario_file_rows() -> list[FieldRow]:
     return rows(SCENARIO)
 
 
-# --- parts ---
+# --- the file by itself ---
 
 
 def parse(table: Mapping[str, Any], top: Place) -> Scenario:
     """The scenario that a TOML document describes. Raises ModelError."""
-    said = read_fields(top, table, SCENARIO)
-    objective = said["objective"]
+    given = read_fields(top, table, SCENARIO)
+    objective = given["objective"]
     scenario = Scenario(
-        name=said["name"],
-        model=said["model"],
-        cycle_time=said["cycle_time"],
-        periodic=said["periodic"],
-        friction=said["friction"],
-        moving=said["moving"],
-        posture=said["posture"],
+        name=given["name"],
+        model=given["model"],
+        cycle_time=given["cycle_time"],
+        periodic=given["periodic"],
+        friction=given["friction"],
+        moving=given["moving"],
+        posture=given["posture"],
         objective=Objective(**{**objective, "resistance": dict(enumerate(objective["resistance"], 1))}),
-        points={name: _point(top.inside(f"points.{name}"), p) for name, p in said["points"].items()},
-        phases=tuple(_phase(top.inside(f"phase {k}"), p, said["points"]) for k, p in enumerate(said["phase"], 1)),
-        springs=tuple(_spring(spring) for spring in said["spring"]),
-        contact={name: _values(top.inside(f"contact.{name}"), values) for name, values in said["contact"].items()},
-        elbow=said["elbow"],
-        ranges=said["ranges"]["q1"],
+        points={name: _point(top.inside(f"points.{name}"), p) for name, p in given["points"].items()},
+        phases=tuple(_phase(top.inside(f"phase {k}"), p, given["points"]) for k, p in enumerate(given["phase"], 1)),
+        springs=tuple(
+            SpringPlan(s["joint"], s["PARAMETER"], catalogue=tuple(sorted(s["catalogue"])), effect=s["effect"])
+            for s in given["spring"]
+        ),
+        contact={name: _values(top.inside(f"contact.{name}"), values) for name, values in given["contact"].items()},
+        elbow=given["elbow"],
+        ranges=given["ranges"]["q1"],
     )
     _check_order(top, scenario)
     return scenario
 
 
-def _point(place: Place, said: Mapping[str, Any]) -> Point:
+def _point(place: Place, given: Mapping[str, Any]) -> Point:
     for key, expected in (("pointing", "x, y and z"), ("orientation", "roll, pitch and yaw")):
-        if said[key] and len(said[key]) != 3:
-            place.fail(f"{key} has {len(said[key])} numbers; expected three: {expected}")
-    if said["pointing"] and said["orientation"]:
+        if given[key] and len(given[key]) != 3:
+            place.fail(f"{key} has {len(given[key])} numbers; expected three: {expected}")
+    if given["pointing"] and given["orientation"]:
         place.fail("pointing and orientation say the same thing twice; leave one of them out")
-    if said["pointing"] and not any(said["pointing"]):
+    if given["pointing"] and not any(given["pointing"]):
         place.fail("pointing is zero; expected a direction, of any length")
-    given = {key: said[key] or None for key in ("tip", "pointing", "orientation")}
-    return Point(said["q1"], rest=said["rest"], tip_rest=said["tip_rest"], **given)
+    asked = {key: given[key] or None for key in ("tip", "pointing", "orientation")}
+    return Point(given["q1"], rest=given["rest"], tip_rest=given["tip_rest"], **asked)
 
 
-def _phase(place: Place, said: Mapping[str, Any], points: Mapping[str, Any]) -> PhasePlan:
+def _phase(place: Place, given: Mapping[str, Any], points: Mapping[str, Any]) -> PhasePlan:
     for key in ("from", "to"):
-        if said[key] not in points:
-            place.fail(f"{key} is the unknown point {quote(said[key])}; {did_you_mean(said[key], tuple(points))}")
-    return PhasePlan(said["from"], said["to"], said["kind"], said["part"], said["degree"], said["monotone"])
-
-
-def _spring(said: Mapping[str, Any]) -> SpringPlan:
-    return SpringPlan(said["joint"], said["PARAMETER"], {}, tuple(sorted(said["catalogue"])), said["effect"])
+        if given[key] not in points:
+            place.fail(f"{key} is the unknown point {quote(given[key])}; {did_you_mean(given[key], tuple(points))}")
+    own = {key: given[key] for key in ("kind", "part", "degree", "monotone")}
+    return PhasePlan(given["from"], given["to"], **own)
 
 
 def _values(place: Place, value: Any) -> dict[str, float]:
@@ -192,6 +202,7 @@ def _values(place: Place, value: Any) -> dict[str, float]:
 
 
 def _check_order(top: Place, scenario: Scenario) -> None:
+    """Phases follow one another and fill the cycle; a joint has one spring at most."""
     if not scenario.phases:
         top.fail("no [[phase]]; expected at least one")
     total = sum(phase.part for phase in scenario.phases)
@@ -209,45 +220,32 @@ def _check_order(top: Place, scenario: Scenario) -> None:
 
 
 def fitted(scenario: Scenario, model: Model, where: str) -> Scenario:
-    """The scenario for this arm: joints exist, the contact is there, defaults are filled in. Raises ModelError."""
-    top = Place(printable(where))
-    n = model.n
-
-    full = replace(
-        scenario,
-        springs=tuple(
-            _declared(top.inside(f"spring {k}"), s, model) for k, s in enumerate(scenario.springs, 1) if s.joint <= n
-        )
-        + tuple(s for s in scenario.springs if s.joint > n),
-        moving=scenario.moving or tuple(range(1, n + 1)),
-        posture=scenario.posture or (0.0,) * n,
-    )
-    if len(full.posture) != n:
-        top.fail(f"posture has {len(full.posture)} numbers; {model.name} has {n} joints")
-    named = {"moving": full.moving, "objective: joints": full.objective.joints}
-    named |= {f"points.{name}": tuple(point.q) for name, point in full.points.items()}
-    named |= {"ranges": tuple(full.ranges)}
-    named |= {"spring": tuple(s.joint for s in full.springs)}
+    """The scenario for this arm, with defaults filled in; where: its file, for messages. Raises ModelError."""
+    top, n = Place(printable(where)), model.n
+    moving, posture = scenario.moving or tuple(range(1, n + 1)), scenario.posture or (0.0,) * n
+    named = {"moving": moving, "objective: joints": scenario.objective.joints}
+    named |= {f"points.{name}": tuple(point.q) for name, point in scenario.points.items()}
+    named |= {"ranges": tuple(scenario.ranges), "spring": tuple(s.joint for s in scenario.springs)}
+    known = [
+        _declared(top.inside(f"spring {k}"), s, model) if s.joint <= n else s for k, s in enumerate(scenario.springs, 1)
+    ]
+    if len(posture) != n:
+        top.fail(f"posture has {len(posture)} numbers; {model.name} has {n} joints")
     for name, joints in named.items():
         for joint in joints:
             if joint > n:
                 top.inside(name).fail(f"there is no joint {joint}; {model.name} has {n}")
+    full = replace(scenario, springs=tuple(known), moving=moving, posture=posture)
     _check_ranges(top.inside("ranges"), full, model)
     for name, point in full.points.items():
-        still = [j for j in point.q if j not in full.moving and point.q[j] != full.posture[j - 1]]
-        if still:
-            top.inside(f"points.{name}").fail(
-                f"joint {still[0]} does not move; add it to moving, or leave out q{still[0]}"
-            )
-        _check_range(top.inside(f"points.{name}"), point, model)
-        _check_space(top.inside(f"points.{name}"), point, model)
-    _check_electrical(top, full, model)
+        _check_point(top.inside(f"points.{name}"), point, full, model)
+    _check_electrical(top.inside("objective"), full, model)
     _check_contact(top, full, model)
     return full
 
 
 def _declared(place: Place, spring: SpringPlan, model: Model) -> SpringPlan:
-    """The spring with what is sought apart from what is stated, by its declaration."""
+    """The spring with its sought parameters separated from the stated ones, by its declaration."""
     known = springs(model.library.effects)
     if spring.effect and spring.effect not in known:
         place.fail(f"effect is {quote(spring.effect)}; expected one of {', '.join(known)}")
@@ -280,7 +278,7 @@ def _declared(place: Place, spring: SpringPlan, model: Model) -> SpringPlan:
 
 
 def _check_ranges(place: Place, scenario: Scenario, model: Model) -> None:
-    """Something is left of each joint's limits within its range."""
+    """Each range overlaps with its joint's limits."""
     for which, (low, high) in scenario.ranges.items():
         joint = model.joints[which - 1]
         least, most = joint.position_limits or (low, high)
@@ -291,17 +289,17 @@ def _check_ranges(place: Place, scenario: Scenario, model: Model) -> None:
             )
 
 
-def _check_range(place: Place, point: Point, model: Model) -> None:
+def _check_point(place: Place, point: Point, scenario: Scenario, model: Model) -> None:
+    """Positions are possible; the end-effector's place has as many numbers as the arm has directions."""
+    still = [j for j in point.q if j not in scenario.moving and point.q[j] != scenario.posture[j - 1]]
+    if still:
+        place.fail(f"joint {still[0]} does not move; add it to moving, or leave out q{still[0]}")
     for which, q in point.q.items():
         joint = model.joints[which - 1]
         low, high = joint.position_limits or (q, q)
         if not low <= q <= high:
             unit = joint.position_unit
             place.fail(f"q{which} is {q:g} {unit}; joint {which} can go from {low:g} to {high:g} {unit}")
-
-
-def _check_space(place: Place, point: Point, model: Model) -> None:
-    """What is asked of the end-effector has as many numbers as the arm has directions."""
     kind, axes = ("spatial", "x, y and z") if model.spatial else ("planar", "x and y")
     if point.tip is not None and len(point.tip) != (3 if model.spatial else 2):
         place.fail(f"tip has {len(point.tip)} numbers; {model.name} is {kind}: expected {axes}")
@@ -310,20 +308,20 @@ def _check_space(place: Place, point: Point, model: Model) -> None:
             place.fail(f"{key} is for spatial arms; {model.name} is planar, leave it out")
 
 
-def _check_electrical(top: Place, scenario: Scenario, model: Model) -> None:
+def _check_electrical(place: Place, scenario: Scenario, model: Model) -> None:
     if scenario.objective.goal != "electrical_energy":
         return
-    place = top.inside("objective")
     if len(scenario.objective.resistance) != model.n:
         place.fail(
-            f"resistance has {len(scenario.objective.resistance)} numbers; expected {model.n}, one a joint, in Ohm"
+            f"resistance has {len(scenario.objective.resistance)} numbers; expected {model.n}, one per joint, in Ohm"
         )
-    for joint in scenario.objective.joints or scenario.moving:
+    for joint in scenario.counted:
         if model.joints[joint - 1].torque_constant is None:
             place.fail(f"electrical_energy needs the torque_constant of joint {joint} in the model file")
 
 
 def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
+    """Effects and phases of contact are possible with this arm."""
     for name, values in scenario.contact.items():
         place = top.inside(f"contact.{name}")
         if model.spatial:
@@ -345,7 +343,7 @@ def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
     if "contact_inverse" not in model.functions or model.contact is None or not touched:
         top.inside(f"phase {touching[0][0]}").fail(
             "a contact phase needs a planar arm of four revolute joints with a [contact] and its plate; "
-            f"{model.name} is none"
+            f"{model.name} is not one"
         )
     if scenario.moving != tuple(range(1, model.n + 1)):
         top.inside("moving").fail("in a contact phase all joints move; leave moving out")
@@ -355,5 +353,5 @@ def _check_contact(top: Place, scenario: Scenario, model: Model) -> None:
             tip = scenario.points[name].tip
             if tip is None:
                 top.inside(f"points.{name}").fail(f"contact phase {k} begins or ends here; expected a tip")
-            if abs(tip[0] - x) > CLOSE:
+            if abs(tip[0] - x) > _CLOSE:
                 top.inside(f"points.{name}").fail(f"tip has x = {tip[0]:g} m; in contact it is the plate's, {x:g} m")

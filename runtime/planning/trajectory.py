@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -16,9 +17,9 @@ from scipy.interpolate import BPoly
 
 from runtime import files
 from runtime.model.loader import Library, Model
-from runtime.model.terms import Term
+from runtime.model.terms import Term, Values
+from runtime.planning.scenario import springs, usual
 from runtime.planning.settings import LONGEST_CYCLE, MOST_BYTES, MOST_PHASES, SHORTEST_PHASE
-from runtime.planning.springs import springs, usual
 from symbolic.model_file import checks
 from symbolic.model_file.checks import ModelError, Place, printable, quote, real, table_at
 from symbolic.model_file.fields import (
@@ -40,22 +41,21 @@ from symbolic.model_file.fields import (
 )
 
 Array = NDArray[np.float64]
-Values = dict[str, float]
 
 FORMAT = "tendon trajectory 1"
 _OF_A_SPRING = ("joint", "effect")
-"""Keys of a spring beside its parameters."""
+"""Keys of a spring that are not parameters of its effect."""
 MAX_POINTS = 30
-"""Of a coordinate in a phase: a polynomial of higher degree loses its digits."""
+"""Control points of a coordinate in a phase: polynomials of higher degree are inaccurate."""
 
 
 class TrajectoryError(ValueError):
-    """A trajectory file that cannot be used; the message says where and what was expected."""
+    """A trajectory file that cannot be used; the message says where, and what was expected."""
 
 
 @dataclass(frozen=True)
 class Phase:
-    """One polynomial a coordinate.
+    """One polynomial per coordinate.
 
     coordinates   "q": joint positions; "w": those of the contact, w_1 constant
     duration      s
@@ -68,14 +68,14 @@ class Phase:
 
     @cached_property
     def polynomials(self) -> tuple[BPoly, BPoly, BPoly]:
-        """Position, rate and acceleration over the time since the phase began."""
+        """Position, rate and acceleration over the time since the beginning of the phase."""
         position = BPoly(self.points.T[:, None, :], [0.0, self.duration])
         return position, position.derivative(1), position.derivative(2)
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Positions, rates and accelerations (n, N) of the joints; phase (N,): which one, from 0."""
+    """Positions, rates and accelerations (n, N) of the joints at t (N,) s; phase (N,): its index."""
 
     t: Array
     q: Array
@@ -86,17 +86,17 @@ class JointMotion:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What an optimization plans and a controller follows.
+    """A planned motion, which a controller follows.
 
     arm        name of the arm's model
-    scenario   name of the scenario that it answers
+    scenario   name of the scenario
     phases     one after another; from rest to rest, or periodic
     periodic   the end of the last phase is the beginning of the first
     elbow      sign of sin q_2 in contact phases
-    friction   whether friction was part of the model that it was planned with
+    friction   whether it was planned with friction
     springs    by joint (1-based): the parameters of its parallel spring; the arm has no others
-    contact    by effect of the contact: parameters of the environment that it was planned for
-    effects    by joint: the effect that its spring is, where it is not the library's first
+    contact    by effect of the contact: parameters of the environment
+    effects    by joint: the effect of its spring, if it is not the library's first one
     """
 
     arm: str
@@ -120,16 +120,16 @@ class Trajectory:
 
     @cached_property
     def starts(self) -> Array:
-        """(phases + 1,) s: when each begins, and the end."""
+        """(phases + 1,) s: the beginning of each phase, and the end."""
         return np.concatenate([[0.0], np.cumsum([phase.duration for phase in self.phases])])
 
     @property
     def duration(self) -> float:
-        """s, of all phases."""
+        """s, of all phases together."""
         return float(self.starts[-1])
 
     def at(self, model: Model, t: ArrayLike) -> JointMotion:
-        """The motion at times (N,) s; beyond the end, a periodic one goes on and another rests."""
+        """The motion at times (N,) s; beyond the end, a periodic one repeats and any other rests."""
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         within = np.mod(times, self.duration) if self.periodic else np.clip(times, 0.0, self.duration)
         index = np.clip(np.searchsorted(self.starts, within, side="right") - 1, 0, len(self.phases) - 1)
@@ -148,12 +148,12 @@ class Trajectory:
         if phase.coordinates == "q":
             return c, cd, cdd
         q = model.contact_inverse(c, self.elbow)
-        # Without rates b_w is zero, and the map of accelerations is that of rates.
+        # b_w is zero without rates, so that accelerations and rates have the same map.
         qd = model.contact_acceleration(q, np.zeros_like(q), cd)
         return q, qd, model.contact_acceleration(q, qd, cdd)
 
     def to_json(self) -> dict[str, Any]:
-        """SI units; control points a coordinate a row."""
+        """In SI units; a row of control points per coordinate."""
         return {
             "format": FORMAT,
             "arm": self.arm,
@@ -178,35 +178,38 @@ class Trajectory:
 
 def read(path: Path, model: Model) -> Trajectory:
     """The trajectory in a JSON file, for this arm. Raises TrajectoryError."""
-    data = _document(path)
-    try:
-        return _parsed(Place(printable(str(path))), data, model)
-    except ModelError as error:
-        raise TrajectoryError(str(error)) from None
+    with _reading(path) as top:
+        return _parsed(top, _document(path), model)
 
 
 def arm_of(path: Path) -> str:
     """The name of the arm that the trajectory in a JSON file is for. Raises TrajectoryError."""
-    data = _document(path)
+    with _reading(path) as top:
+        data = _document(path)
+        _check_format(top, data)
+        arm = data.get("arm")
+        if not isinstance(arm, str):
+            top.fail("arm: expected the name of the arm's model")
+        return arm
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[Place]:
+    """The place of the file in messages; a ModelError becomes a TrajectoryError."""
     try:
-        _check_format(Place(printable(str(path))), data)
+        yield Place(printable(str(path)))
     except ModelError as error:
         raise TrajectoryError(str(error)) from None
-    arm = data.get("arm")
-    if not isinstance(arm, str):
-        raise TrajectoryError(f"{path}: arm: expected the name of the arm's model")
-    return arm
 
 
 def _document(path: Path) -> Any:
-    """What a file says, as far as it is JSON. Raises TrajectoryError."""
+    """The JSON in a file. Raises TrajectoryError, ModelError."""
     if not path.exists():
         raise TrajectoryError(f"{path}: no such file; tendon optimize SCENARIO --out {path} makes one")
+    text = checks.read_text(path, MOST_BYTES, "a trajectory of tendon optimize")
     try:
-        return json.loads(checks.read_text(path, MOST_BYTES, "a trajectory of tendon optimize"))
-    except ModelError as error:
-        raise TrajectoryError(str(error)) from None
-    except (ValueError, RecursionError) as error:  # ValueError: no JSON, or a number of thousands of digits
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: not JSON, or a number of thousands of digits
         why = str(error).split(";")[0]
         raise TrajectoryError(f"{path}: not valid JSON ({why}); expected a trajectory of tendon optimize") from error
 
@@ -216,21 +219,21 @@ def _document(path: Path) -> Any:
 
 @dataclass(frozen=True)
 class _ControlPoints(SingleField):
-    """Rows of equal length, one a coordinate, of finite numbers."""
+    """Rows of equal length with finite numbers, one per coordinate."""
 
     count: int
 
     def read(self, place: Place, value: Any, _: JointType) -> Array:
         rows = value if isinstance(value, list) else []
         if len(rows) != self.count or not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
-            place.fail(f"points: expected {self.count} rows of equal length, one a coordinate")
+            place.fail(f"points: expected {self.count} rows of equal length, one per coordinate")
         if not 2 <= len(rows[0]) <= MAX_POINTS:
-            place.fail(f"points: found {len(rows[0])} a row, expected 2 to {MAX_POINTS}")
+            place.fail(f"points: found {len(rows[0])} in a row, expected 2 to {MAX_POINTS}")
         return np.array([[real(place, "points", x, "rad or m") for x in row] for row in rows])
 
 
 def _fields(model: Model) -> tuple[Field, ...]:
-    """Every key of a trajectory of this arm."""
+    """All keys of a trajectory of this arm."""
     n = model.n
     phase = (
         Choice("coordinates", "q: joint positions; w: those of the contact", ("q", "w"), '"q" or "w"'),
@@ -277,43 +280,43 @@ def _parsed(top: Place, data: Any, model: Model) -> Trajectory:
     _check_format(top, data)
     arm = data.get("arm", model.name)
     if arm != model.name:
-        top.fail(f'is for the arm {quote(str(arm))}, and the model file is of "{model.name}"')
-    said = read_fields(top, data, _fields(model))
-    if not said["phases"]:
+        top.fail(f'is for the arm {quote(str(arm))}, but the model file describes "{model.name}"')
+    given = read_fields(top, data, _fields(model))
+    if not given["phases"]:
         top.fail("phases: expected at least one")
-    if len(said["phases"]) > MOST_PHASES:
-        top.fail(f"phases: found {len(said['phases'])}; expected at most {MOST_PHASES}")
-    if (seconds := sum(phase["duration"] for phase in said["phases"])) > LONGEST_CYCLE:
+    if len(given["phases"]) > MOST_PHASES:
+        top.fail(f"phases: found {len(given['phases'])}; expected at most {MOST_PHASES}")
+    if (seconds := sum(phase["duration"] for phase in given["phases"])) > LONGEST_CYCLE:
         top.fail(f"phases: their durations are {seconds:.6g} s together; expected at most {LONGEST_CYCLE:g} s")
     found = Trajectory(
         arm=model.name,
-        scenario=said["scenario"],
-        phases=tuple(_phase(top.inside(f"phase {k}"), phase, model) for k, phase in enumerate(said["phases"], 1)),
-        periodic=said["periodic"],
-        elbow=said["elbow"],
-        friction=said["friction"],
-        springs=_springs(top, said["springs"], model),
-        effects={spring["joint"]: spring["effect"] for spring in said["springs"] if spring["effect"]},
-        contact=_contact(top.inside("contact"), said["contact"], model),
+        scenario=given["scenario"],
+        phases=tuple(_phase(top.inside(f"phase {k}"), phase, model) for k, phase in enumerate(given["phases"], 1)),
+        periodic=given["periodic"],
+        elbow=given["elbow"],
+        friction=given["friction"],
+        springs=_springs(top, given["springs"], model),
+        effects={spring["joint"]: spring["effect"] for spring in given["springs"] if spring["effect"]},
+        contact=_contact(top.inside("contact"), given["contact"], model),
     )
     _check_joins(top, found, model)
     return found
 
 
-def _phase(place: Place, said: Mapping[str, Any], model: Model) -> Phase:
-    if said["duration"] < SHORTEST_PHASE:
-        place.fail(f"duration is {said['duration']:.6g} s; expected at least {SHORTEST_PHASE:g} s")
-    if said["coordinates"] == "w":
+def _phase(place: Place, given: Mapping[str, Any], model: Model) -> Phase:
+    if given["duration"] < SHORTEST_PHASE:
+        place.fail(f"duration is {given['duration']:.6g} s; expected at least {SHORTEST_PHASE:g} s")
+    if given["coordinates"] == "w":
         if "contact_inverse" not in model.functions:
             place.fail(f'the arm "{model.name}" has no contact coordinates w')
-        if np.ptp(said["points"][0]) > 0:
+        if np.ptp(given["points"][0]) > 0:
             place.fail("the first coordinate is that of the plate and must be constant")
-    return Phase(**said)
+    return Phase(**given)
 
 
-def _springs(top: Place, said: Sequence[Mapping[str, Any]], model: Model) -> dict[int, Values]:
+def _springs(top: Place, given: Sequence[Mapping[str, Any]], model: Model) -> dict[int, Values]:
     known, found = springs(model.library.effects), {}
-    for k, item in enumerate(said, 1):
+    for k, item in enumerate(given, 1):
         place = top.inside(f"spring {k}")
         effect = item["effect"] or usual(known)
         if effect not in known:
@@ -324,20 +327,18 @@ def _springs(top: Place, said: Sequence[Mapping[str, Any]], model: Model) -> dic
     return found
 
 
-def _contact(place: Place, said: Mapping[str, Any], model: Model) -> dict[str, Values]:
-    for name in said:
-        info = model.library.effects.get(name)
-        if info is None or info.scope != "contact":
-            place.fail(f"{quote(name)} is no effect of the contact")
+def _contact(place: Place, given: Mapping[str, Any], model: Model) -> dict[str, Values]:
     found = {}
-    for name, values in said.items():
-        here = place.inside(name)
+    for name, values in given.items():
+        here, info = place.inside(name), model.library.effects.get(name)
+        if info is None or info.scope != "contact":
+            place.fail(f"{quote(name)} is not an effect of the contact")
         found[name] = read_fields(here, table_at(here, values, "of parameters"), _parameters(model, name))
     return found
 
 
 def _check_joins(top: Place, found: Trajectory, model: Model) -> None:
-    """A jump of the position is a broken file; no controller should see it."""
+    """Positions are continuous from phase to phase: no controller may be asked to jump."""
 
     def end(phase: Phase, t: float) -> Array:
         return found._joints(model, phase, np.array([t]))[0][:, 0]

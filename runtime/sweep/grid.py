@@ -10,9 +10,8 @@ from math import floor, isfinite, prod
 
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
-from runtime.planning.scenario import Scenario, SpringPlan
+from runtime.planning.scenario import Declared, Scenario, SoughtSpring, SpringPlan, sought, springs
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
-from runtime.planning.springs import Declared, SoughtSpring, sought, springs
 from runtime.sweep.job import Code, Job, Value
 from symbolic.described import DescribedParameter
 from symbolic.model_file.checks import Names, did_you_mean, joint_number, known_joints, printable, quote

@@ -22,10 +22,9 @@ from pathlib import Path
 import msgspec
 
 from runtime.model.loader import Model, load_library, load_model
-from runtime.planning.optimize import Infeasible, optimize
-from runtime.planning.options import PlanningSettings
+from runtime.planning.optimize import Infeasible, StartError, optimize
 from runtime.planning.scenario import Scenario
-from runtime.planning.starts import StartError
+from runtime.planning.settings import PlanningSettings
 from runtime.progress import on_cores
 
 Value = float | str

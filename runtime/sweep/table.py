@@ -14,8 +14,7 @@ from typing import Any
 
 from runtime import files
 from runtime.model.loader import Model
-from runtime.planning.scenario import Scenario
-from runtime.planning.springs import sought
+from runtime.planning.scenario import Scenario, sought
 from runtime.sweep.job import Job, JobResult
 
 CLOSE = 0.01

@@ -22,12 +22,10 @@ from pinocchio_reference import Missing, Reference
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import effort, objective
-from runtime.planning.optimize import WIDTH, Infeasible, Planner, optimize
-from runtime.planning.options import PlanningSettings
-from runtime.planning.program import Program
+from runtime.planning.optimize import WIDTH, Infeasible, Planner, StartError, optimize, random_start
+from runtime.planning.program import MET, Program
 from runtime.planning.scenario import Scenario
-from runtime.planning.solve import MET
-from runtime.planning.starts import StartError, random_start
+from runtime.planning.settings import PlanningSettings
 from runtime.progress import on_cores
 from symbolic.model_file.arm import Arm
 

@@ -20,7 +20,7 @@ from runtime.execution.options import ExecutionSettings
 from runtime.execution.targets import SIMULATED
 from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
-from runtime.planning.options import PlanningSettings
+from runtime.planning.settings import PlanningSettings
 from runtime.planning.trajectory import Trajectory
 from runtime.study.cases import StudyCase
 from runtime.study.experiment import HIDDEN

@@ -22,7 +22,7 @@ from runtime.interruption import heard_afterwards, heard_in_casadi
 from runtime.model.loader import Library
 from runtime.planning import optimize
 from runtime.planning.interior_point import Bounded, Manner
-from runtime.planning.starts import random_start
+from runtime.planning.optimize import random_start
 from tests.runtime.planning import planning_cases
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no signals there")

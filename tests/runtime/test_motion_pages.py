@@ -18,7 +18,7 @@ from runtime.model.loader import Library, Model
 from runtime.plain_json import plain
 from runtime.planning import results
 from runtime.planning.optimize import optimize
-from runtime.planning.options import PlanningSettings
+from runtime.planning.settings import PlanningSettings
 from runtime.report.page import executed_page, planned_page
 from runtime.report.page.executed_page import ExecutedCycles
 from runtime.report.plots import plan_plots

@@ -15,7 +15,7 @@ from runtime.cli.setting_options import with_settings
 from runtime.execution.options import ExecutionSettings
 from runtime.experiments.options import ExperimentSettings
 from runtime.hardware.settings import TRACKING
-from runtime.planning.options import PlanningSettings
+from runtime.planning.settings import PlanningSettings
 from runtime.setting import Checked, Setting, SettingError, declared
 from runtime.simulation.options import SimulationSettings
 

@@ -16,7 +16,7 @@ from runtime.cli.main import app
 from runtime.plain_json import plain
 from runtime.planning import results
 from runtime.planning.optimize import optimize
-from runtime.planning.options import PlanningSettings
+from runtime.planning.settings import PlanningSettings
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from symbolic.model_file.arm import Limits

@@ -13,7 +13,7 @@ from runtime.estimation.regressors import Signals
 from runtime.model.terms import SURFACE, given
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
-from runtime.planning.springs import is_spring
+from runtime.planning.scenario import is_spring
 from runtime.report.page.arm_motion import (
     ArmMotion,
     Course,

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from runtime.model.loader import Model
-from runtime.planning.batch import Machine
+from runtime.planning.blocks import Kernels, Machine
 from runtime.planning.interior_point import SOLVED, STUCK, Bounded, Manner, minimize
-from runtime.planning.kernels import Kernels
-from runtime.planning.program import Program
+from runtime.planning.optimize import random_start
+from runtime.planning.program import Program, Solver
 from runtime.planning.scenario import Scenario
-from runtime.planning.solve import Solver
-from runtime.planning.starts import random_start
 
 
 def few(degree: int) -> int:

@@ -19,11 +19,10 @@ from runtime.model.loader import Library, Model
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import at_times, effort, objective
-from runtime.planning.optimize import Infeasible, Plan, optimize
-from runtime.planning.options import PlanningSettings
+from runtime.planning.optimize import Infeasible, Plan, StartError, optimize
 from runtime.planning.results import document
 from runtime.planning.scenario import Objective, Scenario
-from runtime.planning.starts import StartError
+from runtime.planning.settings import PlanningSettings
 from runtime.progress import on_cores
 from runtime.report.terminal import plan_pages
 from symbolic.model_file.arm import Limits

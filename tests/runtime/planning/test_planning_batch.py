@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from codegen.casadi.machine import LANES, OPERATIONS
 from runtime.model.loader import Library
-from runtime.planning.batch import Batch, Instructions, Machine
+from runtime.planning.blocks import Batch, Instructions, Machine
 
 Binary = Callable[[ca.SX, ca.SX], ca.SX]
 
@@ -43,9 +43,7 @@ EXPRESSIONS: dict[str, Binary] = {
 def assert_same(library: Library, function: ca.Function, inputs: Sequence[np.ndarray]) -> None:
     """Of inputs (N, size) each."""
     batch = Batch(Machine(library.machine), Instructions.of(function), len(inputs[0]))
-    for own, values in zip(batch.inputs, inputs, strict=True):
-        own[:] = values
-    found = batch()
+    found = batch(*inputs)
     for k in range(len(inputs[0])):
         expected = function.call([ca.DM(values[k]) for values in inputs])
         for own, one in zip(found, expected, strict=True):
@@ -76,7 +74,7 @@ def test_any_number_of_places_and_shapes(library: Library, count: int, rows: int
 def test_without_rows_there_is_nothing(library: Library) -> None:
     x = ca.SX.sym("x", 2)
     without = Instructions.of(ca.Function("f", [x], [ca.SX(0, 1), ca.dot(x, x)]))
-    found = Batch(Machine(library.machine), without, 3)()
+    found = Batch(Machine(library.machine), without, 3)(np.zeros((3, 2)))
     assert found[0].size == 0
     assert found[1].shape == (3, 1, 1)
 

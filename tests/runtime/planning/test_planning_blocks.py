@@ -12,9 +12,9 @@ import pytest
 
 from runtime.model.loader import Library, Model
 from runtime.planning.blocks import Sum, assemble
+from runtime.planning.optimize import random_start
 from runtime.planning.program import Program
 from runtime.planning.scenario import Objective, Scenario
-from runtime.planning.starts import random_start
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import and_back, arm
 

@@ -10,8 +10,8 @@ import pytest
 from runtime.model.loader import Model
 from runtime.planning.evaluate import Effort, at_times
 from runtime.planning.optimize import Plan, optimize
-from runtime.planning.options import PlanningSettings
 from runtime.planning.scenario import Scenario
+from runtime.planning.settings import PlanningSettings
 from runtime.planning.trajectory import Trajectory
 
 COUNT = 1500

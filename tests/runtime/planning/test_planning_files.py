@@ -125,7 +125,7 @@ SCENARIO_ERRORS: dict[str, tuple[str, Change, str]] = {
     "ohm": (
         "scenario1",
         lambda t: t["objective"].update(goal="electrical_energy"),
-        "objective: resistance has 0 numbers; expected 4, one a joint, in Ohm",
+        "objective: resistance has 0 numbers; expected 4, one per joint, in Ohm",
     ),
     "torque constant": (
         "scenario1",
@@ -259,7 +259,7 @@ def test_what_is_written_is_read(tmp_path: Path, model: Model, motion: Trajector
 TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
     "format": (lambda d: d.update(format="2"), "not a trajectory; expected an object with"),
     "missing": (lambda d: d.pop("phases"), 'missing key "phases"; needed are format, arm, scenario, periodic, phases'),
-    "arm": (lambda d: d.update(arm="emps"), 'is for the arm "emps", and the model file is of "vishard4"'),
+    "arm": (lambda d: d.update(arm="emps"), 'is for the arm "emps", but the model file describes "vishard4"'),
     "none": (lambda d: d.update(phases=[]), "phases: expected at least one"),
     "flag": (lambda d: d.update(periodic=1), "periodic is 1; expected true or false"),
     "elbow": (lambda d: d.update(elbow=0.5), "elbow is 0.5; expected 1 or -1, the sign of sin q_2"),
@@ -272,7 +272,7 @@ TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
     "ragged": (lambda d: d["phases"][0]["points"][0].pop(), "phase 1: points: expected 4 rows of equal length"),
     "one point": (
         lambda d: d["phases"][0].update(points=[[0.0]] * 4),
-        "phase 1: points: found 1 a row, expected 2 to 30",
+        "phase 1: points: found 1 in a row, expected 2 to 30",
     ),
     "infinite": (
         lambda d: d["phases"][0]["points"][0].__setitem__(0, float("inf")),
@@ -314,7 +314,7 @@ TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
         'contact: plate: unknown key "stifness"; did',
     ),
     "no table": (lambda d: d["contact"].update(plate=3), "contact: plate: found 3; expected a table of parameters"),
-    "no contact": (lambda d: d["contact"].update(viscous={}), 'contact: "viscous" is no effect of the contact'),
+    "no contact": (lambda d: d["contact"].update(viscous={}), 'contact: "viscous" is not an effect of the contact'),
 }
 
 

@@ -10,11 +10,10 @@ import pytest
 
 from codegen.prepare import prepare_arm
 from runtime.model.loader import Library, Model, load_model
-from runtime.planning.direction import rotation, target_frame
-from runtime.planning.optimize import Plan, optimize
+from runtime.planning.optimize import Plan, StartError, optimize
+from runtime.planning.physics import rotation, target_frame
 from runtime.planning.results import document
 from runtime.planning.scenario import Point
-from runtime.planning.starts import StartError
 from runtime.report.terminal import plan_pages
 from symbolic.model_file.checks import ModelError
 from tests.runtime.planning.planning_cases import arm, there
