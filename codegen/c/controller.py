@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Any
 
 import sympy as sp
 
@@ -28,12 +28,12 @@ class RecordField:
     unit: str
     meaning: str
     count: int | None = None
-    kind: Literal["value", "pointer"] = "value"
+    pointer: bool = False
 
     def declaration(self) -> str:
         """pointer: to const, so that a record can stand in read-only memory."""
         array = "" if self.count is None else f"[{self.count}]"
-        target = f"const {self.type} *{self.name}" if self.kind == "pointer" else f"{self.type} {self.name}{array}"
+        target = f"const {self.type} *{self.name}" if self.pointer else f"{self.type} {self.name}{array}"
         return f"{target}; {comment(f'{self.unit}: {self.meaning}' if self.unit else self.meaning)}"
 
 
@@ -53,22 +53,14 @@ class Record:
 
     def to_json(self) -> dict[str, Any]:
         """Name and fields, as the runtime reads them to fill the struct."""
-        return {"name": self.name, "fields": [_json(field) for field in self.fields]}
-
-
-def _json(field: RecordField) -> dict[str, Any]:
-    return {"name": field.name, "type": field.type, "count": field.count, "pointer": field.kind == "pointer"}
+        fields = [{"name": f.name, "type": f.type, "count": f.count, "pointer": f.pointer} for f in self.fields]
+        return {"name": self.name, "fields": fields}
 
 
 def of_struct(name: str, meaning: str, struct: Struct, declared: bool = False) -> Record:
     """A record of the parameters of generated functions."""
     rows = zip(struct.symbols, struct.units, struct.meanings, strict=True)
     return Record(name, meaning, tuple(RecordField(s.name, "float", unit, text) for s, unit, text in rows), declared)
-
-
-def size_lines(records: Sequence[Record], array: str) -> list[str]:
-    """Statements that write the size of every record, in order."""
-    return [f"{array}[{i}] = (uint32_t)sizeof({record.name});" for i, record in enumerate(records)]
 
 
 MAX_DEGREE = 29
@@ -83,138 +75,111 @@ STATUS = {
 }
 
 
+_RECORDS: Mapping[str, tuple[str, Sequence[tuple[str, str, str, str]]]] = {
+    "config": (
+        "The arm, its encoders and its gains; {name}_controller_prepare_f32 fills the last two fields.",
+        [
+            ("parameters", "{name}_parameters_f32", "", "of the arm"),
+            ("effects", "{name}_effects_f32", "", "that are compensated"),
+            ("rate", "float", "Hz", "of the control step"),
+            ("velocity_gain", "float", "1", "of the low-pass on the rates: 1 - exp(-2 pi cut-off/rate)"),
+            ("position_per_count", "float[n]", "rad|m", "of one encoder count"),
+            ("zero", "int32_t[n]", "counts", "where the position is 0"),
+            ("kp", "float[n]", "N m/rad|N/m", "torque per error of position"),
+            ("kd", "float[n]", "N m s/rad|N s/m", "torque per error of rate"),
+            ("torque_limit", "float[n]", "N m|N", "largest torque in either direction"),
+            ("kept", "float", "1", "1 - velocity_gain"),
+            ("rate_per_count", "float[n]", "rad/s|m/s", "that a count a period adds to the filtered rate"),
+        ],
+    ),
+    "phase": (
+        "A part of a trajectory, equation (9); {name}_controller_prepare_phase_f32 fills the last three fields.",
+        [
+            ("coordinates", "uint32_t", "", "{NAME}_JOINT_COORDINATES or {NAME}_CONTACT_COORDINATES, equation (13)"),
+            ("degree", "uint32_t", "", "of the polynomials, {least} to {NAME}_MAX_DEGREE"),
+            ("duration", "float", "s", "not less than a control period"),
+            ("points", "float *", "", "degree + 1 control points of {n} coordinates each"),
+            ("contact", "{name}_contact_f32 *", "", "the plate that it touches, or null"),
+            ("spread", "float", "1", "degree - 1"),
+            ("first", "float", "1/s", "degree/duration: of the first derivative"),
+            ("second", "float", "1/s^2", "first (degree - 1)/duration: of the second derivative"),
+        ],
+    ),
+    "trajectory": (
+        "What the controller follows.",
+        [
+            ("count", "uint32_t", "", "of the phases"),
+            ("periodic", "uint32_t", "", "1: the first phase follows the last one; 0: the arm rests at the end"),
+            ("elbow", "float", "1", "sign of sin q_2 in contact coordinates"),
+            ("springs", "{name}_spring_f32[n]", "", "parallel to the joints"),
+            ("phases", "{name}_phase_f32 *", "", "one after another"),
+        ],
+    ),
+    "state": (
+        "What the controller keeps between two steps.",
+        [
+            ("counts", "int32_t[n]", "counts", "of the last step"),
+            ("q", "float[n]", "rad|m", "measured"),
+            ("qd", "float[n]", "rad/s|m/s", "measured and filtered"),
+            ("phase", "uint32_t", "", "from 0"),
+            ("tick", "uint32_t", "", "periods since tick 0"),
+            ("begin", "float", "s", "time within the phase at tick 0"),
+            ("elapsed", "float", "s", "time within the phase now"),
+            ("finished", "uint32_t", "", "1: at rest at the end"),
+        ],
+    ),
+    "output": (
+        "What a step gives.",
+        [
+            ("torque", "float[n]", "N m|N", "to hold until the next step"),
+            ("q_desired", "float[n]", "rad|m", "by the trajectory"),
+            ("phase", "uint32_t", "", "of the trajectory, from 0"),
+            ("status", "uint32_t", "", "bits: {flags}"),
+        ],
+    ),
+}
+"""Meaning and fields of the structs that every arm has. A field has a name, a type ([n]: a value a joint; *: pointer),
+a unit ("rad|m": rad for revolute joints, m for prismatic ones) and a meaning."""
+
+
 def controller_records(model: ArmModel, found: Compensation) -> tuple[Record, ...]:
-    """All structs in order of declaration, the first one that of the arm's own header."""
-    name = model.arm.name
-    coordinates = Coordinates(tuple(joint.type for joint in model.arm.joints))
-    return (
+    """All structs in order of declaration, beginning with that of the arm's own header."""
+    name, n = model.arm.name, len(model.arm.joints)
+    unit = Coordinates(tuple(joint.type for joint in model.arm.joints)).unit
+    flags = ", ".join(f"{name.upper()}_{flag.upper()}" for flag in STATUS)
+    words = {"name": name, "NAME": name.upper(), "n": n, "least": MIN_DEGREE, "flags": flags}
+    springs = [
+        RecordField(field, "float", unit(p.unit.text("revolute"), p.unit.text("prismatic")), p.meaning)
+        for spring in found.springs
+        if spring.joint == 1
+        for field, (p, _) in zip(spring.names, spring.lumps, strict=True)
+    ]
+    contact = [
+        RecordField(f"{site.effect.name}_{p.name}", "float", p.unit.text(), p.meaning)
+        for site in found.touched
+        for p in site.effect.parameters
+    ]
+    note = "A spring parallel to a joint, equation (2); all zero where there is none."
+    records = [
         of_struct(f"{name}_parameters_f32", "", model.struct, declared=True),
         of_struct(f"{name}_effects_f32", "Parameters of the effects that are compensated.", found.effects),
-        _spring(name, coordinates, found),
-        _contact(name, found),
-        _config(name, coordinates),
-        _phase(name, coordinates),
-        _trajectory(name, coordinates),
-        _state(name, coordinates),
-        _output(name, coordinates),
-    )
-
-
-def _record(name: str, what: str, meaning: str, *fields: RecordField) -> Record:
-    return Record(f"{name}_{what}_f32", meaning, fields)
-
-
-def _spring(name: str, coordinates: Coordinates, found: Compensation) -> Record:
-    return _record(
-        name,
-        "spring",
-        "A spring parallel to a joint, equation (2); all zero where there is none.",
-        *(
-            RecordField(lump, "float", coordinates.unit(p.unit.text("revolute"), p.unit.text("prismatic")), p.meaning)
-            for spring in found.springs
-            if spring.joint == 1
-            for lump, (p, _) in zip(spring.names, spring.lumps, strict=True)
-        ),
-    )
-
-
-def _contact(name: str, found: Compensation) -> Record:
-    return _record(
-        name,
-        "contact",
-        "The plate, equation (3), and its damper.",
-        *(
-            RecordField(f"{site.effect.name}_{p.name}", "float", p.unit.text(), p.meaning)
-            for site in found.touched
-            for p in site.effect.parameters
-        ),
-    )
-
-
-def _config(name: str, coordinates: Coordinates) -> Record:
-    n, unit = len(coordinates.types), coordinates.unit
-    return _record(
-        name,
-        "config",
-        f"The arm, its encoders and its gains; {name}_controller_prepare_f32 fills the last two fields.",
-        RecordField("parameters", f"{name}_parameters_f32", "", "of the arm"),
-        RecordField("effects", f"{name}_effects_f32", "", "that are compensated"),
-        RecordField("rate", "float", "Hz", "of the control step"),
-        RecordField("velocity_gain", "float", "1", "of the low-pass on the rates: 1 - exp(-2 pi cut-off/rate)"),
-        RecordField("position_per_count", "float", unit("rad", "m"), "of one encoder count", n),
-        RecordField("zero", "int32_t", "counts", "where the position is 0", n),
-        RecordField("kp", "float", unit("N m/rad", "N/m"), "torque per error of position", n),
-        RecordField("kd", "float", unit("N m s/rad", "N s/m"), "torque per error of rate", n),
-        RecordField("torque_limit", "float", coordinates.force, "largest torque in either direction", n),
-        RecordField("kept", "float", "1", "1 - velocity_gain"),
-        RecordField(
-            "rate_per_count", "float", unit("rad/s", "m/s"), "that a count a period adds to the filtered rate", n
-        ),
-    )
-
-
-def _phase(name: str, coordinates: Coordinates) -> Record:
-    n = len(coordinates.types)
-    kinds = f"{name.upper()}_JOINT_COORDINATES or {name.upper()}_CONTACT_COORDINATES, equation (13)"
-    return _record(
-        name,
-        "phase",
-        f"A part of a trajectory, equation (9); {name}_controller_prepare_phase_f32 fills the last three fields.",
-        RecordField("coordinates", "uint32_t", "", kinds),
-        RecordField("degree", "uint32_t", "", f"of the polynomials, {MIN_DEGREE} to {name.upper()}_MAX_DEGREE"),
-        RecordField("duration", "float", "s", "not less than a control period"),
-        RecordField("points", "float", "", f"degree + 1 control points of {n} coordinates each", kind="pointer"),
-        RecordField("contact", f"{name}_contact_f32", "", "the plate that it touches, or null", kind="pointer"),
-        RecordField("spread", "float", "1", "degree - 1"),
-        RecordField("first", "float", "1/s", "degree/duration: of the first derivative"),
-        RecordField("second", "float", "1/s^2", "first (degree - 1)/duration: of the second derivative"),
-    )
-
-
-def _trajectory(name: str, coordinates: Coordinates) -> Record:
-    n = len(coordinates.types)
-    return _record(
-        name,
-        "trajectory",
-        "What the controller follows.",
-        RecordField("count", "uint32_t", "", "of the phases"),
-        RecordField("periodic", "uint32_t", "", "1: the first phase follows the last one; 0: the arm rests at the end"),
-        RecordField("elbow", "float", "1", "sign of sin q_2 in contact coordinates"),
-        RecordField("springs", f"{name}_spring_f32", "", "parallel to the joints", n),
-        RecordField("phases", f"{name}_phase_f32", "", "one after another", kind="pointer"),
-    )
-
-
-def _state(name: str, coordinates: Coordinates) -> Record:
-    n = len(coordinates.types)
-    return _record(
-        name,
-        "state",
-        "What the controller keeps between two steps.",
-        RecordField("counts", "int32_t", "counts", "of the last step", n),
-        RecordField("q", "float", coordinates.unit("rad", "m"), "measured", n),
-        RecordField("qd", "float", coordinates.unit("rad/s", "m/s"), "measured and filtered", n),
-        RecordField("phase", "uint32_t", "", "from 0"),
-        RecordField("tick", "uint32_t", "", "periods since tick 0"),
-        RecordField("begin", "float", "s", "time within the phase at tick 0"),
-        RecordField("elapsed", "float", "s", "time within the phase now"),
-        RecordField("finished", "uint32_t", "", "1: at rest at the end"),
-    )
-
-
-def _output(name: str, coordinates: Coordinates) -> Record:
-    n, unit = len(coordinates.types), coordinates.unit
-    return _record(
-        name,
-        "output",
-        "What a step gives.",
-        RecordField("torque", "float", coordinates.force, "to hold until the next step", n),
-        RecordField("q_desired", "float", unit("rad", "m"), "by the trajectory", n),
-        RecordField("phase", "uint32_t", "", "of the trajectory, from 0"),
-        RecordField(
-            "status", "uint32_t", "", f"bits: {', '.join(f'{name.upper()}_{flag.upper()}' for flag in STATUS)}"
-        ),
-    )
+        Record(f"{name}_spring_f32", note, tuple(springs)),
+        Record(f"{name}_contact_f32", "The plate, equation (3), and its damper.", tuple(contact)),
+    ]
+    for short, (meaning, rows) in _RECORDS.items():
+        fields = [
+            RecordField(
+                field,
+                kind.removesuffix("[n]").removesuffix(" *").format(**words),
+                unit(*text.split("|")) if "|" in text else text,
+                what.format(**words),
+                n if kind.endswith("[n]") else None,
+                kind.endswith("*"),
+            )
+            for field, kind, text, what in rows
+        ]
+        records.append(Record(f"{name}_{short}_f32", meaning.format(**words), tuple(fields)))
+    return tuple(records)
 
 
 STRUCTS = {"parameters": "parameters", "effects": "effects", "springs": "spring", "contact": "contact"}
@@ -256,7 +221,7 @@ class Controller:
             "types": [record.typedef() for record in self.records if not record.declared],
             "routines": [self._routine(function) for function in (inverse, *self.compensation.functions)],
             "reciprocals": [F32.language.literal(Fraction(1, max(k, 1))) for k in range(MAX_DEGREE - 1)],
-            "sizes": size_lines(self.records, "sizes"),
+            "sizes": [f"sizes[{i}] = (uint32_t)sizeof({r.name});" for i, r in enumerate(self.records)],
         }
 
     @property

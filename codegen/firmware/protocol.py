@@ -6,13 +6,31 @@ From it come the C that packs and unpacks (codegen.firmware.protocol_text), prot
 from __future__ import annotations
 
 import json
+import re
+import struct
 import zlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from fractions import Fraction
+from math import ceil, exp, pi
+from pathlib import Path
 from typing import Any, Literal
 
+from codegen.c.c_code import float32
 from codegen.c.controller import COORDINATES, MAX_DEGREE, STATUS, Controller, Record
-from codegen.firmware.ceilings import Ceilings
-from codegen.firmware.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, Message, commands, reports
+from codegen.firmware.messages import (
+    LARGEST,
+    LEAST_FILTER,
+    MAX_PHASES,
+    MAX_ROWS,
+    RATES,
+    ROWS_A_MESSAGE,
+    STEPS,
+    Message,
+    commands,
+    reports,
+)
+from symbolic.model_file.arm import Control, DescribedJoint
 
 VERSION = 1
 """Of the frame and of the meaning of messages."""
@@ -130,6 +148,158 @@ RESULTS = (
 
 MISSING = {"parameters": 1, "effects": 2, "drive": 4, "safety": 8, "trajectory": 16}
 """What `arm` may find wanting; `trajectory`: one that is committed."""
+
+
+OVERSPEED = 2.0
+"""Times a joint's speed limit, which plans keep: tracking needs some room above it."""
+BEYOND = {"revolute": 0.1, "prismatic": 0.02}
+"""rad, m beyond a joint's range of position, which plans keep: twice what tracking needs."""
+GAIN_ROOM = 10.0
+"""Times the model file's gains: up to there they can be tuned without new firmware."""
+FACT = 0.05
+"""Relative difference that is accepted between the host's rate and encoder steps and the model file's."""
+FILTER = 0.5
+"""Times the model file's gain of the low-pass on the rates: a smaller gain would hide speed from the guard."""
+HIGHEST = 1e38
+"""Largest ceiling, below the float that stands for no limit."""
+LATE_PERIODS = 2.0
+"""Control periods between two steps that are always accepted, even where they exceed TENDON_MOST_LATE."""
+_MICROSECONDS = 1e6
+_BOARD_HEADER = Path(__file__).resolve().parent / "tree" / "src" / "tendon_board.h"
+_KINDS = {"revolute": ("TORQUE", "SPEED", "ERROR", "ANGLE"), "prismatic": ("FORCE", "LINEAR_SPEED", "SLIP", "TRAVEL")}
+_DEFINED = re.compile(r"^#define (TENDON_MOST_\w+) ([0-9.e+]+)[fU]? ", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """A number and its spelling in C: a name of tendon_board.h, or digits."""
+
+    value: float
+    text: str
+
+    @property
+    def of_board(self) -> bool:
+        """Whether it comes from tendon_board.h because the model file has no such limit."""
+        return self.text.startswith("TENDON_MOST_")
+
+    def __neg__(self) -> Ceiling:
+        return Ceiling(-self.value, self.text[1:] if self.text.startswith("-") else f"-{self.text}")
+
+
+@dataclass(frozen=True)
+class JointCeilings:
+    """Ceilings of a joint, in the order of the C structure.
+
+    low, high           ends of the range of position
+    finest, coarsest    ends of the range of the encoder's step
+    """
+
+    torque_limit: Ceiling
+    speed: Ceiling
+    tracking: Ceiling
+    low: Ceiling
+    high: Ceiling
+    kp: Ceiling
+    kd: Ceiling
+    finest: Ceiling
+    coarsest: Ceiling
+
+    @classmethod
+    def of(cls, joint: DescribedJoint) -> JointCeilings:
+        """The ceilings of a joint of the model file."""
+        torque, speed, tracking, position = (_of_board(name) for name in _KINDS[joint.type])
+        limits, beyond = joint.limits, BEYOND[joint.type]
+        low, high = -position, position
+        if limits.position is not None:
+            low, high = _real(limits.position[0] - beyond), _real(limits.position[1] + beyond)
+        finest, coarsest = STEPS
+        if joint.encoder_counts:
+            step = 2.0 * pi / (joint.encoder_counts * joint.gear_ratio)
+            finest, coarsest = (1.0 - FACT) * step, (1.0 + FACT) * step
+        gains = joint.gains
+        return cls(
+            torque_limit=torque if limits.torque is None else _real(limits.torque),
+            speed=speed if limits.speed is None else _real(OVERSPEED * limits.speed),
+            tracking=tracking,
+            low=low,
+            high=high,
+            kp=_real(GAIN_ROOM * gains.kp) if gains and gains.kp else _of_board("KP"),
+            kd=_real(GAIN_ROOM * gains.kd) if gains and gains.kd else _of_board("KD"),
+            finest=_real(finest),
+            coarsest=_real(coarsest),
+        )
+
+
+@dataclass(frozen=True)
+class Ceilings:
+    """Limits that the board enforces whatever a host sends, from the model file and, where it has none, tendon_board.h.
+
+    rates     Hz, the accepted range          filter   least gain of the low-pass on the rates
+    silence   periods without a valid frame   late     us between two steps
+    """
+
+    joints: tuple[JointCeilings, ...]
+    rates: tuple[Ceiling, Ceiling]
+    filter: Ceiling
+    silence: Ceiling
+    late: Ceiling
+
+    @classmethod
+    def of(cls, joints: Sequence[DescribedJoint], control: Control | None) -> Ceilings:
+        """The ceilings for the joints and the [controller] of a model file."""
+        rates, gain, late = RATES, LEAST_FILTER, _of_board("LATE")
+        rate = _of_board("RATE").value
+        if control is not None:
+            rate = control.rate
+            rates = ((1.0 - FACT) * rate, (1.0 + FACT) * rate)
+            gain = FILTER * (1.0 - exp(-2.0 * pi * control.velocity_cutoff / rate))
+            periods = ceil(LATE_PERIODS / rate * _MICROSECONDS)
+            late = _whole(periods) if periods > late.value else late
+        return cls(
+            joints=tuple(JointCeilings.of(joint) for joint in joints),
+            rates=(_real(rates[0]), _real(rates[1])),
+            filter=_real(gain),
+            silence=_whole(ceil(_of_board("SILENCE").value / _MICROSECONDS * rate)),
+            late=late,
+        )
+
+    def document(self) -> dict[str, Any]:
+        """The ceilings in protocol.json, by the names of the fields of `drive` and `safety` that they limit."""
+        page: dict[str, Any] = {
+            field.name: [getattr(joint, field.name).value for joint in self.joints]
+            for field in fields(JointCeilings)
+            if field.name not in ("finest", "coarsest")
+        }
+        return page | {
+            "silence": int(self.silence.value),
+            "late": int(self.late.value),
+            "rate": [end.value for end in self.rates],
+            "velocity_gain": self.filter.value,
+            "position_per_count": [[joint.finest.value, joint.coarsest.value] for joint in self.joints],
+        }
+
+    def rows(self) -> list[str]:
+        """The C structure of each joint."""
+        return [
+            "{" + ", ".join(getattr(joint, field.name).text for field in fields(JointCeilings)) + "}"
+            for joint in self.joints
+        ]
+
+
+def _real(value: float) -> Ceiling:
+    """The nearest float, as a message carries it."""
+    nearest: float = struct.unpack("<f", struct.pack("<f", min(max(value, -HIGHEST), HIGHEST)))[0]
+    return Ceiling(nearest, float32(Fraction(nearest)))
+
+
+def _whole(value: int) -> Ceiling:
+    return Ceiling(value, f"{value}U")
+
+
+def _of_board(name: str) -> Ceiling:
+    """A number of tendon_board.h. Raises KeyError."""
+    name = f"TENDON_MOST_{name}"
+    return Ceiling(float(dict(_DEFINED.findall(_BOARD_HEADER.read_text(encoding="utf-8")))[name]), name)
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from typing import Any
 
 from codegen.c.c_code import Routine, comment, declaration
 from codegen.c.controller import STATUS, Controller
-from codegen.firmware.ceilings import FACT
 from codegen.firmware.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, SIZES, WHOLE, Item, Message
 from codegen.firmware.protocol import (
     ACKS,
     BAUD,
     BITS,
+    FACT,
     HEADER,
     IN_TURN,
     LINE_SHARE,

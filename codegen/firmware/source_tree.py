@@ -15,7 +15,6 @@ from codegen import disk, metadata, render
 from codegen.c.c_code import comment
 from codegen.c.controller import STATUS, Controller
 from codegen.firmware import protocol_text
-from codegen.firmware.ceilings import Ceilings
 from codegen.firmware.messages import LARGEST
 from codegen.firmware.protocol import ACKS, NOT_READY, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol, records_of
 from codegen.pages import BANNER, MARK, page
@@ -43,47 +42,47 @@ _FIXED = {"state": "controller_state"}
 
 
 def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Mapping[str, str]) -> dict[str, str]:
-    """Relative path in the firmware's tree -> text.
+    """The firmware's machine: relative path in the tree -> text.
 
     library     all effects by name; those that the model file activates are compensated
-    equations   the sources of the same model that the machine calls, by path
+    equations   the generated sources of the same model that the machine calls, by path
     """
     controller = Controller.of(model, library)
     protocol = Protocol.of(controller)
-    people = {"banner_text": f"{BANNER} Link to the arm {protocol.arm}.", **protocol_text.page_holes(protocol)}
+    name, ceilings = protocol.arm, protocol.ceilings
+    types = [
+        {"own": record.name, "fixed": f"tendon_{_FIXED.get(short, short)}"}
+        for short, record in records_of(controller).items()
+    ]
+    banner = f"/* {BANNER} Controller of the arm {name}. */"
     files = {
         **{path: text for path, text in handwritten_files().items() if path.startswith("src/") and path != _MAIN},
         "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=None),
-        "src/tendon_controller.h": page("firmware/tendon_controller.h.j2", **_names(controller)),
+        "src/tendon_controller.h": page("firmware/tendon_controller.h.j2", banner=banner, name=name, types=types),
     }
     # Without the ceilings: a model file with tighter limits needs no new firmware.
-    build = _checksum({**equations, **files, **_messages(controller, protocol, 0)})
+    hashed = sorted({**equations, **files, **_messages(controller, protocol, 0)}.items())
+    build = zlib.crc32("\0".join(part for item in hashed for part in item).encode())
+    limits = {**vars(ceilings), "rows": " \\\n    " + ", \\\n    ".join(ceilings.rows())}
+    holes = {"banner_text": f"{BANNER} Link to the arm {name}.", **protocol_text.page_holes(protocol)}
     files |= {
-        "src/tendon_arm.h": page(
-            "firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=_ceilings(protocol.ceilings)
-        ),
+        "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=limits),
         **_messages(controller, protocol, build),
-        "PROTOCOL.md": page("firmware/PROTOCOL.md.j2", **people),
+        "PROTOCOL.md": page("firmware/PROTOCOL.md.j2", **holes),
         "protocol.json": metadata.text(protocol.document(build)),
     }
     return dict(sorted(files.items()))
 
 
-def _checksum(files: Mapping[str, str]) -> int:
-    """CRC-32 of paths and texts."""
-    return zlib.crc32("\0".join(part for item in sorted(files.items()) for part in item).encode())
-
-
 def _messages(controller: Controller, protocol: Protocol, build: int) -> dict[str, str]:
-    holes = {
-        "banner": f"/* {BANNER} Link to the arm {protocol.arm}. */",
-        **protocol_text.code_holes(controller, protocol, build),
-    }
+    """tendon_messages.h and tendon_messages.c; build: CRC-32 of the sources, which the header states."""
+    banner = f"/* {BANNER} Messages of the arm {protocol.arm}. */"
+    holes = {"banner": banner, **protocol_text.code_holes(controller, protocol, build)}
     return {f"src/tendon_messages.{kind}": page(f"firmware/tendon_messages.{kind}.j2", **holes) for kind in ("h", "c")}
 
 
 def _numbers(protocol: Protocol) -> dict[str, Any]:
-    """What the page of tendon_arm.h needs."""
+    """The holes of tendon_arm.h, the ceilings apart."""
     bits = sum(1 << reason.number for reason in REASONS if reason.torque == "zero")
     return {
         "banner": f"/* {BANNER} Numbers of the arm {protocol.arm}. */",
@@ -98,24 +97,6 @@ def _numbers(protocol: Protocol) -> dict[str, Any]:
         "without_torque": f"0x{bits:x}U",
         "status": [
             {"name": flag.upper(), "bit": bit, "comment": comment(text)} for flag, (bit, text) in STATUS.items()
-        ],
-    }
-
-
-def _ceilings(ceilings: Ceilings) -> dict[str, Any]:
-    """What the page of tendon_arm.h needs of them."""
-    return {**vars(ceilings), "rows": " \\\n    " + ", \\\n    ".join(ceilings.rows())}
-
-
-def _names(controller: Controller) -> dict[str, Any]:
-    """What the page of tendon_controller.h needs."""
-    name = controller.model.arm.name
-    return {
-        "banner": f"/* {BANNER} Controller of the arm {name}. */",
-        "name": name,
-        "types": [
-            {"own": record.name, "fixed": f"tendon_{_FIXED.get(short, short)}"}
-            for short, record in records_of(controller).items()
         ],
     }
 
@@ -142,7 +123,16 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
     code = render.arm_files(model) | render.controller_files(model, library)
     files = {f"src/{path}": text for path, text in code.items() if path.endswith(("_f32.c", "_f32.h"))}
     files |= {**handwritten_files(), **machine_files(model, library, files)}
-    protocol = Protocol.of(Controller.of(model, library))
+    reasons = [(f"{r.text} (`{r.name}`)", r.criterion.replace("|", "\\|"), r.torque) for r in REASONS if r.torque]
+    tools = {kind: Toolchain(kind, (), (), "") for kind in ("gcc", "zig")}
+    targets = [
+        {
+            "name": target.name,
+            **{kind: " ".join(found.processor(target)) for kind, found in tools.items()},
+            **{f"link_{kind}": " ".join(found.link_flags(target)) for kind, found in tools.items()},
+        }
+        for target in TARGETS.values()
+    ]
     holes = {
         "banner": f"/* {BANNER} Firmware of the arm {name}. */",
         "banner_text": f"{BANNER} Firmware of the arm {name}.",
@@ -153,42 +143,21 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
         "hot_sources": " ".join(path for path in _library(files) if _is_hot(path)),
         "fast": cross.FAST,
         "small": cross.SMALL,
-        **_flags(),
+        "common": {kind: " ".join(found.common()) for kind, found in tools.items()},
+        "targets": targets,
         "target_names": ", ".join(TARGETS),
         "project_flags": " ".join(("-std=c99", *cross.ARITHMETIC)),
         "host_flags": " ".join(flag for flag in build.FLAGS if flag != "-shared"),
         "warnings": " ".join(build.WARNINGS),
         "board_warnings": "-Wall -Wextra",
-        **_page_holes(protocol),
-    }
-    files |= {path: page(f"firmware/{path}.j2", **holes) for path in _PAGES}
-    return dict(sorted(files.items()))
-
-
-def _page_holes(protocol: Protocol) -> dict[str, Any]:
-    """What the page for developers says of guard and link."""
-    reasons = [(f"{r.text} (`{r.name}`)", r.criterion.replace("|", "\\|"), r.torque) for r in REASONS if r.torque]
-    return {
         "banner_title": BANNER,
         "mark": MARK,
         "exception_frame": EXCEPTION_FRAME,
-        **protocol_text.line_holes(protocol),
+        **protocol_text.line_holes(Protocol.of(Controller.of(model, library))),
         "reasons": [" | ".join(cells) for cells in reasons],
     }
-
-
-def _flags() -> dict[str, Any]:
-    """Flags as finished strings, the same that Tendon itself compiles with: by compiler, and by processor."""
-    tools = {kind: Toolchain(kind, (), (), "") for kind in ("gcc", "zig")}
-
-    def strings(target: Target) -> dict[str, str]:
-        flags = {kind: " ".join(found.processor(target)) for kind, found in tools.items()}
-        return flags | {f"link_{kind}": " ".join(found.link_flags(target)) for kind, found in tools.items()}
-
-    return {
-        "common": {kind: " ".join(found.common()) for kind, found in tools.items()},
-        "targets": [{"name": target.name, **strings(target)} for target in TARGETS.values()],
-    }
+    files |= {path: page(f"firmware/{path}.j2", **holes) for path in _PAGES}
+    return dict(sorted(files.items()))
 
 
 def _library(files: Iterable[str]) -> list[str]:

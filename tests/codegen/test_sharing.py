@@ -11,9 +11,8 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from codegen.tape import sharing
 from codegen.tape.numbering import NumberedProgram, Numbering
-from codegen.tape.tape import Tape
+from codegen.tape.tape import Tape, shorter
 
 X = sp.symbols("x0:5", real=True)
 Y = sp.symbols("y0:4", real=True)
@@ -41,7 +40,7 @@ def test_the_values_stay_and_no_operation_is_added(named: list[Any], given: list
     outputs = [sum((c * sp.Mul(*f) for c, f in terms), sp.Add(*Y[: len(laws)])) for terms in given]
     plain = program(outputs, definitions)
     assert Tape.from_expressions(outputs, definitions, X).cost() <= Tape(*plain).cost()
-    for found in sharing.shorter(plain):
+    for found in shorter(plain):
         assert Tape(*found).evaluate(AT, EXACT) == Tape(*plain).evaluate(AT, EXACT)
         assert set(found.names.values()) <= {y.name for y in Y}
 
@@ -50,10 +49,10 @@ def test_what_stands_between_others_is_found() -> None:
     """a + c in a + b + c and a + c + d up to the sign, b d in products of three."""
     a, b, c, d, e = X
     assert operations(program([a + b + c, d * e - a - c])) == 5
-    assert min(map(operations, sharing.shorter(program([a + b + c, d * e - a - c])))) == 4
-    assert min(map(operations, sharing.shorter(program([a * b * d, b * c * d, b * d * e])))) == 4
+    assert min(map(operations, shorter(program([a + b + c, d * e - a - c])))) == 4
+    assert min(map(operations, shorter(program([a * b * d, b * c * d, b * d * e])))) == 4
 
 
 def test_a_square_is_a_pair() -> None:
     a, b, c, *_ = X
-    assert min(map(operations, sharing.shorter(program([a**2 * b, a**2 * c])))) == 3
+    assert min(map(operations, shorter(program([a**2 * b, a**2 * c])))) == 3
