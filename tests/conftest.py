@@ -15,11 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from bench_arm import BENCH
 from hypothesis import settings
 
 from codegen import prepare
 from runtime import files
 from runtime.model import loader
+from runtime.workspace import Source
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
 
@@ -116,3 +118,16 @@ def model(vishard4: Arm, library: loader.Library, cache: Path) -> loader.Model:
     """The compiled arm of the paper."""
     with alone(cache):
         return loader.load_model(prepare.prepare_arm(vishard4), library)
+
+
+@pytest.fixture(scope="session")
+def bench(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Source:  # noqa: ARG001 - where it is compiled
+    """The arm of one joint of bench_arm.py."""
+    path = tmp_path_factory.mktemp("bench") / "bench.toml"
+    path.write_text(BENCH)
+    return Source.read(path, None)
+
+
+@pytest.fixture(scope="session")
+def arm(bench: Source) -> loader.Model:
+    return bench.model()

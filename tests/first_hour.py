@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import savemat
 
-from tests.runtime.formats import write_mcap
+from tests.runtime.recordings.formats import write_mcap
 
 Array = NDArray[np.float64]
 

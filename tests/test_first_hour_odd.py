@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from runtime.cli import main, output
 from runtime.cli.options import mapping
 from runtime.recordings.recording import read
-from tests.runtime.formats import write_sqlite
+from tests.runtime.recordings.formats import write_sqlite
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from runtime.recordings.recording import read
 from tests.benchmarks import harness
-from tests.runtime.formats import EPOCH, JOINT_STATE, cdr, motion
+from tests.runtime.recordings.formats import EPOCH, JOINT_STATE, cdr, motion
 
 MESSAGES = harness.sized(1_000_000, 20_000)
 OFFICIAL = 20_000

@@ -26,7 +26,7 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from tests.plants import SIZES
 from tests.runtime.conftest import recorded
-from tests.runtime.formats import write_mcap
+from tests.runtime.recordings.formats import write_mcap
 
 Array = NDArray[np.float64]
 

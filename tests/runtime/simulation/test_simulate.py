@@ -24,7 +24,7 @@ from symbolic.model_file import reader
 from tests import plants
 from tests.spatial_arms import drawn
 
-ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
+ARMS = Path(__file__).resolve().parents[3] / "symbolic" / "arms"
 MEMORYLESS_AT_A_JOINT = ["stribeck", "linear_spring", "torque_ripple", "torque_delay", "thermal_friction"]
 
 

@@ -16,7 +16,7 @@ from runtime.inspection.inspection import of_rates, without_model
 from runtime.inspection.signals import map_options, shift_entries
 from runtime.recordings.contents import RecordedField
 from runtime.recordings.recording import Recording, read
-from tests.runtime.formats import write_mcap
+from tests.runtime.recordings.formats import write_mcap
 
 Array = NDArray[np.float64]
 
@@ -339,7 +339,7 @@ WRIST = {
 @pytest.mark.parametrize("name", WRIST)
 def test_a_real_arm_whose_wrist_is_coupled(tmp_path, capsys, name):
     """What the model lacks at the wrist asks for an inertia that no arm has; the other joints are told all the same."""
-    folder = Path(__file__).parents[3] / "shared" / "data" / "real" / "tx40"
+    folder = Path(__file__).parents[4] / "shared" / "data" / "real" / "tx40"
     if not folder.is_dir():
         pytest.skip("../shared/data/real is not there")
     mapping, expected = WRIST[name]
@@ -352,7 +352,7 @@ def test_a_real_arm_whose_wrist_is_coupled(tmp_path, capsys, name):
 @pytest.mark.slow
 def test_a_real_arm_in_degrees(tmp_path, capsys):
     """All its joints, also those of whose torque so much is friction that no fit of them alone tells it."""
-    folder = Path(__file__).parents[3] / "shared" / "data" / "real" / "tx40"
+    folder = Path(__file__).parents[4] / "shared" / "data" / "real" / "tx40"
     if not folder.is_dir():
         pytest.skip("../shared/data/real is not there")
     with gzip.open(folder / "tx40.csv.gz", "rt", encoding="utf-8") as lines:

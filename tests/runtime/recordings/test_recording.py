@@ -17,7 +17,7 @@ from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm, RecordedArmJoint
 from runtime.recordings.recording import Recording, RecordingError, read
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
+DATA = Path(__file__).parents[4] / "shared" / "data"
 joints = RecordedArm.without_model
 DRIVE = RecordedArm((RecordedArmJoint(torque_constant=2.0),), space=False)
 AXIS = RecordedArm((RecordedArmJoint("prismatic"),), space=False)

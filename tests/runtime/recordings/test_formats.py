@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from runtime.recordings import contents
 from runtime.recordings.columns import RecordedArm, RecordedArmJoint
 from runtime.recordings.recording import RecordingError, read
-from tests.runtime.formats import EPOCH, motion, write_bare_mcap, write_mcap, write_sqlite
+from tests.runtime.recordings.formats import EPOCH, motion, write_bare_mcap, write_mcap, write_sqlite
 
-KUKA = Path(__file__).parents[3] / "shared" / "data" / "real" / "kuka"
+KUKA = Path(__file__).parents[4] / "shared" / "data" / "real" / "kuka"
 Array = NDArray[np.float64]
 
 NAMES = ("shoulder", "elbow")
@@ -327,7 +327,7 @@ def test_stamps_that_nobody_set(tmp_path):
     path = tmp_path / "a.mcap"
     from mcap_ros2.writer import Writer
 
-    from tests.runtime.formats import JOINT_STATE, message
+    from tests.runtime.recordings.formats import JOINT_STATE, message
 
     with open(path, "wb") as file:
         writer = Writer(file)

@@ -40,7 +40,7 @@ from symbolic.model_file.exchange.tree import StatedBody
 from symbolic.model_file.frames import rotation
 from tests import one_joint
 
-ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 Run = Callable[..., tuple[int, str, str]]
 
 SMALL = """\

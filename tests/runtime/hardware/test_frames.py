@@ -18,7 +18,7 @@ from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file import reader
 
-ARMS = Path(__file__).resolve().parents[2] / "symbolic" / "arms"
+ARMS = Path(__file__).resolve().parents[3] / "symbolic" / "arms"
 ARM = reader.load(ARMS / "vishard4.toml")
 FILES = machine_files(derive(ARM), LIBRARY, {})
 CODEC = Codec(json.loads(FILES["protocol.json"]))

@@ -24,7 +24,7 @@ from runtime.hardware.canopen_arm import MISSED, CanAddress, CanopenArm
 from runtime.hardware.link import LinkError
 from runtime.hardware.lockstep import Fault, Pace, Precedence
 from runtime.model.catalogue import joint_info
-from tests.firmware.canopen_drives import (
+from tests.runtime.hardware.canopen_drives import (
     DISABLED,
     ENABLED,
     FAULTY,

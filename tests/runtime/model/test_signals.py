@@ -24,7 +24,7 @@ from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Signal, parame
 from symbolic.effects.signals import ArmOutput, ArmSlope
 from tests.random_arms import MIXED
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SAMPLES = 7
 SHARP = 1e-12  # rad/s: a switch so narrow that rates of a tenth are far beyond it
 

@@ -32,8 +32,8 @@ from runtime.simulation.plant import Plant
 from runtime.workspace import Source
 from tests import one_joint
 from tests.bench_arm import CONTROLLER, JOINT
-from tests.firmware.canopen_drives import DISABLED, ENABLED, Drive, Drives
-from tests.firmware.test_canopen import PATIENT, PERIOD, Time
+from tests.runtime.hardware.canopen_drives import DISABLED, ENABLED, Drive, Drives
+from tests.runtime.hardware.test_canopen import PATIENT, PERIOD, Time
 
 DRIVE = "[joint.drive]\nnode = 5\ndirection = -1\n"
 SLOWER = CONTROLLER.replace("1000.0", "500.0").replace("100.0", "60.0")

@@ -352,7 +352,7 @@ def executing(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     # What is started in the background is born deaf to interrupts.
     program = "import signal; signal.signal(2, signal.default_int_handler); import runtime.cli.main as m; m.main()"
     command = [sys.executable, "-c", program, "execute", "bench.toml", "plan.json", "--cycles", "3000", "--trials", "1"]
-    root = str(Path(__file__).resolve().parents[2])
+    root = str(Path(__file__).resolve().parents[3])
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(  # type: ignore[call-overload]
         [*command, *options],
@@ -461,7 +461,7 @@ def test_a_terminal_that_is_closed_costs_no_recording(bench: Source, tmp_path: P
     started = subprocess.Popen(
         [*command, "--cycles", "3000", "--trials", "1", "--out", "run.csv", "--json", "e.json"],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])},
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])},
         stdin=far,
         stdout=far,
         stderr=far,
