@@ -402,9 +402,17 @@ def test_any_bytes_are_refused_in_one_line(write, data):
     said(write(data))
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.data())
-def test_any_change_is_a_recording_or_one_line(write, data):
+@pytest.mark.parametrize("examples", [40, pytest.param(300, marks=pytest.mark.slow)])
+def test_any_change_is_a_recording_or_one_line(write, examples):
+    @settings(max_examples=examples, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @given(st.data())
+    def changed(data):
+        check_changed(write, data)
+
+    changed()
+
+
+def check_changed(write, data):
     table = rows(220)
     for _ in range(data.draw(st.integers(1, 4))):
         line = data.draw(st.integers(0, len(table) - 1))
