@@ -394,7 +394,7 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(
     assert len((tmp_path / "run.csv").read_text().splitlines()) > 100
 
 
-@pytest.mark.parametrize("said", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("said", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
 def test_a_simulated_run_is_stopped_within_a_second_and_its_recording_kept(
     bench: Source, tmp_path: Path, said: signal.Signals
 ) -> None:
@@ -404,7 +404,7 @@ def test_a_simulated_run_is_stopped_within_a_second_and_its_recording_kept(
     def took() -> float:
         with executing(tmp_path, "--on", "simulation", "--hide", "stribeck@1", "--out", "run.csv") as started:
             heard(started, "executing")
-            at_work(started.pid, 1.0)
+            at_work(started.pid, 0.5)
             began = time.monotonic()
             started.send_signal(said)
             _, err = started.communicate(timeout=20)
@@ -416,7 +416,10 @@ def test_a_simulated_run_is_stopped_within_a_second_and_its_recording_kept(
     assert any(took() < 1.0 for _ in range(3))
 
 
-@pytest.mark.parametrize(("said", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, -signal.SIGTERM)])
+@pytest.mark.parametrize(
+    ("said", "status"),
+    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, -signal.SIGTERM, marks=pytest.mark.slow)],
+)
 def test_before_the_arm_moves_a_signal_ends_all_within_a_second(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: signal.Signals, status: int
 ) -> None:

@@ -7,6 +7,7 @@ import io
 import sqlite3
 import struct
 import time
+import tracemalloc
 import zipfile
 import zlib
 from dataclasses import replace
@@ -504,8 +505,6 @@ def test_any_damage_is_a_recording_or_one_line(tmp_path, name):
 
 def test_counts_that_lie(tmp_path):
     """A billion samples stated and none there: refused before the memory is asked for."""
-    import tracemalloc
-
     header = b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000,), }".ljust(
         117
     )

@@ -98,6 +98,10 @@ def tables(draw: st.DrawFn) -> str:
     return f"{','.join(columns)}\n{rows}\n"
 
 
+SHORT = ((0, 0.0), (3, 5e-324), (50, 1e-160), (50, 1e-140))
+"""Of a torque, samples that are not zero and what the others are: the cases of `make test`."""
+
+
 def check_answer(status: int, err: str) -> None:
     """Done, "no", or bad input in one line, behind a doubt of its columns where there is one; nothing of Python's."""
     lines = [line for line in err.splitlines() if not line.endswith("…")]
@@ -181,8 +185,14 @@ def test_what_no_encoder_tells_is_no_motion(tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
-@pytest.mark.parametrize("told", [0, 2, 3, 50])
-@pytest.mark.parametrize("rest", [0.0, 5e-324, 1e-160, 1e-140])
+@pytest.mark.parametrize(
+    ("told", "rest"),
+    [
+        pytest.param(told, rest, marks=() if (told, rest) in SHORT else pytest.mark.slow)
+        for told in (0, 2, 3, 50)
+        for rest in (0.0, 5e-324, 1e-160, 1e-140)
+    ],
+)
 @pytest.mark.filterwarnings("error")
 def test_a_torque_of_a_few_samples_and_nothing_after_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, told: int, rest: float
