@@ -21,7 +21,7 @@ from hypothesis import settings
 from codegen import prepare
 from runtime import files
 from runtime.model import loader
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
 
@@ -130,4 +130,4 @@ def bench(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Source:  # n
 
 @pytest.fixture(scope="session")
 def arm(bench: Source) -> loader.Model:
-    return bench.model()
+    return bench.compiled.model()

@@ -13,7 +13,7 @@ import pytest
 from runtime.cli import main, output
 from runtime.cli.options import mapping
 from runtime.recordings.recording import Recording, read
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from tests.first_hour import FORMATS, MACHINES, REAL
 
 SIGNALS = ("q", "qd", "tau", "q_link", "q_desired")

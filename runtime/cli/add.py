@@ -12,7 +12,7 @@ from runtime.cli.options import EffectsFile, Json, ModelFile, check_own
 from runtime.cli.output import emit
 from runtime.cli.places import FILLED
 from runtime.cli.rendered import render_all
-from runtime.documents.models import AddDocument
+from runtime.documents.generated import AddDocument
 
 app = typer.Typer()
 
@@ -33,10 +33,10 @@ def add(
     check_own(model)
     source = opened(model, effects)
     number = None if joint is None else source.joint_number(joint)
-    name = source.name_of_next(effect, number)
-    text = source.add(source.text, effect, number)
-    rendered = render_all(source, text, out, effects)  # what cannot be generated is not written either
-    with source.replaced(text):
+    name = source.edits.name_of_next(effect, number)
+    edits = source.edits.add(effect, number)
+    rendered = render_all(source.with_text(edits.text), out, effects)  # what cannot be generated is not written either
+    with edits.written():
         rendered.write()
     added = name if number is None else f"{name}@{number}"
     made = rendered.document([])

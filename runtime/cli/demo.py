@@ -11,7 +11,7 @@ from runtime.cli.loop import draw_page, improved_model, invocation_of
 from runtime.cli.options import Json
 from runtime.cli.output import emit
 from runtime.cli.places import FILLED
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 app = typer.Typer()
 

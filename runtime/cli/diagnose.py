@@ -22,12 +22,12 @@ from runtime.cli.options import (
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN
 from runtime.documents.diagnosis import DraftEntry
-from runtime.workspace import UsageError
+from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
     from runtime.diagnosis.diagnose import Diagnosis
     from runtime.report.follow_up import Invocation
-    from runtime.workspace import Source
+    from runtime.workspace.source import Source
 
 app = typer.Typer()
 
@@ -55,7 +55,7 @@ def diagnose(
     from runtime.diagnosis.diagnose import diagnose as diagnosed
 
     with pages.working("looking for missing effects"):
-        result = diagnosed(loaded, data, wider=source.guesses)
+        result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses)
     from runtime.report.summary import ResultSummary
 
     invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps)
@@ -82,18 +82,19 @@ def _drafted(
     from runtime import files
     from runtime.loop import law_proposal
     from runtime.report.terminal import pages
+    from symbolic.effects.source import python_source
 
     if result.verdict != "unexplained":
         return {"draft_reason": law_proposal.needless(result)}
     with pages.working("trying guesses at what is missing"):
-        wider = source.drafting()
-        found = law_proposal.propose(result, *source.guesses())
+        wider = source.compiled.with_guesses()
+        found = law_proposal.propose(result, *source.compiled.model_with_guesses())
     if found is None:
         return {"draft_reason": law_proposal.none_found(result)}
     own = invocation.effects
     beside = None if own is None else os.path.relpath(own.resolve(), target.resolve().parent)
     notes = law_proposal.notes(found, source.path.name, [path.name for path in invocation.recordings])
-    files.replace(target, wider.declaration(found.term.effect, notes, beside).encode())
+    files.replace(target, python_source(wider.library[found.term.effect], notes, beside).encode())
     following = law_proposal.next_steps(found, invocation.model, invocation.recordings, reading, target)
     following = [invocation.copy(), *following] if invocation.like else following
     return {"draft": found.document().as_part_of(DraftEntry, file=str(target), next=following)}

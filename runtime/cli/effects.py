@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from msgspec import convert
 
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
-from runtime.workspace import UsageError, effects_library
+from runtime.documents.models import EffectsDocument
+from runtime.workspace.library import effects_library
+from runtime.workspace.names import UsageError
 
 app = typer.Typer()
 
@@ -24,7 +27,7 @@ def show_effects(
     from runtime.report.terminal import pages
 
     library = effects_library(effects, space=True)
-    document = metadata.library(tuple(library.values()))
+    document = convert(metadata.library(tuple(library.values())), EffectsDocument)
     if name is None:
         emit(json, document, pages.effects)
         return
@@ -34,4 +37,4 @@ def show_effects(
         close = nearest(name, library)
         hint = f'did you mean "{close}"? ' if close else ""
         raise UsageError(f"unknown effect {quote(name)}; {hint}(tendon effects lists them all)")
-    emit(json, next(e for e in document["effects"] if e["name"] == name), pages.effect)
+    emit(json, next(effect for effect in document.effects if effect.name == name), pages.effect)

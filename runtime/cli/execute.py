@@ -19,7 +19,8 @@ from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
 from runtime.execution.options import ExecutionSettings
 from runtime.plain_json import plain
-from runtime.workspace import Source, UsageError
+from runtime.workspace.names import UsageError
+from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
     from runtime.execution.execute import Execution
@@ -99,7 +100,7 @@ def execute(
     result, more = (_real if is_real else _simulated)(source, trajectory, asked)
     document = {**result.to_json(), **more}
     plan = result.plan.trajectory
-    text = source.mounted(plan)
+    text = source.edits.mount(plan).text
     if result.recording is None or document["status"] == "refused":
         out = model_out = None
     elif out is not None:
@@ -156,7 +157,8 @@ def _simulated(source: Source, path: Path, asked: _Asked) -> tuple[Execution, di
 
     target = targets.SIMULATED[asked.on]
     with pages.working("deriving and compiling the model and its controller"):
-        model, controller = source.model(), source.controller(target.build)
+        compiled = source.compiled
+        model, controller = compiled.model(), compiled.controller(target.build)
     plan = read(path, model)
     return _run(model, controller, plan, asked, target.board), {"image": _image(controller)}
 
@@ -189,7 +191,7 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[st
     from runtime.report.terminal import execution_pages, pages
 
     with pages.working("deriving and compiling the model and its controller"):
-        model, controller = source.model(), source.controller()
+        model, controller = source.compiled.model(), source.compiled.controller()
     expected.check_limits(model)
     line = targets.LINES[targets.scheme(asked.on)]
     line.check(asked.on, model)

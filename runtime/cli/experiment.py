@@ -45,7 +45,7 @@ def experiment(
 
     check_hidden(source, "--between", experiments.rival_texts(",".join(between)))
     with pages.working("deriving and compiling the model"):
-        loaded = source.model()
+        loaded = source.compiled.model()
     rivals = experiments.parse_rivals(",".join(between), loaded)
     with pages.working("looking for a motion") as tell:
         proposal = experiments.propose(loaded, rivals, settings, tell)

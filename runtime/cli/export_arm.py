@@ -12,8 +12,7 @@ from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.documents.models import ExportDocument
-from runtime.workspace import UsageError
+from runtime.workspace.names import UsageError
 
 app = typer.Typer()
 
@@ -39,14 +38,13 @@ def export_arm(
     json: Json = None,
 ) -> None:
     """Write an arm as URDF or MJCF. With physically possible bodies and the effects that the format has a place for."""
-    from runtime import files
     from runtime.report.terminal import pages
     from runtime.report.terminal.pages import working
+    from runtime.workspace.exporting import export
 
     if onto is not None and to is not Format.URDF:
         raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
     source = opened(model, effects)
     with working("looking for physically possible bodies"):
-        data, document = source.exported(to.value, onto)
-    files.replace(out, data)
-    emit(json, ExportDocument.of(str(out), document), pages.exported)
+        document = export(source.compiled, to.value, out, onto)
+    emit(json, document, pages.exported)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
+from msgspec.json import decode
+from msgspec.structs import replace
 
+from runtime import files
 from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import FILLED, check_directory
 from runtime.cli.rendered import own_directory
+from runtime.documents.generated import BuildEntry, FirmwareDocument
+from runtime.documents.parts import given
 
 app = typer.Typer()
 
@@ -38,66 +42,57 @@ def firmware(
     check_directory(directory)
     if check:
         with working(f"deriving {name}"):
-            stale = source.firmware(directory).stale()
-        emit(json, {"name": name, "directory": str(directory), "stale": stale}, _show_check)
+            stale = source.compiled.firmware_tree(directory).stale()
+        emit(json, FirmwareDocument(name=name, directory=str(directory), stale=stale), _show)
         if stale:
             raise typer.Exit(NO)
         return
     with working(f"deriving {name} and compiling its firmware"):
-        prepared = source.controller(target, toolchain)
-        tree = source.firmware(directory)
+        prepared = source.compiled.controller(target, toolchain)
+        tree = source.compiled.firmware_tree(directory)
     tree.write()
-    report = _install(prepared, directory / "build" / target)
-    document: dict[str, Any] = {
-        "name": name,
-        "directory": str(directory),
-        "target": target,
-        "files": sorted(tree.files),
-        "kept": list(tree.kept),
-        "stale": [],
-        "build": report,
-    }
+    built = _install(prepared, directory / "build" / target)
+    document = FirmwareDocument(
+        name=name,
+        directory=str(directory),
+        target=target,
+        files=sorted(tree.files),
+        kept=list(tree.kept),
+        stale=[],
+        build=built,
+    )
     emit(json, document, _show)
-    if not report["fits"]:
+    if not built.fits:
         raise typer.Exit(NO)
 
 
-def _install(prepared: Path, place: Path) -> dict[str, Any]:
-    """Copy what was compiled; the report that stands beside it, with the files' places."""
-    import json
-
-    from runtime import files
-
-    report: dict[str, Any] = json.loads((prepared / "image.json").read_text("utf-8"))
+def _install(prepared: Path, place: Path) -> BuildEntry:
+    """Copy the compiled files and their report to a directory; the report with the paths there."""
+    built = decode((prepared / "image.json").read_bytes(), type=BuildEntry)
     place.mkdir(parents=True, exist_ok=True)
-    for name in report["outputs"]:
+    for name in (*built.outputs, "image.json"):
         files.replace(place / name, (prepared / name).read_bytes())
-    files.replace(place / "image.json", (prepared / "image.json").read_bytes())
-    return report | {"outputs": [str(place / name) for name in report["outputs"]]}
+    return replace(built, outputs=[str(place / name) for name in built.outputs])
 
 
-def _show_check(document: Mapping[str, Any]) -> None:
+def _show(document: FirmwareDocument) -> None:
     from runtime.report.terminal.pages import say
 
-    say(*(document["stale"] or [f"{document['directory']}: up to date"]))
-
-
-def _show(document: Mapping[str, Any]) -> None:
-    from runtime.report.terminal.pages import say
-
-    build = document["build"]
-    tools = build["toolchain"]
-    say(f"{document['directory']}: {len(document['files'])} files")
-    if document["kept"]:
-        say(f"left as they are, yours: {', '.join(document['kept'])}")
-    say(", ".join(build["outputs"]), f"compiled for {build['target']} by {tools['version']} ({tools['why']})")
-    if build["stack"] is None:
+    build = given(document.build)
+    if build is None:
+        say(*(document.stale or [f"{document.directory}: up to date"]))
         return
-    stack = build["stack"]
-    chain = " > ".join(f"{name} {size}" for name, size in stack["chain"])
+    say(f"{document.directory}: {len(given(document.files) or ())} files")
+    if document.kept:
+        say(f"not generated, left as they are: {', '.join(document.kept)}")
+    say(", ".join(build.outputs), f"compiled for {build.target} by {build.toolchain.version} ({build.toolchain.why})")
+    stack = build.stack
+    if stack is None:
+        return
+    chain = " > ".join(f"{name} {size}" for name, size in stack.chain)
     say(
-        f"text {build['text']:,} B, data {build['data']:,} B, bss {build['bss']:,} B",
-        f"worst stack {stack['worst']:,} B of {build['stack_size']:,}: {chain}; {stack['handlers']} more in a fault",
-        *(f"the stack has no known bound: {why}" for why in stack["unknown"]),
-        "functions for double precision, a heap or text: " + (", ".join(build["forbidden"]) or "none"),
+        f"text {build.text:,} B, data {build.data:,} B, bss {build.bss:,} B",
+        f"largest stack {stack.worst:,} B of {build.stack_size:,}: {chain}; {stack.handlers} more in a fault handler",
+        *(f"the stack has no known bound: {why}" for why in stack.unknown),
+        "functions for double precision, a heap or text: " + (", ".join(given(build.forbidden) or ()) or "none"),
     )

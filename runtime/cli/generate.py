@@ -12,7 +12,7 @@ from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import FILLED
 from runtime.cli.rendered import render_all
-from runtime.documents.models import GenerateDocument
+from runtime.documents.generated import GenerateDocument
 
 app = typer.Typer()
 
@@ -27,7 +27,7 @@ def generate(
 ) -> None:
     """Derive the equations, emit C and CasADi. The library of effects goes beside it, into ../effects."""
     source = opened(model, effects)
-    rendered = render_all(source, source.text, out, effects)
+    rendered = render_all(source, out, effects)
     stale = rendered.stale() if check else []
     if not check:
         rendered.write()

@@ -57,7 +57,7 @@ def identify(
         document = found.document()
     written = []
     if write and found.verdict == "fitted":
-        source.replace(source.put(source.text, document))
+        source.edits.set(document).write()
         written = _written(document)
     origin = replace(document.skew, given=skew is not None)
     emit(json, document.as_part_of(IdentifyDocument, skew=origin, written=written), loop_pages.identify)

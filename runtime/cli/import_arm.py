@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,9 +13,13 @@ from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
-from runtime.documents.models import ImportDocument
+from runtime.documents.models import ImportDocument, ImportedJointEntry, LimitsEntry
 from runtime.setting import Checked, Setting
-from runtime.workspace import UsageError, effects_described
+from runtime.workspace.library import effects_described
+from runtime.workspace.names import UsageError
+
+if TYPE_CHECKING:
+    from symbolic.model_file.exchange.importing import ImportedArm
 
 app = typer.Typer()
 
@@ -76,4 +80,31 @@ def import_arm(
         raise UsageError(f"{out}: is there already; choose another name")
     made = imported(file, effects_described(effects, space=True), chain.base, chain.tip, chain.locked(), friction)
     files.replace(out, made.text.encode())
-    emit(json, ImportDocument.of(str(out), made.document()), pages.imported)
+    emit(json, _document(out, made), pages.imported)
+
+
+def _document(out: Path, made: ImportedArm) -> ImportDocument:
+    joints = [
+        ImportedJointEntry(
+            joint=k,
+            name=joint.name,
+            type=joint.type,
+            links=list(found.links),
+            mass=joint.link.mass,
+            limits=LimitsEntry(position=joint.limits.position, speed=joint.limits.speed, torque=joint.limits.torque),
+            unknown=list(joint.unknown),
+            effects={name: dict(values) for name, values in joint.effects.items()},
+        )
+        for k, (joint, found) in enumerate(zip(made.arm.joints, made.chain.joints, strict=True), 1)
+    ]
+    return ImportDocument(
+        out=str(out),
+        name=made.arm.name,
+        language=made.chain.tree.language,
+        base=made.chain.base,
+        tip=made.chain.tip_link,
+        gravity=list(made.arm.gravity),
+        joints=joints,
+        held=list(made.chain.held),
+        notes=list(made.notes),
+    )

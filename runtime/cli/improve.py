@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -20,7 +21,7 @@ from runtime.cli.options import (
 )
 from runtime.cli.output import NO, emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.workspace import UsageError
+from runtime.workspace.names import UsageError
 
 app = typer.Typer()
 
@@ -56,7 +57,7 @@ def improve(
     result, summary = improved_model(source, data[: len(recordings)], data[len(recordings) :], invocation)
     emit(json, summary.document, loop_pages.show)
     if write:
-        source.replace(result.model_text)
+        replace(source.edits, text=result.model_text).write()
     elif out:
         from runtime import files
 

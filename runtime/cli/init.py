@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from math import isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,8 +20,10 @@ from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN, check_writable
 from runtime.cli.setting_options import with_settings
+from runtime.documents.models import InitDocument
 from runtime.setting import Checked, Setting
-from runtime.workspace import UsageError, effects_described
+from runtime.workspace.library import effects_described
+from runtime.workspace.names import UsageError
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.keys import MAX_JOINTS
 from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motors
@@ -248,16 +250,16 @@ def _write(
     for place, data in {path: text.encode(), **beside}.items():
         files.replace(place, data)
     unknown = [list(joint.unknown) for joint in arm.joints]
-    document = {
-        "out": str(path),
-        "like": None if like is None else str(like),
-        "name": arm.name,
-        "joints": len(arm.joints),
-        "unknown": unknown,
-        "schemas": [str(place) for place in beside],
-    }
+    document = InitDocument(
+        out=str(path),
+        like=None if like is None else str(like),
+        name=arm.name,
+        joints=len(arm.joints),
+        unknown=unknown,
+        schemas=[str(place) for place in beside],
+    )
 
-    def show(_: Mapping[str, Any]) -> None:
+    def show(_: InitDocument) -> None:
         from runtime.report.terminal.pages import say
 
         copy = f", as in {like}; change what differs on your arm" if like else ""

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, mapping
+from runtime.cli.options import AllowGaps, EffectsFile, Json, Map
 from runtime.cli.output import NO, emit
 from runtime.cli.places import DRAWN, READ
+from runtime.workspace.names import column_mapping
 
 app = typer.Typer()
 
@@ -35,7 +36,7 @@ def inspect(
     from runtime.inspection.inspection import with_model
     from runtime.report.terminal import pages, recording_pages
 
-    columns = mapping(maps)
+    columns = column_mapping(maps)
     source = None
     if model is not None:
         from runtime.cli.opening import opened
@@ -44,7 +45,7 @@ def inspect(
     found = inspected(recording, source.recorded_arm() if source else None, columns, allow_gaps)
     if source is not None and found.recording is not None:
         with pages.working("deriving and compiling the model"):
-            loaded = source.model()
+            loaded = source.compiled.model()
         with pages.working("fitting"):
             found = with_model(found, loaded)
     emit(json, found.document(), recording_pages.inspection)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime.cli.opening import opened
-from runtime.cli.options import mapping
 from runtime.cli.output import costs_itself
-from runtime.workspace import Source, is_name
+from runtime.workspace.names import column_mapping, is_name
+from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
     from runtime.loop.improve import Improvement
@@ -26,14 +26,14 @@ def inputs(
     from runtime.inspection.inspection import by_signals
     from runtime.report.terminal.pages import working
 
-    columns = mapping(maps)
+    columns = column_mapping(maps)
     source = opened(model, effects)
     data = source.recordings(recordings, columns, allow_gaps)
     for recording in data:
         for note in (*recording.notes, *map(str, by_signals(recording))):
             print(f"{recording.path}: {note}", file=sys.stderr)
     with working("deriving and compiling the model"):
-        return source, data, source.model()
+        return source, data, source.compiled.model()
 
 
 def improved_model(
@@ -45,7 +45,7 @@ def improved_model(
     from runtime.report.terminal import pages
 
     with pages.working("fitting and looking for missing effects") as tell:
-        result = improved(source.text, source.model, source.add, source.put, fitted, held_out, tell, source.guesses)
+        result = improved(source, fitted, held_out, tell)
         return result, ResultSummary(result, invocation, floors(result.steps[-1].identification, held_out))
 
 

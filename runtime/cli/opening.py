@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 
 def opened(model: Path, effects: Path | None) -> Source:
@@ -30,4 +30,4 @@ def check_hidden(source: Source, option: str, texts: Sequence[str]) -> None:
 
     arm = source.arm()
     for text in texts:
-        hidden_in(text, source.described, [joint.name for joint in arm.joints], arm.name, option)
+        hidden_in(text, source.effects, [joint.name for joint in arm.joints], arm.name, option)

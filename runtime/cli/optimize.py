@@ -14,7 +14,8 @@ from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import DRAWN, WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE, PlanningSettings
-from runtime.workspace import is_name, scenario_path, scenario_source
+from runtime.workspace.names import is_name, scenario_path
+from runtime.workspace.source import scenario_source
 
 app = typer.Typer()
 
@@ -59,7 +60,7 @@ def optimize(
     keep([source.path], [Path(path) for path in (json, out, model_out, plot) if path])
     tell(source)
     with pages.working("deriving and compiling the model"):
-        model = source.model()
+        model = source.compiled.model()
     case = scenario_file.fitted(asked, model, str(scenario))
     case = replace(
         case if springs else case.without_springs(),
@@ -79,7 +80,7 @@ def optimize(
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:
-        files.replace(model_out, source.mounted(plan.trajectory).encode())
+        files.replace(model_out, source.edits.mount(plan.trajectory).text.encode())
     emit(json, document, plan_pages.plan)
     if plot is not None:
         from runtime.report.plots import plan_plots, style

@@ -9,8 +9,7 @@ import typer
 
 from runtime.cli.places import READ, WRITTEN, Role, check_writable
 from runtime.report import page
-from runtime.workspace import UsageError, is_name
-from runtime.workspace import mapping as mapping
+from runtime.workspace.names import UsageError, is_name
 
 ModelFile = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps, ur10, panda."), READ

@@ -12,7 +12,8 @@ from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import FILLED
 from runtime.cli.setting_options import with_settings
 from runtime.study.options import TRIALS, Trials
-from runtime.workspace import Source, UsageError
+from runtime.workspace.names import UsageError
+from runtime.workspace.source import Source
 
 app = typer.Typer()
 ARM = "vishard4"
@@ -41,10 +42,10 @@ def paper(
     wanted = [name for name in everything if trials or name not in study.EXECUTED] if what is None else [what]
     source = Source.shipped(ARM)
     with pages.working("reproducing the study") as progress:
-        made = study.Study(source.model(), source.controller(), trials, progress)
+        made = study.Study(source.compiled.model(), source.compiled.controller(), trials, progress)
         document = {name: made.table(name) for name in wanted if name in study.TABLES}
         drawn = write.figures(made, wanted)
-        kept = write.recordings(made, out, source.mounted) if keep else []
+        kept = write.recordings(made, out, lambda plan: source.edits.mount(plan).text) if keep else []
     held = [claim["holds"] or claim["unclaimed"] != "" for page in document.values() for claim in page["claims"]]
     spread = {"spread": made.spread} if "figure5" in wanted else {}
     paths = [str(out / f"{name}.png") for name in drawn]

@@ -15,7 +15,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from runtime.workspace import UsageError, shipped_or_given
+from runtime.workspace.names import UsageError, shipped_or_given
 
 
 @dataclass(frozen=True)

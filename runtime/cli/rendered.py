@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from runtime.cli.places import check_directory, keep
-from runtime.documents.models import GenerateDocument
-from runtime.workspace import ARMS, Source, UsageError
+from runtime.documents.generated import GenerateDocument
+from runtime.workspace.edits import check_unchanged
+from runtime.workspace.names import ARMS, UsageError
+from runtime.workspace.source import Source
 
 NOTE, SHIPPED = ".model", "tendon: "
 """Beside generated files, from which model file they are; one that ships is said by its name."""
@@ -18,13 +20,12 @@ NOTE, SHIPPED = ".model", "tendon: "
 class Rendered:
     """Everything that `generate` writes, complete before the first file is touched.
 
-    source, text   the model file, and what it said or will say of the arm that is written
+    source      the model file, with the text from which everything was derived
     made_from      its path from the directory, or the name under which it ships
     """
 
     name: str
     source: Source
-    text: str
     made_from: str
     directory: Path
     beside: Path
@@ -44,7 +45,7 @@ class Rendered:
 
         with files.alone(self._lock()):
             if self.source.path.is_file():  # a pipe says what it says once
-                self.source.check_says(self.text)
+                check_unchanged(self.source.path, self.source.text)
             disk.write(self.files, self.directory)
             disk.write(self.effect_files, self.beside)
             files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
@@ -71,26 +72,27 @@ class Rendered:
         )
 
 
-def render_all(source: Source, text: str, out: Path | None, effects: Path | None) -> Rendered:
+def render_all(source: Source, out: Path | None, effects: Path | None) -> Rendered:
     """All files of an arm; effects: the file of its user's own. Raises UsageError where one would replace either."""
     from codegen import render
     from runtime.report.terminal.pages import working
     from symbolic.model import derive
 
-    arm = source.arm(text)
+    arm = source.arm()
     directory = out if out is not None else own_directory(source, arm.name)
     beside = directory.parent / "effects"
     if directory.resolve() == beside.resolve():
         raise UsageError(f"{directory}: the library of effects goes there; choose another --out")
     check_directory(directory)
     check_directory(beside)
+    library = source.compiled.library
     with working(f"deriving {arm.name}"):
         model = derive(arm)
-        files = render.arm_files(model) | render.controller_files(model, source.library)
-        effect_files = render.effect_files(tuple(source.library.values()))
+        files = render.arm_files(model) | render.controller_files(model, library)
+        effect_files = render.effect_files(tuple(library.values()))
     places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
     keep([source.path, *([effects] if effects else [])], places)
-    return Rendered(arm.name, source, text, _origin(source, directory), directory, beside, files, effect_files)
+    return Rendered(arm.name, source, _origin(source, directory), directory, beside, files, effect_files)
 
 
 def own_directory(source: Source, name: str) -> Path:

@@ -11,7 +11,7 @@ import typer
 
 from runtime.cli.options import Json
 from runtime.cli.output import emit
-from runtime.workspace import UsageError
+from runtime.workspace.names import UsageError
 
 app = typer.Typer()
 

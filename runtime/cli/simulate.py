@@ -40,7 +40,7 @@ def simulate(
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
     with pages.working("deriving and compiling the model"):
-        loaded = source.model()
+        loaded = source.compiled.model()
     from runtime.model.terms import structure
     from runtime.recordings import recording
     from runtime.simulation import simulate as simulation

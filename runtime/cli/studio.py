@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.options import AllowGaps, EffectsFile, Map, mapping
+from runtime.cli.options import AllowGaps, EffectsFile, Map
 from runtime.cli.places import FILLED, READ
-from runtime.workspace import UsageError, is_name
+from runtime.workspace.names import UsageError, column_mapping, is_name
 
 if TYPE_CHECKING:
     from runtime.studio.session import StudioSession
@@ -64,7 +64,7 @@ def studio(
     from runtime.studio.studio import Studio
 
     needed()
-    mapping(maps)
+    column_mapping(maps)
     _check_plans(plans or [], bool(recordings or held_out or demo))
     opened = _reopened(model, bool(recordings or held_out or demo or session or maps or allow_gaps or plans))
     with closing(bound(port)) as listening:

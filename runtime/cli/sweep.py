@@ -18,13 +18,15 @@ from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN, keep
 from runtime.cli.setting_options import with_settings
 from runtime.planning.settings import Starts
-from runtime.workspace import UsageError, effects_described, scenario_path, scenario_source
+from runtime.workspace.library import effects_described
+from runtime.workspace.names import UsageError, scenario_path
+from runtime.workspace.source import scenario_source
 
 if TYPE_CHECKING:
     from runtime.planning.scenario import Scenario
     from runtime.sweep.job import Code, Job, JobResult, Pool
     from runtime.sweep.journal import Journal
-    from runtime.workspace import Source
+    from runtime.workspace.source import Source
 
 app = typer.Typer()
 
@@ -81,7 +83,7 @@ def sweep(
     asked, source = _read(path, effects, written)
     axes = grid.parse(over, effects_described(effects, space=True), [joint.name for joint in source.arm().joints])
     with pages.working("deriving and compiling the model"):
-        model = source.model()
+        model = source.compiled.model()
     case = scenario_file.fitted(asked, model, str(path))
     code = Code(model.directory, model.library.directory)
     jobs = grid.jobs(case, axes, model, code, starts)

@@ -6,10 +6,12 @@ from functools import partial
 from typing import Annotated
 
 import typer
+from msgspec import convert
 
 from runtime.cli.opening import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
+from runtime.documents.generated import VerifyDocument
 from runtime.progress import each
 
 app = typer.Typer()
@@ -32,7 +34,8 @@ def verify(
 
     with pages.working(f"comparing SymPy, C and CasADi of {arm.name}"):
         told = partial(each, "functions")
-        document = verified(arm, samples, seed, source.library.values(), told).to_json()
+        report = verified(arm, samples, seed, source.compiled.library.values(), told)
+    document = convert(report.to_json(), VerifyDocument)
     emit(json, document, pages.verify)
-    if not document["equal"]:
+    if not document.equal:
         raise typer.Exit(NO)

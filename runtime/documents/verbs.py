@@ -13,11 +13,13 @@ import msgspec
 from runtime import files
 from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
-from runtime.documents.models import AddDocument, ExportDocument, GenerateDocument, ImportDocument
+from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
+from runtime.documents.models import EffectDocument, EffectsDocument, ExportDocument, ImportDocument, InitDocument
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
 
 BY_VERB: dict[str, type[Document]] = {
+    "init": InitDocument,
     "inspect": InspectDocument,
     "identify": IdentifyDocument,
     "compare": CompareDocument,
@@ -27,16 +29,24 @@ BY_VERB: dict[str, type[Document]] = {
     "simulate": SimulateDocument,
     "experiment": ExperimentDocument,
     "generate": GenerateDocument,
+    "verify": VerifyDocument,
+    "effects": EffectsDocument,
     "add": AddDocument,
+    "firmware": FirmwareDocument,
     "import": ImportDocument,
     "export": ExportDocument,
 }
+ONE_OF_THEM = {"effects": EffectDocument}
+"""Document of a verb that was given the name of one thing."""
 KEYS = Path(__file__).parent / "KEYS.md"
 
 
 def schema(verb: str) -> dict[str, Any]:
     """JSON schema of what `tendon VERB --json` writes."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(BY_VERB[verb])}
+    kinds = [BY_VERB[verb], *([ONE_OF_THEM[verb]] if verb in ONE_OF_THEM else [])]
+    references, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
+    root = {"anyOf": list(references)} if len(kinds) > 1 else references[0]
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **root, "$defs": components}
 
 
 def table_of_keys() -> str:
@@ -81,7 +91,7 @@ def _type(entry: dict[str, Any]) -> str:
     if "enum" in entry:
         return ", ".join(f"`{value}`" for value in entry["enum"])
     if entry.get("type") == "array":
-        inside = entry.get("items") or entry["prefixItems"][0]
+        inside = entry.get("items") or (*entry.get("prefixItems", ()), {})[0]
         return f"{_type(inside)}[]"
     if entry.get("type") == "object":
         return f"name → {_type(entry.get('additionalProperties', {}))}"

@@ -1,35 +1,64 @@
-"""The whole loop: fit, diagnose, add what is missing to the model file, regenerate, refit, until nothing passes."""
+"""The loop: fit, diagnose, add the missing effect to the model file, regenerate, refit, until no candidate passes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 from msgspec import UNSET
 
 from runtime.diagnosis.branches import complete
 from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_entry
-from runtime.diagnosis.grammar_search import Wider
 from runtime.diagnosis.steps import Finding, Step
 from runtime.documents.diagnosis import FitsEntry, HistoryEntry, ImprovementBase
 from runtime.documents.fits import FitDocument
 from runtime.model.loader import Model
-from runtime.model.terms import Term, structure
+from runtime.model.terms import structure
 from runtime.recordings.recording import Recording
 
-OpenModel = Callable[[str], Model]
-Add = Callable[[str, str, int | None, Mapping[str, float] | None], str]
-Put = Callable[[str, FitDocument], str]
-OnStep = Callable[[str], None]
+
+class EditedModel(Protocol):
+    """Edits of a model file, as in runtime/workspace/edits.py."""
+
+    @property
+    def text(self) -> str: ...
+
+    def add(self, effect: str, joint: int | None = None, values: Mapping[str, float] | None = None) -> Self: ...
+
+    def set(self, fit: FitDocument) -> Self: ...
+
+
+class CompiledModel(Protocol):
+    """Generated code of a model file, as in runtime/workspace/compiled.py."""
+
+    def model(self) -> Model: ...
+
+    def model_with_guesses(self) -> tuple[Model, Collection[str]]: ...
+
+
+class ModelSource(Protocol):
+    """A model file that can be edited and compiled, as in runtime/workspace/source.py."""
+
+    @property
+    def text(self) -> str: ...
+
+    @property
+    def edits(self) -> EditedModel: ...
+
+    @property
+    def compiled(self) -> CompiledModel: ...
+
+    def with_text(self, text: str) -> ModelSource: ...
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """What was added, what the error did, and what is left.
+    """The effects that were added, the error after each, and the diagnosis of the improved model.
 
-    model_text   the model file with the effects and the identified values; as it was where the data were refused
-    found        the diagnosis of the model as given, with everything that was added
-    left         the diagnosis of the improved model
+    model_text   model file with the effects and the fitted values; unchanged where the data were refused
+    found        diagnosis of the model as given, with everything that was added
+    left         diagnosis of the improved model
     """
 
     model_text: str
@@ -45,7 +74,7 @@ class Improvement:
         return self.found.findings
 
     def document(self) -> ImprovementBase:
-        """As `tendon improve --json`, but for what follows from it: the diagnosis of what is left, and the history."""
+        """As `tendon improve --json`, without the keys that the report adds."""
         first, last = self.steps[0].identification, self.steps[-1].identification
         return self.left.document().as_part_of(
             ImprovementBase,
@@ -66,52 +95,42 @@ class Improvement:
 
 
 def improve(
-    model_text: str,
-    open_model: OpenModel,
-    add: Add,
-    put: Put,
+    source: ModelSource,
     recordings: Sequence[Recording],
     held_out: Sequence[Recording] = (),
-    on_step: OnStep | None = None,
-    wider: Wider | None = None,
+    on_step: Callable[[str], None] | None = None,
 ) -> Improvement:
-    """Improve a model until no candidate passes the gates.
+    """Fit, diagnose and add effects until no candidate passes the gates; nothing is written.
 
-    open_model   text of a model file -> compiled and loaded model
-    add          (text, effect, joint, values) -> text with that effect in it
-    put          (text, fit) -> text with the identified values
-    held_out     never fitted; an effect that raises the error on them is not added
-    wider        as for `diagnose`
+    held_out   recordings that are never fitted; an effect that raises the error on them is not added
+    on_step    gets a line about each step
     """
     tell = on_step or (lambda _: None)
-    search = begin(open_model(model_text), recordings, held_out)
+    search = begin(source.compiled.model(), recordings, held_out)
     tell(_progress(search.steps[-1]))
     search = complete(search, lambda step: tell(_progress(step)))
-    found = conclude(search, wider)
-    last, text = found.steps[-1], model_text
+    found = conclude(search, source.compiled.model_with_guesses)
+    last, edits = found.steps[-1], source.edits
     for finding in found.findings:
-        text = add(text, finding.term.name, finding.term.joint, last.values[finding.term])
-    search.model = _reloaded(open_model, text, last)
-    left = conclude(replace(search, steps=[last], findings=[])) if found.findings else found
-    believed = found.verdict != "refused"
-    return Improvement(put(text, last.identification.document()) if believed else text, found, left)
-
-
-def _reloaded(open_model: OpenModel, text: str, step: Step) -> Model:
-    """The model as regenerated from the edited file; it must hold exactly the terms that were fitted."""
-    model = open_model(text)
-    fitted = set(step.values)
-    written: set[Term] = set(structure(model))
-    if fitted != written:
-        apart = ", ".join(sorted(map(str, fitted ^ written)))
-        raise RuntimeError(f"the edited model file and the fitted model differ in {apart}")
-    return model
+        edits = edits.add(finding.term.name, finding.term.joint, last.values[finding.term])
+    if not found.findings:
+        left = found
+    else:
+        search.model = source.with_text(edits.text).compiled.model()
+        fitted, written = set(last.values), set(structure(search.model))
+        if fitted != written:
+            apart = ", ".join(sorted(map(str, fitted ^ written)))
+            raise RuntimeError(f"the edited model file and the fitted model differ in {apart}")
+        left = conclude(replace(search, steps=[last], findings=[]))
+    if found.verdict != "refused":
+        edits = edits.set(last.identification.document())
+    return Improvement(edits.text, found, left)
 
 
 def _progress(step: Step) -> str:
+    def percent(errors: Sequence[float]) -> str:
+        return ", ".join(f"{100 * error:.2f} %" for error in errors)
+
     what = "as in the file" if step.added is None else f"with {step.added}"
-    error = ", ".join(f"{100 * r:.2f} %" for r in step.fitted.relative)
-    held = (
-        "" if step.held_out is None else f"; held out {', '.join(f'{100 * r:.2f} %' for r in step.held_out.relative)}"
-    )
-    return f"{what}: error {error}{held}"
+    held = "" if step.held_out is None else f"; held out {percent(step.held_out.relative)}"
+    return f"{what}: error {percent(step.fitted.relative)}{held}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -12,7 +12,7 @@ from runtime import files
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.recordings.recording import Recording, read
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 PathOrText = str | PathLike[str]
 Recorded = Recording | PathOrText
@@ -38,7 +38,7 @@ class LoadedArm:
     @cached_property
     def model(self) -> Model:
         """The generated functions on NumPy arrays, samples last: `arm.model.inverse_dynamics(q, qd, qdd)`."""
-        return self.source.model()
+        return self.source.compiled.model()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -47,7 +47,7 @@ class LoadedArm:
 
     def with_text(self, text: str) -> LoadedArm:
         """The same arm with another model file's text; nothing is written."""
-        return LoadedArm(replace(self.source, text=text))
+        return LoadedArm(self.source.with_text(text))
 
     def recordings(
         self, given: Recorded | Sequence[Recorded], columns: Mapping[str, str] | None = None, allow_gaps: bool = False

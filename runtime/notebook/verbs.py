@@ -10,10 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime import files
 from runtime.diagnosis import diagnose as diagnosis
 from runtime.diagnosis.credibility import judged
-from runtime.documents.models import ExportDocument
 from runtime.estimation import compare as comparison
 from runtime.estimation import identify as identification
 from runtime.loop import held_out as held_outs
@@ -35,7 +33,10 @@ from runtime.report.follow_up import Invocation, about
 from runtime.report.summary import ResultSummary
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
-from runtime.workspace import Source, effects_described, effects_library, scenario_path, scenario_source
+from runtime.workspace import exporting
+from runtime.workspace.library import effects_described, effects_library
+from runtime.workspace.names import scenario_path
+from runtime.workspace.source import Source, scenario_source
 from symbolic.model_file.exchange.importing import imported
 
 Recordings = Recorded | Sequence[Recorded]
@@ -48,7 +49,7 @@ def identify(arm: LoadedArm, recordings: Recordings, skew: float | None = None) 
     """
     data = arm.recordings(recordings)
     found = judged(identification.identify(arm.model, data, skew), data)
-    return IdentificationResult(found, arm.with_text(arm.source.put(arm.text, found.document())))
+    return IdentificationResult(found, arm.with_text(arm.source.edits.set(found.document()).text))
 
 
 def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
@@ -61,15 +62,14 @@ def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
 def diagnose(arm: LoadedArm, recordings: Recordings) -> DiagnosisResult:
     """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"."""
     data = arm.recordings(recordings)
-    result = diagnosis.diagnose(arm.model, data, wider=arm.source.guesses)
+    result = diagnosis.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses)
     return DiagnosisResult(result, ResultSummary(result, _invocation(arm, data)))
 
 
 def improve(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -> ImprovementResult:
     """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one."""
     fitted, held = arm.recordings(recordings), arm.recordings(held_out)
-    source = arm.source
-    result = loop.improve(source.text, source.model, source.add, source.put, fitted, held, wider=source.guesses)
+    result = loop.improve(arm.source, fitted, held)
     floors = held_outs.floors(result.steps[-1].identification, held)
     summary = ResultSummary(result, _invocation(arm, fitted, held), floors)
     return ImprovementResult(result, summary, arm.with_text(result.model_text))
@@ -81,7 +81,7 @@ def add(arm: LoadedArm, effect: str, joint: int | str | None = None) -> LoadedAr
     joint   from 1, or a name that the model file gives; None for effects of the arm or the contact
     """
     number = arm.source.joint_number(joint) if isinstance(joint, str) else joint
-    return arm.with_text(arm.source.add(arm.text, effect, number))
+    return arm.with_text(arm.source.edits.add(effect, number).text)
 
 
 def simulate(
@@ -140,9 +140,7 @@ def export(
 
     onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
     """
-    data, document = arm.source.exported(to, None if onto is None else Path(onto))
-    files.replace(Path(path), data)
-    return ExportResult(ExportDocument.of(str(path), document))
+    return ExportResult(exporting.export(arm.source.compiled, to, Path(path), None if onto is None else Path(onto)))
 
 
 def optimize(
@@ -172,8 +170,7 @@ def optimize(
         friction=case.friction if friction is None else friction,
     )
     plan = optimizer.optimize(arm.model, case, PlanningSettings(starts, seed))
-    mounted = source.mounted(plan.trajectory)
-    return PlanResult(plan, arm.with_text(mounted))
+    return PlanResult(plan, arm.with_text(source.edits.mount(plan.trajectory).text))
 
 
 def _invocation(arm: LoadedArm, fitted: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Invocation:

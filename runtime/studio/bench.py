@@ -14,10 +14,12 @@ from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Step
 from runtime.inspection.inspection import Inspection, inspect
 from runtime.loop.held_out import HeldOut, left
+from runtime.model.loader import Model
 from runtime.plain_json import plain
 from runtime.recordings.recording import Recording
 from runtime.studio.session import Inputs, SessionError, StudioSession
-from runtime.workspace import Source, mapping
+from runtime.workspace.names import column_mapping
+from runtime.workspace.source import Source
 
 Found = dict[str, Any]
 
@@ -77,7 +79,7 @@ class Opened:
     @cached_property
     def inspections(self) -> list[Inspection]:
         arm = None if self.inputs.model is None else self.source.recorded_arm()
-        columns = mapping(self.inputs.maps)
+        columns = column_mapping(self.inputs.maps)
         paths = [self.session.given(r.given) for r in self.inputs.recordings]
         return [inspect(path, arm, columns, self.inputs.allow_gaps) for path in paths]
 
@@ -90,6 +92,10 @@ class Opened:
                     raise SessionError(inspection.problem or f"{given.given.name}: cannot be read")
                 found.append(inspection.recording)
         return found
+
+    def model(self, text: str) -> Model:
+        """The compiled model of a text of the model file."""
+        return self.source.with_text(text).compiled.model()
 
     def text(self, number: int) -> str:
         """The model file of a step, before the fit."""
@@ -108,7 +114,7 @@ class Opened:
     def search(self, number: int, text: str) -> Search:
         """A model fitted, as a diagnosis begins."""
         if number not in self.searches:
-            search = begun(self.source.model(text), self.recordings(False), self.recordings(True))
+            search = begun(self.model(text), self.recordings(False), self.recordings(True))
             self.searches[number], self.steps[number] = search, search.steps[0]
         return self.searches[number]
 
@@ -126,8 +132,9 @@ class Opened:
         """A step's model with an effect more, fitted: from what its diagnosis found, where it has named it."""
         place = number, effect, joint
         if place not in self._with:
-            text = self.source.add(self.text(number), effect, joint, self.values_found(number).get((effect, joint)))
-            self._with[place] = begun(self.source.model(text), self.recordings(False)).steps[0]
+            edits = self.source.with_text(self.text(number)).edits
+            text = edits.add(effect, joint, self.values_found(number).get((effect, joint))).text
+            self._with[place] = begun(self.model(text), self.recordings(False)).steps[0]
         return self._with[place]
 
 

@@ -106,7 +106,7 @@ def hidden(bench: Bench, tell: Tell, step: int, effect: str, joint: int | None, 
     tell.parts((FITTING, HIDING, DIAGNOSING))
     tell.part(FITTING)
     fitted = opened.fitted(step)
-    model = opened.source.model(opened.fitted_text(step))
+    model = opened.model(opened.fitted_text(step))
     place = parse_hidden(_written(effect, joint, values), model, "hide")
     tell.part(HIDING)
     noise = max(relative_floor(series) for series in fitted.joints)
@@ -144,7 +144,7 @@ def experiment(bench: Bench, tell: Tell, step: int, rivals: Sequence[Mapping[str
     texts = [_written(r["effect"], r["joint"], found.get((r["effect"], r["joint"]), {})) for r in rivals]
     tell.parts((COMPILING, DESIGNING))
     tell.part(COMPILING)
-    model = opened.source.model(opened.fitted_text(step))
+    model = opened.model(opened.fitted_text(step))
     tell.part(DESIGNING)
     proposal = propose(model, parse_rivals(",".join(texts), model), tell=tell.said)
     work = empty(opened.session.scratch / "answer")

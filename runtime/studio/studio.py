@@ -35,7 +35,8 @@ from runtime.studio.shown import (
     VerdictShown,
 )
 from runtime.studio.work import Work, WorkError, WorkState
-from runtime.workspace import Source, effects_described
+from runtime.workspace.library import effects_described
+from runtime.workspace.source import Source
 from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.importing import imported
 

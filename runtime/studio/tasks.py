@@ -4,7 +4,6 @@ and what is fitted once is kept for the next task."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,8 @@ from runtime.studio.commands import invocation
 from runtime.studio.history import PlacedEffect
 from runtime.studio.session import SessionError
 from runtime.wording import percent
-from runtime.workspace import ARMS, Source
+from runtime.workspace.names import ARMS
+from runtime.workspace.source import Source
 from symbolic.model_file.checks import quote
 
 READING, COMPILING, FITTING = "reading the recordings", "deriving and compiling the model", "fitting the model"
@@ -59,20 +59,19 @@ def fit(bench: Bench, tell: Tell, step: int, number: int, kind: str, changed: Se
 
     Where the diagnosis of the step has named an effect, its fit begins at what was found.
     """
-    opened, source = bench.opened(), bench.opened().source
+    opened = bench.opened()
     tell.parts(_FITTING)
     values = opened.values_found(step)
-    text, done = opened.text(step), []
+    edits, done = opened.source.with_text(opened.text(step)).edits, []
     for entry in changed:
         effect, joint = str(entry["effect"]), entry["joint"]
         if kind == "added":
-            before = text
-            text = source.add(before, effect, joint, values.get((effect, joint)))
-            effect = replace(source, text=before).name_of_next(effect, joint)
+            name = edits.name_of_next(effect, joint)
+            edits, effect = edits.add(effect, joint, values.get((effect, joint))), name
         else:
-            text = source.leave_out(text, effect, joint)
+            edits = edits.remove(effect, joint)
         done.append(PlacedEffect(effect, joint))
-    return {"step": _fitted(opened, tell, number, text, step, kind, done)}
+    return {"step": _fitted(opened, tell, number, edits.text, step, kind, done)}
 
 
 def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
@@ -85,7 +84,7 @@ def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
     tell.part(LOOKING)
     search = complete(pristine, lambda reached: tell.said(_progress(reached)))
     tell.part(WEIGHING)
-    result = conclude(search, opened.source.guesses)
+    result = conclude(search, opened.source.compiled.model_with_guesses)
     tell.part(DRAWING)
     given = invocation(opened.inputs, about(opened.source.text))
     held = [held_out.left(s.identification, opened.recordings(True)) for s in _ends(result) if opened.inputs.held_out]
@@ -114,7 +113,7 @@ def open_plans(bench: Bench, tell: Tell, files: Sequence[Mapping[str, str]]) -> 
         path = opened.session.folder / "given" / entry["file"]
         source = _arm_of_plan(opened, trajectory.arm_of(path))
         tell.part(COMPILING)
-        model = source.model()
+        model = source.compiled.model()
         planned = trajectory.read(path, model)
         tell.part(EVALUATING)
         document = plain(results.stated(model, planned))
@@ -136,7 +135,7 @@ def _fitted(
 ) -> Found:
     """A step, written; what the server needs of it for the history."""
     tell.part(COMPILING)
-    opened.source.model(text)
+    opened.model(text)
     tell.part(FITTING)
     search = opened.search(number, text)
     step, held = search.steps[0], opened.held(number)
@@ -146,7 +145,7 @@ def _fitted(
     summary = ResultSummary(comparison, invocation(opened.inputs, about(opened.source.text)))
     work = empty(opened.session.scratch / "step")
     (work / "model.toml").write_text(text, encoding="utf-8")
-    put = opened.source.put(text, step.identification.document())
+    put = opened.source.with_text(text).edits.set(step.identification.document()).text
     (work / "fitted.toml").write_text(put, encoding="utf-8")
     write(work / "shown.json", describe.step(number, summary, held_joints, search.suspicions))
     write(work / "library.json", describe.offered(search))

@@ -28,7 +28,7 @@ import sys
 from pathlib import Path
 from codegen.verify.proof import prove_model
 from runtime.cli import output
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.model import derive
 output.collect_seldom()
 output.leave(not all(proof.equal for proof in prove_model(derive(Source.read(Path(sys.argv[1]), None).arm()), 0)))

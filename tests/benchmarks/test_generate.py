@@ -30,16 +30,16 @@ def lap(name):
     now = time.perf_counter()
     print(name, now - clock)
     clock = now
-import runtime.workspace, symbolic.effects, symbolic.model_file.reader, symbolic.model, codegen.render
+import runtime.workspace.source, symbolic.effects, symbolic.model_file.reader, symbolic.model, codegen.render
 lap("import")
-source = runtime.workspace.Source.read(Path(sys.argv[1]), None)
+source = runtime.workspace.source.Source.read(Path(sys.argv[1]), None)
 arm = source.arm()
 lap("read")
 model = symbolic.model.derive(arm)
 lap("derive")
 codegen.render.arm_files(model)
 lap("emit")
-codegen.render.effect_files(tuple(source.library.values()))
+codegen.render.effect_files(tuple(source.compiled.library.values()))
 lap("effects")
 """
 

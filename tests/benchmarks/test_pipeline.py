@@ -42,7 +42,7 @@ def _processor_time() -> float:
 @pytest.mark.parametrize("name", ["drive", "vishard4"])
 def test_library(name: str) -> None:
     """CPU time of one search of the whole library: a million samples of one joint, 80 s of four joints."""
-    from runtime.workspace import open_model
+    from runtime.workspace.source import open_model
 
     model = open_model(ARMS / f"{name}.toml")
     simulated, _ = simulate.simulate(model, settings=SimulationSettings(seconds=LONG if model.n == 1 else SECONDS))
@@ -69,7 +69,7 @@ def test_library(name: str) -> None:
 @pytest.mark.parametrize(("name", "hidden"), [("drive", "stribeck@1"), ("vishard4", "stribeck@2")])
 def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     """An effect is hidden in a simulated recording; every stage is timed, and the effect has to be found."""
-    from runtime.workspace import open_model
+    from runtime.workspace.source import open_model
 
     model = open_model(ARMS / f"{name}.toml")
     simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))

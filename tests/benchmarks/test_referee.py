@@ -16,7 +16,8 @@ from harness import show, sized
 from numpy.typing import NDArray
 
 from runtime.model.loader import Model
-from runtime.workspace import Source
+from runtime.workspace.exporting import export
+from runtime.workspace.source import Source
 from symbolic.effects import DECLARED
 from symbolic.model_file.exchange.importing import ImportedArm, imported
 
@@ -118,7 +119,7 @@ class Referee:
 def without_rotors(made: ImportedArm) -> Model:
     """The generated code of an imported arm whose rotors, of which no URDF knows, are nothing."""
     text = re.sub(r"^gear_ratio", "rotor_inertia = 0.0\ngear_ratio", made.text, flags=re.MULTILINE)
-    return Source(Path(f"{made.arm.name}.toml"), text, DECLARED).model()
+    return Source(Path(f"{made.arm.name}.toml"), text, DECLARED).compiled.model()
 
 
 def states(n: int) -> Array:
@@ -166,17 +167,18 @@ def test_exported_arms_have_the_torques_of_the_model(number: int, tmp_path: Path
     made = imported(robots() / file, DECLARED, base, tip, friction=False)
     text = re.sub(r"^gear_ratio", "rotor_inertia = 0.4\ngear_ratio", made.text, flags=re.MULTILINE)
     source = Source(Path("arm.toml"), text, DECLARED)
-    model = source.model()
+    model = source.compiled.model()
     lumps = model.lump_values * np.random.default_rng(1).normal(1.0, 0.03, len(model.lumps))
     values = "".join(f"{lump.name} = {float(v)!r}\n" for lump, v in zip(model.lumps, lumps, strict=True))
     fitted = Source(source.path, f"{text}\n[inertial]\n{values}", DECLARED)
-    urdf, document = fitted.exported("urdf")
+    document = export(fitted.compiled, "urdf", tmp_path / "arm.urdf")
+    urdf = (tmp_path / "arm.urdf").read_bytes()
     referee = Referee(
         urdf.decode(), [joint["name"] for joint in document["joints"]], "base", "tip", np.array(model.gravity)
     )
     for joint, written in zip(referee.joints, document["joints"], strict=True):
         referee.model.armature[joint.idx_v] = written["rotor_inertia"]
-    (tmp_path / "arm.xml").write_bytes(fitted.exported("mjcf")[0])
+    export(fitted.compiled, "mjcf", tmp_path / "arm.xml")
     there = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
     there.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data = mujoco.MjData(there)

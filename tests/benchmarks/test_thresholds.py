@@ -110,11 +110,13 @@ def judged(joints: int, name: str, size: float) -> Asked:
     of_name = cases.cases([name], [joints], [size], [SEED], cases.Setting())
     case = next(c for c in of_name if c.label == name)
     made = cases.make(replace(case, setting=replace(case.setting, excitation="brief")))
-    return Asked(f"{name} {joints}R {size:g}", opened(made.model).model(), (made.recording,))
+    return Asked(f"{name} {joints}R {size:g}", opened(made.model).compiled.model(), (made.recording,))
 
 
 def sensed(hidden: str) -> Asked:
-    model = opened((Path(__file__).parents[2] / "symbolic/arms/drive.toml").read_text(encoding="utf-8")).model()
+    model = opened(
+        (Path(__file__).parents[2] / "symbolic/arms/drive.toml").read_text(encoding="utf-8")
+    ).compiled.model()
     made, _ = simulate(
         model, [parse_hidden(hidden, model)], SimulationSettings(SEED, seconds=10.0, signals="q_link,tau_link")
     )

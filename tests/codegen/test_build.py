@@ -18,7 +18,8 @@ from random_arms import MIXED
 from codegen import descriptions, prepare
 from codegen.toolchain import build
 from runtime.model import loader
-from runtime.workspace import ARMS, open_model
+from runtime.workspace.names import ARMS
+from runtime.workspace.source import open_model
 from symbolic.effects import shipped
 
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
@@ -156,7 +157,7 @@ def test_a_prepared_library_needs_no_sympy() -> None:
 def test_a_prepared_arm_is_opened_without_sympy(arm: str) -> None:
     open_model(ARMS / f"{arm}.toml")
     script = (
-        "import sys; from pathlib import Path; from runtime.workspace import open_model; "
+        "import sys; from pathlib import Path; from runtime.workspace.source import open_model; "
         f"open_model(Path({str(ARMS / (arm + '.toml'))!r})); print('sympy' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

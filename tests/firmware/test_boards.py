@@ -24,7 +24,7 @@ from runtime.hardware import boards
 from runtime.hardware.boards import QemuBoard, UnicornBoard
 from runtime.hardware.link import LinkError, LinkLost
 from runtime.model.loader import Model
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 needs_qemu = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 AT = 50
@@ -32,7 +32,7 @@ AT = 50
 
 @pytest.fixture(scope="module")
 def image(bench: Source) -> Path:
-    return bench.controller("cortex-m4f")
+    return bench.compiled.controller("cortex-m4f")
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.lockstep import Counted, Fault
 from runtime.hardware.session import Refused
 from runtime.model.loader import Model
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 PLAN = trajectory(THERE_AND_BACK)
 AT = 300
@@ -49,7 +49,7 @@ def make(bench: Source, arm: Model) -> Make:
 
     def on(board: Callable[..., Any] = HostBoard, **others: Any) -> Rig:
         target = "host" if board is HostBoard else "cortex-m4f"
-        made.append(rig(arm, bench.controller(target), others.pop("plan", PLAN), board, **others))
+        made.append(rig(arm, bench.compiled.controller(target), others.pop("plan", PLAN), board, **others))
         return made[-1]
 
     yield on  # type: ignore[misc]
@@ -60,7 +60,7 @@ def make(bench: Source, arm: Model) -> Make:
 @pytest.fixture(scope="module")
 def clean(bench: Source, arm: Model) -> Trial:
     """What is recorded where nothing fails."""
-    found = rig(arm, bench.controller(), PLAN).driven()
+    found = rig(arm, bench.compiled.controller(), PLAN).driven()
     assert found.stop is None
     assert len(found.t) == 1400
     return found
@@ -476,8 +476,8 @@ def test_an_error_beyond_the_end_of_the_range_is_tracking_until_it_is_none(
 ) -> None:
     """The range is the plan's, which may touch its ends."""
     beyond = float(clean.q.min()) + 0.02
-    assert same(rig(within(arm, beyond, 1.8), bench.controller(), PLAN).driven(), clean)
-    stop = rig(within(arm, -1.1, 1.8), bench.controller(), PLAN).driven().stop
+    assert same(rig(within(arm, beyond, 1.8), bench.compiled.controller(), PLAN).driven(), clean)
+    stop = rig(within(arm, -1.1, 1.8), bench.compiled.controller(), PLAN).driven().stop
     assert stop is not None
     assert stop.name == "position"
     assert "is outside -1.15 to 1.85" in stop.reason

@@ -24,7 +24,7 @@ from runtime.planning.settings import PlanningSettings
 from runtime.planning.trajectory import Trajectory
 from runtime.study.cases import StudyCase
 from runtime.study.experiment import HIDDEN
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 EMULATED = [
     pytest.param("unicorn"),
@@ -47,7 +47,7 @@ def source(cache: Path) -> Source:  # noqa: ARG001 - the cache is where it is co
 
 @pytest.fixture(scope="module")
 def arm(source: Source) -> Model:
-    return source.model()
+    return source.compiled.model()
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def run(source: Source, arm: Model, plans: dict[str, Trajectory]) -> Run:
             board = SIMULATED[target]
             made[name, target] = execute(
                 arm,
-                source.controller(board.build),
+                source.compiled.controller(board.build),
                 plans[name],
                 ExecutionSettings(trials=1, cycles=1),
                 board=board.board,

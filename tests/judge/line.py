@@ -22,7 +22,7 @@ from runtime.experiments import design
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
 from runtime.simulation.simulate import SimulationError
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 from . import cases as judging
 from . import coverage, limits, others, scoring
@@ -120,10 +120,10 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         out.beyond_delay = made.beyond_delay
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
         made = logged(made)
-        source = opened(made.model)
-        model = source.model()
+        compiled = opened(made.model).compiled
+        model = compiled.model()
         start = time.process_time()
-        found = diagnose(model, [made.recording], [made.held_out] if held_out else [], source.guesses)
+        found = diagnose(model, [made.recording], [made.held_out] if held_out else [], compiled.model_with_guesses)
         answer = found.document().to_json()
         out.seconds = time.process_time() - start
         _judge(out, made, found, answer, experiments)
@@ -156,7 +156,7 @@ def logged(made: Made) -> Made:
 def _at_its_limit(case: Case) -> Made | None:
     """The case with its effect a little beyond what the same recording without it would have seen; None: no limit."""
     clean = judging.make(replace(case, names=()))
-    seen = diagnose(opened(clean.model).model(), [clean.recording]).document().to_json()["would_have_seen"]
+    seen = diagnose(opened(clean.model).compiled.model(), [clean.recording]).document().to_json()["would_have_seen"]
     amount = limits.beyond(seen, case.names[0], judging.places(case)[0])
     return None if amount is None else judging.make(case, [amount])
 
@@ -168,7 +168,7 @@ def _separates(made: Made) -> scoring.Separates:
 @functools.cache
 def _separated(text: str, a: str, b: str) -> bool:
     """Whether the experiment that is proposed for a model tells two effects apart in simulation."""
-    model = opened(text).model()
+    model = opened(text).compiled.model()
     try:
         return design.propose(model, design.parse_rivals(f"{a},{b}", model)).separated
     except (design.ExperimentError, SimulationError):

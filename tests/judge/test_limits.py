@@ -31,7 +31,7 @@ def plant() -> Bench:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return opened(model_text(ARMS[1], BELIEVED)).model()
+    return opened(model_text(ARMS[1], BELIEVED)).compiled.model()
 
 
 @pytest.fixture(scope="module")

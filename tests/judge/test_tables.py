@@ -29,7 +29,7 @@ MORE = 0.3  # kg at the end-effector
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return opened(model_text(ARMS[JOINTS], BELIEVED)).model()
+    return opened(model_text(ARMS[JOINTS], BELIEVED)).compiled.model()
 
 
 @pytest.fixture(scope="module")

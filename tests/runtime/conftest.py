@@ -14,7 +14,7 @@ from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording, read
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests import plants
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -16,7 +16,7 @@ from runtime.motion.band import Band
 from runtime.motion.motion import Motion
 from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests.one_joint import joint_text
 
 SKEWS: tuple[Literal["no", "shared", "each"], ...] = ("no", "shared", "each")

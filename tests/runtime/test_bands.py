@@ -19,7 +19,7 @@ from runtime.motion.band import choose_band, coupled
 from runtime.motion.prepare import prepare
 from runtime.motion.settings import BLOCK_ROWS, HIGHEST_CUTOFF, WIDE_ENOUGH
 from runtime.recordings.recording import Recording
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from tests import wrist
 from tests.six_joints import six_joints
 
@@ -96,7 +96,7 @@ def recorded(line: float, seed: int) -> Recording:
 def model(cache: Path, tmp_path: Path) -> Model:  # noqa: ARG001 - the cache is where it is compiled
     path = tmp_path / "wrist.toml"
     path.write_text(wrist.MODEL, encoding="utf-8")
-    return Source.read(path, None).model()
+    return Source.read(path, None).compiled.model()
 
 
 def test_a_line_of_a_wrist_is_found_above_what_the_base_s_encoder_permits(model: Model) -> None:

@@ -22,7 +22,7 @@ from runtime.planning import trajectory
 from runtime.planning.settings import MOST_PHASES
 from runtime.recordings import recording
 from runtime.recordings.contents import RecordingError
-from runtime.workspace import ARMS
+from runtime.workspace.names import ARMS
 from symbolic.model_file import checks, reader
 from symbolic.model_file.checks import ModelError
 

@@ -18,10 +18,12 @@ from hypothesis import strategies as st
 
 from codegen import disk
 from runtime import files
-from runtime.cli import generate, options, output
+from runtime.cli import generate, output
 from runtime.cli.main import app
 from runtime.cli.rendered import render_all
-from runtime.workspace import Source, open_model
+from runtime.workspace.compiled import CompiledArm
+from runtime.workspace.names import UsageError
+from runtime.workspace.source import Source, open_model
 from tests import one_joint
 
 VERBS = [
@@ -291,7 +293,7 @@ def test_generate_does_not_undo_an_add(run, here, monkeypatch):
     monkeypatch.setattr(generate, "render_all", meanwhile)
     status, _, err = run("generate", "drive.toml")
     assert status == 2
-    assert err.splitlines()[-1] == "drive.toml: has changed while we were at work; nothing written, try again"
+    assert err.splitlines()[-1] == "drive.toml: was changed by someone else meanwhile; nothing was written, try again"
     monkeypatch.setattr(generate, "render_all", render_all)
     assert run("generate", "drive.toml", "--check")[0] == 0
     assert list((here / "generated").glob(".*")) == []
@@ -304,7 +306,7 @@ def test_an_add_waits_for_a_generate_that_writes(run, monkeypatch, first):
     if not first:
         assert run("generate", "drive.toml")[0] == 0
     source = Source.read(Path("drive.toml"), None)
-    rendered, write, writes = render_all(source, source.text, None, None), disk.write, threading.Event()
+    rendered, write, writes = render_all(source, None, None), disk.write, threading.Event()
 
     def slow(files, directory):
         if files is rendered.files:
@@ -380,7 +382,7 @@ def test_simulate_refuses(run, here, hide):
 
 
 def test_a_mistyped_effect_is_told_before_the_model_is_built(run, here, monkeypatch):
-    monkeypatch.setattr(Source, "model", lambda *_: pytest.fail("built"))
+    monkeypatch.setattr(CompiledArm, "model", lambda *_: pytest.fail("built"))
     Path("x.json").write_text("{}")
     simulated = ("execute", "drive.toml", "x.json", "--on", "simulation")
     for call in (("simulate", "drive.toml", "--out", "x.csv"), simulated):
@@ -461,8 +463,8 @@ def test_improve_works_on_a_copy_unless_told(run, here, recorded):
 def test_a_model_that_changed_meanwhile_is_not_overwritten(here):
     source = Source.read(Path("drive.toml"), None)
     (here / "drive.toml").write_text(DRIVE + "# edited\n")
-    with pytest.raises(options.UsageError, match="has changed while we were at work"):
-        source.replace(DRIVE)
+    with pytest.raises(UsageError, match="was changed by someone else meanwhile"):
+        source.edits.write()
     assert (here / "drive.toml").read_text() == DRIVE + "# edited\n"
 
 
@@ -515,7 +517,8 @@ def test_a_reader_that_goes_away_is_no_error(here):  # noqa: ARG001
 
 def test_an_arm_of_tendon_is_known_by_its_name(run, here):
     assert run("identify", "drives", "absent.csv")[2] == (
-        '"drives" is no model file here and no arm of the toolkit, which has drive, emps, panda, ur10, vishard4\n'
+        '"drives" is no model file here and no arm of Tendon; expected a file, or one of '
+        "drive, emps, panda, ur10, vishard4\n"
     )
     (here / "drive").mkdir()  # a folder is no model file
     assert run("simulate", "drive", "--out", "run.csv", "--seconds", "2")[0] == 0
@@ -551,7 +554,7 @@ def test_what_follows_from_an_arm_of_tendon_can_be_typed(run, recorded):
 
 
 def test_scenarios_are_known_by_name(run, here):
-    expected = '"scenario3" is no scenario file here and no scenario of the toolkit, which has scenario1, scenario2'
+    expected = '"scenario3" is no scenario file here and no scenario of Tendon; expected a file, or one of scenario1'
     assert expected in refused(run, here, "optimize", "scenario3")
     assert expected in refused(run, here, "sweep", "scenario3", "--over", "seed=0:1", "--table", "t.csv")
     (here / "scenario1").write_text("name = 1")

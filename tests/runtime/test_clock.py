@@ -20,7 +20,7 @@ from runtime.motion.white_noise import SampleNoise
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests.judge.cases import Setting, cases, make
 from tests.judge.recorder import Logger
 

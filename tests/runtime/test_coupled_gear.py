@@ -8,7 +8,7 @@ import pytest
 
 from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose
 from runtime.model.loader import Model
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests import spatial_wrist, wrist
 from tests.variants import slow
 

@@ -12,7 +12,7 @@ from codegen.toolchain import build
 from codegen.toolchain.build import shared_library
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.workspace import ARMS
+from runtime.workspace.names import ARMS
 from tests.crashes import killed_at
 
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}

@@ -21,7 +21,7 @@ from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
-from runtime.workspace import Source, open_model
+from runtime.workspace.source import Source, open_model
 from tests.runtime.conftest import ROOT, SHARED, recorded
 from tests.variants import slow
 
@@ -113,7 +113,7 @@ def test_effects_of_an_independent_plant(hidden: str, drive: Model) -> None:
 
 def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: Path) -> None:
     """A gap with a spring behind it, seen on the link: elasticity is found first, and backlash takes its place."""
-    drive = Source.shipped("drive").model()
+    drive = Source.shipped("drive").compiled.model()
     hidden = [simulate.parse_hidden("backlash@1", drive)]
     made, present = simulate.simulate(drive, hidden, SimulationSettings(seconds=20.0, signals="q_link"))
     recording.write(tmp_path / "run.csv", made)
@@ -137,7 +137,7 @@ def test_a_contradicted_inertia_is_said_first(drive: Model) -> None:
     loaded = drive
     text = (ROOT / "symbolic" / "arms" / "drive.toml").read_text()
     source = Source.shipped("drive")
-    wrong = source.model(text.replace("mass = 2.0", "mass = 6.0"))
+    wrong = source.with_text(text.replace("mass = 2.0", "mass = 6.0")).compiled.model()
     assert wrong.lump_values[0] > loaded.lump_values[0] * 1.3
     found = diagnose(wrong, [recorded(None, 21)])
     assert found.reason.startswith("check the model file first: J1 is")
@@ -158,7 +158,7 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     """The error falls on both files at every step; nothing is claimed that explains nothing there."""
     fitted, held = (shared(f"emps/{name}.csv.gz", emps) for name in ("identification", "validation"))
     source = Source.shipped("emps")
-    result = improve(source.text, source.model, source.add, source.put, [fitted], [held])
+    result = improve(source, [fitted], [held])
     history = result.document().to_json()["history"]
     added = [step["added"] for step in history]
     assert {"viscous_asymmetric@1", "viscous_power@1"} == set(added[1:3])
@@ -168,13 +168,13 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     assert history[-1]["relative"][0] < 0.025
     assert history[-1]["held_out_relative"][0] < 0.03
     assert not {"load_friction@1", "thermal_friction@1"} & set(added)
-    refitted = diagnose(source.model(result.model_text), [fitted], [held])
+    refitted = diagnose(source.with_text(result.model_text).compiled.model(), [fitted], [held])
     assert named(refitted) == []
 
 
 def test_the_improved_file_is_the_file_that_was_fitted(tmp_path: Path) -> None:
     source = Source.shipped("drive")
-    result = improve(source.text, source.model, source.add, source.put, [recorded("linear_spring", 3)])
+    result = improve(source, [recorded("linear_spring", 3)])
     path = tmp_path / "better.toml"
     path.write_text(result.model_text)
     again = diagnose(open_model(path), [recorded("linear_spring", 4)])

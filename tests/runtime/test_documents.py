@@ -13,6 +13,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.documents import verbs
 from runtime.plain_json import plain
+from runtime.workspace.names import ARMS
 
 jsonschema = pytest.importorskip("jsonschema")
 
@@ -23,10 +24,21 @@ LINES = {
     "compare": ["drive", "run.csv"],
     "identify": ["drive", "run.csv"],
     "diagnose": ["drive", "run.csv"],
+    "experiment": ["drive", "--between", "linear_spring@1,gravity"],
+    "improve": ["bare.toml", "run.csv"],
+    "demo": ["--out", "demo"],
     "generate": ["drive", "--out", "drive"],
+    "add": ["own.toml", "stribeck", "--joint", "1", "--out", "own"],
+    "verify": ["drive", "--samples", "1"],
+    "effects": [],
+    "firmware": ["drive", "--target", "host", "--out", "firmware"],
+    "init": ["--like", "drive", "--out", "like.toml"],
     "export": ["drive", "--to", "urdf", "--out", "other.urdf"],
     "import": ["arm.urdf", "--out", "arm.toml"],
 }
+
+SLOW = {"demo", "experiment"}
+"""The first has the class of improve, the second is asserted in test_experiment."""
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +47,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("documents")
     assert output.run(app, ["simulate", "drive", "--out", str(place / "run.csv"), *MODEL]) == 0
     assert output.run(app, ["export", "drive", "--to", "urdf", "--out", str(place / "arm.urdf")]) == 0
+    text = (ARMS / "drive.toml").read_text()
+    (place / "own.toml").write_text(text)
+    (place / "bare.toml").write_text(text)
     return place
 
 
-@pytest.mark.parametrize("verb", LINES)
+@pytest.mark.parametrize(
+    "verb", [pytest.param(verb, marks=[pytest.mark.slow] if verb in SLOW else []) for verb in LINES]
+)
 def test_a_document_is_as_its_schema_says(verb: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It validates, and the struct holds every key of it."""
     monkeypatch.chdir(folder)
@@ -46,6 +63,13 @@ def test_a_document_is_as_its_schema_says(verb: str, folder: Path, monkeypatch: 
     document = json.loads((folder / "found.json").read_text())
     jsonschema.Draft202012Validator(verbs.schema(verb)).validate(document)
     assert plain(msgspec.convert(document, verbs.BY_VERB[verb])) == document
+
+
+def test_the_document_of_one_effect(capsys: pytest.CaptureFixture[str]) -> None:
+    assert output.run(app, ["effects", "lugre", "--json", "-"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    jsonschema.Draft202012Validator(verbs.schema("effects")).validate(document)
+    assert plain(msgspec.convert(document, verbs.ONE_OF_THEM["effects"])) == document
 
 
 def test_a_document_of_another_kind_does_not_validate() -> None:
@@ -71,7 +95,7 @@ def test_the_verb_prints_one_schema_or_all(capsys: pytest.CaptureFixture[str]) -
     everything = json.loads(capsys.readouterr().out)
     assert (everything["diagnose"], list(everything)) == (one, list(verbs.BY_VERB))
     assert output.run(app, ["schema", "nothing"]) == 2
-    assert "there is one for: inspect" in capsys.readouterr().err
+    assert "there is one for: init" in capsys.readouterr().err
 
 
 def test_the_table_of_keys_is_up_to_date() -> None:

@@ -17,7 +17,7 @@ from runtime.diagnosis.steps import errors_elsewhere
 from runtime.model.terms import Term
 from runtime.motion.prepare import prepare
 from runtime.recordings import recording
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.effects import load_user_effects
 from symbolic.effects.source import BANNER
 from tests.judge import cases as judging
@@ -112,10 +112,10 @@ def test_a_neighbours_motion_is_guessed_at_the_joint_that_feels_it(tmp_path):
     path.write_text(made.model)
     (tmp_path / "mine.py").write_text(OWN)
     source = Source.read(path, tmp_path / "mine.py")
-    wider = source.drafting()
-    step = begin(source.model(), [made.recording], [made.held_out]).steps[-1]
+    wider = source.compiled.with_guesses()
+    step = begin(source.compiled.model(), [made.recording], [made.held_out]).steps[-1]
     joint = made.joints[0] or 1
-    found = grammar_search.best(step, wider.model(), wider.library.keys() - source.library.keys(), range(2))
+    found = grammar_search.best(step, wider.model(), wider.library.keys() - source.compiled.library.keys(), range(2))
     assert found is not None
     assert found.term == Term("draft_next_viscous" if joint == 1 else "draft_previous_viscous", joint)
     assert found.finding.share() > 0.85

@@ -26,7 +26,7 @@ from runtime.model.terms import Term, structure
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, read_motion, simulate
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 
 DRIVE = Path(__file__).resolve().parents[2] / "symbolic" / "arms" / "drive.toml"
 SMALL = "linear_spring@1:stiffness=0.4,rest=0,gravity:gx=1,gy=0"

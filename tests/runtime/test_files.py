@@ -8,12 +8,14 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from runtime import files
-from runtime.workspace import ARMS, Source, UsageError
+from runtime.workspace.names import ARMS, UsageError
+from runtime.workspace.source import Source
 
 KILLED = """
 import os, signal, sys
@@ -50,7 +52,7 @@ def test_no_update_is_lost(model: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
     def add(effect: str) -> None:
         try:
-            sources[effect].replace(sources[effect].add(sources[effect].text, effect, 1))
+            sources[effect].edits.add(effect, 1).write()
             said.append(effect)
         except UsageError as error:
             refused.append(str(error))
@@ -62,7 +64,7 @@ def test_no_update_is_lost(model: Path, monkeypatch: pytest.MonkeyPatch) -> None
         thread.join()
     there = Source.read(model, None).arm().joints[0].effects
     assert len(said) == 1
-    assert set(refused) == {f"{model}: has changed while we were at work; nothing written, try again"}
+    assert set(refused) == {f"{model}: was changed by someone else meanwhile; nothing was written, try again"}
     assert [effect for effect in effects if effect in there] == said
     assert list(model.parent.iterdir()) == [model]
 
@@ -72,10 +74,10 @@ def test_what_belongs_to_a_file_is_written_before_another_is_let_in(model: Path)
 
     def second() -> None:
         source = Source.read(model, None)
-        with source.replaced(source.text + "# second\n"):
+        with replace(source.edits, text=source.text + "# second\n").written():
             order.append("second")
 
-    with first.replaced(first.text + "# first\n"):
+    with replace(first.edits, text=first.text + "# first\n").written():
         thread = threading.Thread(target=second)
         thread.start()
         time.sleep(0.2)

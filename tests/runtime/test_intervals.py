@@ -15,7 +15,7 @@ from runtime.estimation.problem import Problem
 from runtime.estimation.robust import over_stretches
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests import spatial_wrist
 from tests.judge.bodies import ARMS, BELIEVED, model_text
 from tests.judge.cases import Setting

@@ -14,7 +14,7 @@ from runtime.experiments.design import parse_rivals
 from runtime.notebook import verbs
 from runtime.notebook.arm import load
 from runtime.sweep import grid
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.effects import LIBRARY
 from tests import one_joint
 
@@ -84,7 +84,7 @@ def test_an_effect_is_added_by_a_name_as_by_a_number(run: Run) -> None:
 
 
 def test_rivals_may_stand_at_joints_by_their_names(run: Run) -> None:  # noqa: ARG001 - a folder with arm.toml
-    model = Source.read(Path("arm.toml"), None).model()
+    model = Source.read(Path("arm.toml"), None).compiled.model()
     by_name = "elasticity@left:wrist:stiffness=3000,damping=2,torque_delay@shoulder,coupled_friction@1"
     by_number = "elasticity@3:stiffness=3000,damping=2,torque_delay@1,coupled_friction@1"
     assert parse_rivals(by_name, model) == parse_rivals(by_number, model)

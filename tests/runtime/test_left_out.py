@@ -22,7 +22,7 @@ from runtime.motion.inertia import believable
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.plant import Plant
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.model_file.checks import ModelError
 from tests import wrist
 from tests.runtime.conftest import ROOT, recorded
@@ -50,7 +50,7 @@ def sourced(cache: Path, tmp_path: Path) -> Sourced:  # noqa: ARG001 - the cache
 @pytest.mark.parametrize("hidden", [slow("stribeck"), slow(None), slow("linear_spring"), slow("lugre")])
 def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourced, hidden: str | None) -> None:
     recording = recorded(hidden, seed=1)
-    true, unknown = (diagnose(sourced(text).model(), [recording]) for text in (DRIVE, bare(DRIVE)))
+    true, unknown = (diagnose(sourced(text).compiled.model(), [recording]) for text in (DRIVE, bare(DRIVE)))
     assert [f.term for f in unknown.findings] == [f.term for f in true.findings]
     assert [str(f.term) for f in unknown.findings] == ([f"{hidden}@1"] if hidden else [])
     assert unknown.verdict == true.verdict
@@ -63,10 +63,10 @@ def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourc
 
 def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: Sourced) -> None:
     source = sourced(bare(wrist.MODEL))
-    fitted = identify(source.model(), [wrist.record(wrist.CoupledMotor(), seed=5)])
-    model = source.model(source.put(source.text, fitted.document()))
+    fitted = identify(source.compiled.model(), [wrist.record(wrist.CoupledMotor(), seed=5)])
+    model = source.with_text(source.edits.set(fitted.document()).text).compiled.model()
     np.testing.assert_allclose(model.lump_values, fitted.fit.coefficients[: len(model.lumps)], rtol=1e-6)
-    true = sourced(wrist.MODEL).model()
+    true = sourced(wrist.MODEL).compiled.model()
     stated = dict(zip((lump.name for lump in true.lumps), true.lump_values, strict=True))
     for name, value in zip((lump.name for lump in model.lumps), model.lump_values, strict=True):
         assert value == pytest.approx(stated.get(name, 0.0), rel=0.02, abs=0.002)
@@ -76,7 +76,7 @@ def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: So
 
 
 def test_a_file_that_leaves_numbers_open_has_no_error_as_written(sourced: Sourced) -> None:
-    found = compare(sourced(bare(DRIVE)).model(), [recorded(None, seed=2)])
+    found = compare(sourced(bare(DRIVE)).compiled.model(), [recorded(None, seed=2)])
     assert found.written is None
     assert found.document().to_json()["joints"][0]["as_written"] is None
     assert not any("physical" in warning for warning in found.document().to_json()["warnings"])
@@ -93,10 +93,10 @@ def test_what_no_row_tells_stays_open(sourced: Sourced) -> None:
     tau = np.array([held[0], 0.08 * acceleration + 0.8 * np.sign(np.gradient(q[1], t))])
     source = sourced(bare(wrist.MODEL))
     smooth = replace(recording, q=q, tau=tau + 0.03 * rng.standard_normal(q.shape))
-    document = identify(source.model(), [smooth]).document()
+    document = identify(source.compiled.model(), [smooth]).document()
     assert {p.name for p in document.inertial if p.fit is None} == {"J1", "h2", "hy2"}
     with pytest.raises(ModelError, match="J1, h2, hy2"):
-        _ = source.model(source.put(source.text, document)).lump_values
+        _ = source.with_text(source.edits.set(document).text).compiled.model().lump_values
 
 
 def test_the_band_follows_the_inertia_that_the_recordings_show() -> None:
@@ -106,7 +106,7 @@ def test_the_band_follows_the_inertia_that_the_recordings_show() -> None:
 @pytest.mark.slow
 def test_a_transmission_tells_the_rotor_from_its_link(sourced: Sourced) -> None:
     source = sourced(bare(DRIVE))
-    better = improve(source.text, source.model, source.add, source.put, [recorded("elasticity", seed=1)])
+    better = improve(source, [recorded("elasticity", seed=1)])
     assert [str(f.term) for f in better.findings] == ["elasticity@1"]
     fitted = better.steps[-1].identification
     values = fitted.inference.values[better.findings[0].term]
@@ -115,7 +115,7 @@ def test_a_transmission_tells_the_rotor_from_its_link(sourced: Sourced) -> None:
         assert estimate.interval[0] < truth < estimate.interval[1]
         assert estimate.value == pytest.approx(truth, rel=0.15)
     # The written file says so, and is a whole one.
-    model = source.model(better.model_text)
+    model = source.with_text(better.model_text).compiled.model()
     assert model.joints[0].rotor_inertia == pytest.approx(fitted.inference.open[0].value, rel=1e-6)
     assert model.lumps_known
 
@@ -125,8 +125,8 @@ def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced:
     source = sourced(text)
     truth = DRIVE.replace("rotor_inertia = 0.10", "rotor_inertia = 0.12")
     told = truth.replace("[joint.effects.viscous]", "[joint.effects.viscous]\n[joint.effects.load_friction]")
-    made, _ = simulate.simulate(sourced(told).model(), settings=SimulationSettings(seconds=20))
-    found = diagnose(source.model(), [made])
+    made, _ = simulate.simulate(sourced(told).compiled.model(), settings=SimulationSettings(seconds=20))
+    found = diagnose(source.compiled.model(), [made])
     assert found.verdict == "clean"
     inference = found.steps[-1].identification.inference
     others = inference.values[Term("load_friction", 1)]["coefficient"].with_others

@@ -23,7 +23,7 @@ from runtime.report.page import executed_page, planned_page
 from runtime.report.page.executed_page import ExecutedCycles
 from runtime.report.plots import plan_plots
 from runtime.report.terminal import plan_pages
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import arm, there
 
@@ -38,7 +38,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
 @pytest.fixture(scope="module")
 def executed(bench: Source) -> Execution:
     plan = trajectory(THERE_AND_BACK, springs={1: SPRING})
-    return execute(bench.model(), bench.controller(), plan, ExecutionSettings(trials=2, cycles=2))
+    return execute(bench.compiled.model(), bench.compiled.controller(), plan, ExecutionSettings(trials=2, cycles=2))
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +161,9 @@ def test_an_execution_is_drawn_beside_its_plan(executed: Execution) -> None:
 
 def test_a_safe_stop_is_drawn_up_to_it(bench: Source) -> None:
     plan = trajectory(THERE_AND_BACK)
-    stopped = execute(bench.model(), bench.controller(), plan, ExecutionSettings(trials=1, tracking_limit=0.001))
+    stopped = execute(
+        bench.compiled.model(), bench.compiled.controller(), plan, ExecutionSettings(trials=1, tracking_limit=0.001)
+    )
     assert not stopped.completed
     document = plain({"on": "simulation", **stopped.to_json(), "next": []})
     page = executed_page.render(stopped, document)

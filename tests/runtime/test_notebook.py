@@ -100,7 +100,7 @@ def test_a_plan(tmp_path: Path) -> None:
 def test_errors_are_the_lines_of_the_command_line(folder: Path) -> None:
     with pytest.raises(ValueError, match="no such file; expected a recording"):
         tendon.recording(folder / "nothing.csv")
-    with pytest.raises(ValueError, match='"drives" is no model file here and no arm of the toolkit'):
+    with pytest.raises(ValueError, match='"drives" is no model file here and no arm of Tendon'):
         tendon.load("drives")
     with pytest.raises(ValueError, match='unknown effect "stribek"; did you mean "stribeck"'):
         tendon.add(tendon.load("drive"), "stribek", 1)

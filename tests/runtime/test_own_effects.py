@@ -22,7 +22,7 @@ from runtime.recordings.recording import Recording
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.plant import Plant, PlantError
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from tests import one_joint
 from tests.bench_arm import PLAIN, THERE_AND_BACK
 from tests.bench_arm import trajectory as planned
@@ -113,7 +113,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Path:  # no
 
 
 def opened(folder: Path, name: str) -> Model:
-    return Source.read(folder / f"{name}.toml", folder / "own.py").model()
+    return Source.read(folder / f"{name}.toml", folder / "own.py").compiled.model()
 
 
 def recorded(model: Model, hidden: str, signals: str = "") -> Recording:
@@ -155,9 +155,9 @@ def test_a_bristle_needs_a_friction_that_says_that_it_is_dry(folder: Path) -> No
 def loose(folder: Path, **declared: object) -> Model:
     """The drive with a library that has no other gap than ours, which may declare something else of itself."""
     source = Source.shipped("drive", folder / "own.py")
-    library = {name: effect for name, effect in source.library.items() if name != "backlash"}
+    library = {name: effect for name, effect in source.compiled.library.items() if name != "backlash"}
     library["loose_key"] = replace(library["loose_key"], **declared)  # type: ignore[arg-type]
-    return replace(source, own=library).model()
+    return replace(source, own=library).compiled.model()
 
 
 def play(model: Model, made: Recording, gap: float, rest: dict[str, float]) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import typer
 from runtime.cli import output, places
 from runtime.cli.main import app
 from runtime.report import page
-from runtime.workspace import UsageError
+from runtime.workspace.names import UsageError
 from tests import one_joint
 
 COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
@@ -95,7 +95,7 @@ def test_no_verb_writes_to_what_it_reads(tmp_path, monkeypatch, capsys, verb, ta
 
 
 def test_an_arm_of_tendon_is_not_overwritten_under_its_path():
-    from runtime.workspace import ARMS
+    from runtime.workspace.names import ARMS
 
     with pytest.raises(UsageError, match="is read here"):
         places.keep([Path("drive")], [ARMS / "drive.toml"])
@@ -114,7 +114,7 @@ def test_two_results_do_not_go_to_one_file(tmp_path, monkeypatch, capsys):
 
 
 def test_the_model_of_a_scenario_is_not_overwritten(tmp_path, monkeypatch, capsys):
-    from runtime.workspace import SCENARIOS
+    from runtime.workspace.names import SCENARIOS
 
     monkeypatch.chdir(tmp_path)
     scenario = (SCENARIOS / "scenario1.toml").read_text().replace('model = "vishard4"', 'model = "arm.toml"')

@@ -9,7 +9,7 @@ import pytest
 from runtime.diagnosis.diagnose import diagnose
 from runtime.estimation.identify import identify, identify_motion
 from runtime.model.terms import Term, structure
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests.judge.cases import Setting, cases, make
 from tests.judge.recorder import Logger
 from tests.judge.situations import SITUATIONS

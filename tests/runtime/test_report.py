@@ -67,9 +67,9 @@ ORIGIN = Invocation(Path("my arms/drive.toml"), (Path("run 1.csv"),), (Path("run
 @pytest.fixture(scope="module")
 def drive():
     """The demo's drive, compiled into this run's cache."""
-    from runtime.workspace import Source
+    from runtime.workspace.source import Source
 
-    return Source.shipped("drive").model()
+    return Source.shipped("drive").compiled.model()
 
 
 @pytest.fixture(scope="module")

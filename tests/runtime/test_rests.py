@@ -18,7 +18,7 @@ from runtime.motion.band import Band
 from runtime.motion.motion import Motion
 from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests import spatial_wrist, wrist
 
 Mask = NDArray[np.bool_]

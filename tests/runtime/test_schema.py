@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from runtime.cli import schemas
 from runtime.planning import scenario_file
-from runtime.workspace import ARMS, SCENARIOS
+from runtime.workspace.names import ARMS, SCENARIOS
 from symbolic.model_file import reader
 from symbolic.model_file.checks import ModelError, Place
 

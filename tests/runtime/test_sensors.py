@@ -26,7 +26,7 @@ from runtime.recordings.recording import Recording, RecordingError
 from runtime.setting import SettingError
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import EXTRA, SimulationSettings
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests.judge import sensors
 from tests.judge.bench import Hiding
 from tests.judge.bodies import ARMS, BELIEVED, model_text

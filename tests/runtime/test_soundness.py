@@ -19,7 +19,7 @@ from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from tests.runtime.conftest import ROOT
 
 DRIVE = (ROOT / "symbolic" / "arms" / "drive.toml").read_text(encoding="utf-8")

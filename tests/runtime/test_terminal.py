@@ -37,6 +37,7 @@ from runtime.documents.fits import (
     JointEntry,
     JudgedFitDocument,
 )
+from runtime.documents.generated import ComparedFunction, VerifyDocument
 from runtime.documents.parts import DelayEntry, EffectAt, EstimateEntry
 from runtime.documents.recordings import ClockEntry, DeterminedParameter, InspectDocument
 from runtime.model.loader import Model
@@ -143,10 +144,8 @@ def test_what_is_known_of_an_effect_at_many_joints_is_said_once(capsys: pytest.C
 
 
 def test_long_inputs_of_a_comparison_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    case = {"target": "C double", "function": "g", "output": "g[0]", "ratio": 0.1, "expected": 1.0, "found": 1.0}
-    inputs = {"parameters": [0.5] * 43, "q": [1.0, 2.0]}
-    document = {"cases": [{**case, "equal": True, "inputs": inputs}], "proofs": [], "vectors": [], "samples": 1}
-    pages.verify(document)
+    case = made(ComparedFunction, equal=True, inputs={"parameters": [0.5] * 43, "q": [1.0, 2.0]})
+    pages.verify(made(VerifyDocument, cases=[case]))
     assert "parameters=(43 numbers, with --json), q=[1 2]" in " ".join(capsys.readouterr().out.split())
 
 

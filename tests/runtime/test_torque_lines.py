@@ -16,7 +16,7 @@ from runtime.estimation.identify import identify, prepared
 from runtime.estimation.torque_lines import per_turn
 from runtime.loop.improve import improve
 from runtime.motion.angle_spectrum import angle_spectrum, lines
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from tests.motors import GEARED, Motor, record, sines, steps
 from tests.variants import slow
 
@@ -77,7 +77,7 @@ def test_noise_has_no_lines() -> None:
 def test_ripples_of_high_order_are_found_each_by_itself(tmp_path: Path) -> None:
     arm, motor = source(tmp_path, Motor()), Motor()
     path = record(tmp_path / "run.csv", motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES)
-    found = diagnose(arm.model(), arm.recordings([path]))
+    found = diagnose(arm.compiled.model(), arm.recordings([path]))
     assert found.verdict == "effect"
     assert {(f.term.effect, f.term.joint) for f in found.findings} == {("torque_ripple", 1)}
     assert_same(found_waves(found), WAVES)
@@ -93,9 +93,9 @@ def test_a_motor_that_its_magnets_stop_again_and_again_lacks_ripples_alone(tmp_p
     waves = ((72.0, 1.4e-2, 0.5), (186.0, 2e-3, 0.3), (18.0, 1e-3, 0.2))
     arm, path = source(tmp_path, motor), record(tmp_path / "run.csv", motor, steps((6.0, 5.7), 8.0), waves)
     recordings = arm.recordings([path])
-    rate = prepared(arm.model(), recordings).pieces[0].qd[0]
+    rate = prepared(arm.compiled.model(), recordings).pieces[0].qd[0]
     assert np.count_nonzero(np.diff(np.sign(rate))) > 200
-    found = diagnose(arm.model(), recordings)
+    found = diagnose(arm.compiled.model(), recordings)
     assert {f.term.effect for f in found.findings} == {"torque_ripple"}
     assert found.findings[0].term.number == 1
     assert_same(found_waves(found)[:3], waves)
@@ -104,7 +104,7 @@ def test_a_motor_that_its_magnets_stop_again_and_again_lacks_ripples_alone(tmp_p
 def test_ripples_of_a_geared_joint_are_found_and_said_in_both_counts(tmp_path: Path) -> None:
     arm, waves = source(tmp_path, GEARED), ((4.0, 0.6, 0.5), (2.0, 0.3, 0.1))
     path = record(tmp_path / "run.csv", GEARED, sines(0.35, 16.0, 0), waves)
-    found = diagnose(arm.model(), arm.recordings([path]))
+    found = diagnose(arm.compiled.model(), arm.recordings([path]))
     assert_same(found_waves(found), waves)
     assert "at 4 per turn of the motor, 200 of the joint" in found.reason
 
@@ -124,7 +124,7 @@ def test_ripples_of_any_order_are_found(tmp_path: Path, motor: Motor, order: flo
     arm = source(tmp_path, motor)
     desired = steps((0.8, -1.0, 0.5, -1.2), 16.0) if motor.ratio == 1.0 else sines(0.35, 16.0, 3)
     path = record(tmp_path / "run.csv", motor, desired, [(order, size, 0.7)])
-    assert_same(found_waves(diagnose(arm.model(), arm.recordings([path]))), ((order, size, 0.7),))
+    assert_same(found_waves(diagnose(arm.compiled.model(), arm.recordings([path]))), ((order, size, 0.7),))
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(slow(k) for k in range(2, 12))])
@@ -133,7 +133,7 @@ def test_a_clean_recording_has_no_ripple(tmp_path: Path, seed: int, geared: bool
     motor = GEARED if geared else Motor()
     desired = sines(0.35, 10.0, seed) if geared else steps((2.0, -3.0, 2.5, -2.0), 10.0)
     arm, path = source(tmp_path, motor), record(tmp_path / "run.csv", motor, desired, (), seed)
-    found = diagnose(arm.model(), arm.recordings([path]))
+    found = diagnose(arm.compiled.model(), arm.recordings([path]))
     assert not [f for f in found.findings if f.term.effect == "torque_ripple"]
 
 
@@ -141,7 +141,7 @@ def test_a_wave_over_the_time_is_no_ripple(tmp_path: Path) -> None:
     motor = Motor()
     arm = source(tmp_path, motor)
     path = record(tmp_path / "run.csv", motor, steps((2.0, 2.1, 2.0, 1.9), 10.0), (), outside=0.05)
-    found = diagnose(arm.model(), arm.recordings([path]))
+    found = diagnose(arm.compiled.model(), arm.recordings([path]))
     assert not [f for f in found.findings if f.term.effect == "torque_ripple"]
 
 
@@ -152,7 +152,7 @@ def test_a_line_above_the_band_raises_it_or_is_reported(tmp_path: Path) -> None:
     for motor in (fine, coarse):
         arm = source(tmp_path, motor)
         path = record(tmp_path / "run.csv", motor, desired, [(72.0, 0.2, 0.5)])
-        model, recordings = arm.model(), arm.recordings([path])
+        model, recordings = arm.compiled.model(), arm.recordings([path])
         band = prepared(model, recordings).band
         cutoffs.append(band.cutoff)
         if motor is fine:
@@ -169,9 +169,9 @@ def test_a_model_file_may_have_several_and_all_are_fitted_written_and_compensate
     motor = Motor()
     arm = source(tmp_path, motor)
     path = record(tmp_path / "run.csv", motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES[:2])
-    better = improve(arm.text, arm.model, arm.add, arm.put, arm.recordings([path]))
+    better = improve(arm, arm.recordings([path]))
     assert [str(f.term) for f in better.findings] == ["torque_ripple@1", "torque_ripple_2@1"]
-    effects = arm.arm(better.model_text).joints[0].effects
+    effects = arm.with_text(better.model_text).arm().joints[0].effects
     waves = [tuple(effects[name].values()) for name in ("torque_ripple", "torque_ripple_2")]
     assert_same(sorted(waves, key=lambda wave: -wave[1]), WAVES[:2])  # type: ignore[arg-type]
     assert not better.left.findings
@@ -181,7 +181,7 @@ def test_orders_that_a_model_file_leaves_open_are_found(tmp_path: Path) -> None:
     motor = Motor()
     arm = source(tmp_path, motor, ("coulomb", "viscous", "torque_ripple", "torque_ripple_2"))
     path = record(tmp_path / "run.csv", motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES[:2])
-    model = arm.model()
+    model = arm.compiled.model()
     values = identify(model, arm.recordings([path])).inference.values
     orders = sorted(entry["order"].value for term, entry in values.items() if term.effect == "torque_ripple")
     assert orders == pytest.approx([18.0, 72.0], rel=1e-3)

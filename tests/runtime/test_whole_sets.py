@@ -14,7 +14,7 @@ from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.identify import identify, identify_motion
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from tests.upright import Upright, model, record
 from tests.variants import slow
 
@@ -24,7 +24,7 @@ def opened(cache: Path, tmp_path: Path):  # noqa: ARG001
     def opened(effects: str = "", gravity: float = 0.0) -> Model:
         path = tmp_path / "upright.toml"
         path.write_text(model(effects, gravity))
-        return Source.read(path, None).model()
+        return Source.read(path, None).compiled.model()
 
     return opened
 

@@ -24,6 +24,7 @@ from runtime.model.loader import Model
 from runtime.recordings.recording import Recording, RecordingError, read
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
+from runtime.workspace.source import Source
 from tests.plants import SIZES
 from tests.runtime.conftest import recorded
 from tests.runtime.recordings.formats import write_mcap
@@ -83,12 +84,8 @@ def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
     verdict = diagnose(drive, [wrong])
     assert (verdict.verdict, verdict.findings) == ("refused", ())
     assert cure in verdict.reason
-    left = improve("text", lambda _: drive, _never, _never, [wrong])
-    assert left.model_text == "text"
-
-
-def _never(*_: object) -> str:
-    raise AssertionError("nothing is to be added or written")
+    source = Source.shipped("drive")
+    assert improve(source, [wrong]).model_text == source.text
 
 
 @pytest.mark.parametrize("hidden", [None, *SIZES])

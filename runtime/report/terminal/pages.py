@@ -8,15 +8,20 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from rich.console import Console
 
-from runtime.documents.models import ExportDocument, ImportDocument, ImportedJointEntry
+from runtime.documents.generated import ComparedFunction, VerifyDocument
+from runtime.documents.models import (
+    EffectDocument,
+    EffectsDocument,
+    ExportDocument,
+    ImportDocument,
+    ImportedJointEntry,
+)
 from runtime.progress import Progress, heard_by
 from runtime.report.terminal.cells import (
     COMMAND,
-    Document,
     empty_table,
     figure,
     percent,
@@ -72,87 +77,85 @@ def _how_far(progress: Progress) -> str:
     return f"{done}, {progress.left:.0f} s left" if progress.left >= 1 else done
 
 
-def effects(document: Document) -> None:
+def effects(document: EffectsDocument) -> None:
     """The library, one line an effect."""
     table = empty_table("effect", "scope", "parameters", "what it is")
-    for effect in document["effects"]:
-        parameters = ", ".join(f"{p['name']}{' (in space)' if p['space'] else ''}" for p in effect["parameters"])
-        table.add_row(effect["name"], effect["scope"], parameters, effect["summary"])
+    for effect in document.effects:
+        parameters = ", ".join(f"{p.name}{' (in space)' if p.space else ''}" for p in effect.parameters)
+        table.add_row(effect.name, effect.scope, parameters, effect.summary)
     show_table(table)
 
 
-def effect(document: Document) -> None:
+def effect(document: EffectDocument) -> None:
     """One effect's page."""
-    say(f"{document['name']}: {document['summary']}", f"  {document['equation']}", "")
+    say(f"{document.name}: {document.summary}", f"  {document.equation}", "")
     table = empty_table("parameter", "unit", "role", "bounds", "meaning")
-    for p in document["parameters"]:
-        units = dict.fromkeys(p["unit"].values())
-        low, high = p["bounds"]
+    for p in document.parameters:
+        units = dict.fromkeys((p.unit.revolute, p.unit.prismatic))
+        low, high = p.bounds
         bounds = f"{'-∞' if low is None else f'{low:g}'} … {'∞' if high is None else f'{high:g}'}"
-        meaning = f"{p['meaning']}; of an arm in space only" if p["space"] else p["meaning"]
-        table.add_row(p["name"], " or ".join(units), p["role"], bounds, meaning)
+        meaning = f"{p.meaning}; of an arm in space only" if p.space else p.meaning
+        table.add_row(p.name, " or ".join(units), p.role, bounds, meaning)
     show_table(table)
     facts = {
-        "acts on": document["scope"],
-        "family": document["family"],
-        "memory": ", ".join(s if isinstance(s, str) else s["name"] for s in document["states"]),
-        "replaces": ", ".join(document["generalises"]),
-        "trace": document["trace"],
-        "experiment": document["experiment"],
-        "source": document["source"],
+        "acts on": document.scope,
+        "family": document.family,
+        "memory": ", ".join(document.states),
+        "replaces": ", ".join(document.generalises),
+        "trace": document.trace,
+        "experiment": document.experiment,
+        "source": document.source,
     }
     say(*(f"{name + ':':12}{text}" for name, text in facts.items() if text))
 
 
-def verify(document: Document) -> None:
+def verify(document: VerifyDocument) -> None:
     """The worst case of each target, as a part of its tolerance, and every case that is not equal."""
-    cases: Sequence[Document] = document["cases"]
-    worst: dict[str, Document] = {}
+    cases = document.cases
+    worst: dict[str, ComparedFunction] = {}
     for case in cases:
-        if case["target"] not in worst or _ratio(case) > _ratio(worst[case["target"]]):
-            worst[case["target"]] = case
-    wrong = [case for case in cases if not case["equal"]]
+        if case.target not in worst or _ratio(case) > _ratio(worst[case.target]):
+            worst[case.target] = case
+    wrong = [case for case in cases if not case.equal]
     table = empty_table("target", "functions", "worst", "of its tolerance", "SymPy", "target's", "at")
     for case in [*worst.values(), *(case for case in wrong if case not in worst.values())]:
-        at = ", ".join(f"{name}={_short(value)}" for name, value in case["inputs"].items())
-        count = sum(other["target"] == case["target"] for other in cases)
+        at = ", ".join(f"{name}={_short(value)}" for name, value in case.inputs.items())
+        count = sum(other.target == case.target for other in cases)
         table.add_row(
-            case["target"],
+            case.target,
             str(count),
-            f"{case['function']}: {case['output']}",
-            percent(case["ratio"]),
-            _digits(case["expected"]),
-            _digits(case["found"]),
+            f"{case.function}: {case.output}",
+            percent(case.ratio),
+            _digits(case.expected),
+            _digits(case.found),
             at,
         )
     show_table(table)
-    proofs: Sequence[Document] = document["proofs"]
+    proofs = document.proofs
     for proof in proofs:
-        if not proof["equal"]:
-            say(f"NOT the Lagrangian's: {proof['function']}, {proof['differs']}.")
-    if proofs and all(proof["equal"] for proof in proofs):
-        say(f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {proofs[-1]['points']} random points.")
-    vectors = f"{len(document['vectors'])} test vectors with --json"
+        if not proof.equal:
+            say(f"NOT the Lagrangian's: {proof.function}, {proof.differs}.")
+    if proofs and all(proof.equal for proof in proofs):
+        say(f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {proofs[-1].points} random points.")
+    vectors = f"{len(document.vectors)} test vectors with --json"
     if wrong:
         say(f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}.")
     else:
-        say(f"Equal: {len(cases)} comparisons at {document['samples']} points each; {vectors}.")
+        say(f"Equal: {len(cases)} comparisons at {document.samples} points each; {vectors}.")
 
 
-def _ratio(case: Document) -> float:
-    return float("inf") if case["ratio"] is None else float(case["ratio"])
+def _ratio(case: ComparedFunction) -> float:
+    return float("inf") if case.ratio is None else case.ratio
 
 
 def _digits(value: float | None) -> str:
     return "–" if value is None else f"{value:.9g}"
 
 
-def _short(value: Any) -> str:
-    if isinstance(value, (list, tuple)):
-        if len(value) > _A_JOINT_EACH:
-            return f"({len(value)} numbers, with --json)"
-        return "[" + " ".join(_short(v) for v in value) + "]"
-    return f"{value:.3g}" if isinstance(value, (int, float)) else str(value)
+def _short(values: Sequence[float]) -> str:
+    if len(values) > _A_JOINT_EACH:
+        return f"({len(values)} numbers, with --json)"
+    return "[" + " ".join(f"{value:.3g}" for value in values) + "]"
 
 
 def imported(document: ImportDocument) -> None:

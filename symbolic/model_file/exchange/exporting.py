@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, median
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
 from symbolic.model_file.arm import Arm, Frame, Joint, Link, Values
@@ -217,34 +217,6 @@ def body_of(values: Sequence[float]) -> StatedBody:
 
 def _without_rounding(values: Sequence[float], size: float) -> tuple[float, ...]:
     return tuple(0.0 if abs(value) < ROUNDING * size else value for value in values)
-
-
-def document(made: ExportedArm, missing: float, kept: Sequence[str] = ()) -> dict[str, Any]:
-    """What was written, as JSON.
-
-    missing   rms of the torque that the bodies miss, as a part of the torque's
-    kept      what a file into which it was written says otherwise than the model
-    """
-    return {
-        "name": made.arm.name,
-        "missing": missing,
-        "gravity": list(made.arm.gravity),
-        "joints": [
-            {
-                "joint": k,
-                "name": joint.name,
-                "type": joint.joint.type,
-                "mass": joint.body.mass,
-                "com": list(joint.body.com),
-                "inertia": list(joint.body.inertia),
-                "rotor_inertia": joint.rotor,
-                **{word: joint.dynamics.get(word) for word in WORDS["mjcf"]},
-            }
-            for k, joint in enumerate(made.joints, 1)
-        ],
-        "unsaid": list(made.unsaid),
-        "kept": list(kept),
-    }
 
 
 DIGITS_OF_DOUBLE = 15

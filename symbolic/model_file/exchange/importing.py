@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from symbolic.described import AnyEffect
 from symbolic.model_file import model_text
@@ -41,31 +40,6 @@ class ImportedArm:
     arm: Arm
     chain: TreeChain
     notes: tuple[str, ...]
-
-    def document(self) -> dict[str, Any]:
-        """What was made, as JSON."""
-        return {
-            "name": self.arm.name,
-            "language": self.chain.tree.language,
-            "base": self.chain.base,
-            "tip": self.chain.tip_link,
-            "gravity": list(self.arm.gravity),
-            "joints": [
-                {
-                    "joint": k,
-                    "name": joint.name,
-                    "type": joint.type,
-                    "links": list(found.links),
-                    "mass": joint.link.mass,
-                    "limits": asdict(joint.limits),
-                    "unknown": list(joint.unknown),
-                    "effects": {name: dict(values) for name, values in joint.effects.items()},
-                }
-                for k, (joint, found) in enumerate(zip(self.arm.joints, self.chain.joints, strict=True), 1)
-            ],
-            "held": list(self.chain.held),
-            "notes": list(self.notes),
-        }
 
 
 def imported(

@@ -31,7 +31,7 @@ from runtime.exchange.bodies import (
 )
 from runtime.notebook import verbs
 from runtime.notebook.arm import load
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Arm
 from symbolic.model_file.exchange import exporting
@@ -151,7 +151,7 @@ def test_torques_of_full_bodies_are_those_of_the_generated_code(name: str, tmp_p
     path = tmp_path / "small.toml"
     path.write_text(SMALL)
     source = Source.read(path, None) if name == "small" else Source.read(Path(name), None)
-    model, arm = source.model(), source.arm()
+    model, arm = source.compiled.model(), source.arm()
     at = states(model.n)
     own = np.einsum("npN,p->nN", full_regressor(geometry(arm), *at), full(arm))
     assert own == pytest.approx(model.inverse_dynamics(*at), rel=1e-9, abs=1e-9)
@@ -303,7 +303,7 @@ def test_a_file_that_says_everything_is_exported_as_it_is(run: Run) -> None:
 def test_what_was_identified_is_exported_with_its_torques(run: Run) -> None:
     """Base parameters that no body of the file has, into a URDF, and back into bodies: the torques are the model's."""
     source = Source.read(Path("small.toml"), None)
-    model = source.model()
+    model = source.compiled.model()
     changed = {lump.name: float(value) for lump, value in zip(model.lumps, 1.1 * model.lump_values, strict=True)}
     lines = "".join(f"{name} = {value!r}\n" for name, value in changed.items())
     Path("fitted.toml").write_text(f"{SMALL}\n[inertial]\n{lines}")
@@ -512,7 +512,7 @@ def test_mujoco_takes_the_file_and_gives_the_torques(run: Run) -> None:
     import mujoco
 
     said(run, "small.toml", "--to", "mjcf", "--out", "small.xml")
-    there, model = mujoco.MjModel.from_xml_path("small.xml"), Source.read(Path("small.toml"), None).model()
+    there, model = mujoco.MjModel.from_xml_path("small.xml"), Source.read(Path("small.toml"), None).compiled.model()
     there.dof_damping[:], there.dof_frictionloss[:], there.jnt_stiffness[:] = 0, 0, 0
     there.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data, at = mujoco.MjData(there), states(3)

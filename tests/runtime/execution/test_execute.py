@@ -18,7 +18,7 @@ from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
 from runtime.recordings import recording
 from runtime.simulation.simulate import parse_hidden
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
 
 @pytest.fixture(scope="module")
 def arm(bench: Source) -> Model:
-    return bench.model()
+    return bench.compiled.model()
 
 
 Executed = Callable[..., Execution]
@@ -41,7 +41,7 @@ def executed(bench: Source, arm: Model) -> Executed:
     def run(plan: Trajectory, hide: Sequence[str] = (), change: Sequence[str] = (), **others: object) -> Execution:
         hidden = [parse_hidden(text, arm) for text in hide]
         changed = [parse_hidden(text, arm) for text in change]
-        return execute(arm, bench.controller(), plan, ExecutionSettings(**others), hidden, changed)  # type: ignore[arg-type]
+        return execute(arm, bench.compiled.controller(), plan, ExecutionSettings(**others), hidden, changed)  # type: ignore[arg-type]
 
     return run
 

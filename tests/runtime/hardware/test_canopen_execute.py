@@ -29,7 +29,7 @@ from runtime.planning.trajectory import Phase, Trajectory
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
 from runtime.simulation.plant import Plant
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from tests import one_joint
 from tests.bench_arm import CONTROLLER, JOINT
 from tests.runtime.hardware.canopen_drives import DISABLED, ENABLED, Drive, Drives
@@ -62,7 +62,7 @@ def bench(folder: Path) -> Source:
 
 @pytest.fixture(scope="module")
 def model(bench: Source) -> Model:
-    return bench.model()
+    return bench.compiled.model()
 
 
 def _at_joint(torques: list[float]) -> np.ndarray:
@@ -136,7 +136,7 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
 def drives(bench: Source, model: Model, folder: Path, **others: Any) -> Iterator[tuple[str, Drives]]:
     """A bus with the arm's drive on it, and how `--on` names it."""
     channel = f"execute-{next(_channels)}"
-    motors = Motors(model, bench.controller(), folder / "motion.json")
+    motors = Motors(model, bench.compiled.controller(), folder / "motion.json")
     with Drives(channel, [Drive(5, rated=RATED, position=motors.position[0], **others)], motors) as behind:
         yield f"canopen://{channel}?interface=virtual", behind
 

@@ -14,19 +14,19 @@ from runtime.execution.trial import Trial
 from runtime.hardware.link import Codec, ReceivedMessage
 from runtime.hardware.lockstep import Fault
 from runtime.model.loader import Model
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 PLAN = trajectory(THERE_AND_BACK)
 
 
 @pytest.fixture
 def one(bench: Source, arm: Model) -> Rig:
-    return rig(arm, bench.controller(), PLAN).prepared()
+    return rig(arm, bench.compiled.controller(), PLAN).prepared()
 
 
 @pytest.fixture(scope="module")
 def clean(bench: Source, arm: Model) -> Trial:
-    return rig(arm, bench.controller(), PLAN).driven()
+    return rig(arm, bench.compiled.controller(), PLAN).driven()
 
 
 @dataclass

@@ -30,7 +30,7 @@ from runtime.execution.trial import Trial
 from runtime.hardware.conversation import Refused, Statements, Untrusted
 from runtime.hardware.link import Codec, LinkLost, ReceivedMessage
 from runtime.model.loader import Model
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 PLAN = trajectory(THERE_AND_BACK)
 AT = 300
@@ -62,7 +62,7 @@ def make(bench: Source, arm: Model) -> Iterator[Callable[..., Rig]]:
     made: list[Rig] = []
 
     def on(**others: Any) -> Rig:
-        made.append(rig(arm, bench.controller(), PLAN, **others))
+        made.append(rig(arm, bench.compiled.controller(), PLAN, **others))
         return made[-1]
 
     yield on
@@ -72,7 +72,7 @@ def make(bench: Source, arm: Model) -> Iterator[Callable[..., Rig]]:
 
 @pytest.fixture(scope="module")
 def clean(bench: Source, arm: Model) -> Trial:
-    return rig(arm, bench.controller(), PLAN).driven()
+    return rig(arm, bench.compiled.controller(), PLAN).driven()
 
 
 def lying(make: Callable[..., Rig], **changes: Change) -> Rig:
@@ -333,7 +333,7 @@ class Against(RuleBasedStateMachine):
 
 
 def played(bench: Source, arm: Model, examples: int) -> None:
-    Against.model, Against.directory = arm, bench.controller()
+    Against.model, Against.directory = arm, bench.compiled.controller()
     run_state_machine_as_test(Against, settings=settings(max_examples=examples, stateful_step_count=12, deadline=None))
 
 
@@ -348,5 +348,5 @@ def test_host_and_board_against_each_other_for_long(bench: Source, arm: Model) -
 
 def test_the_protocol_page_is_the_one_of_the_board(bench: Source) -> None:
     """What the host holds a board to is written down beside its firmware."""
-    page = json.loads((bench.controller() / "protocol.json").read_text())
+    page = json.loads((bench.compiled.controller() / "protocol.json").read_text())
     assert set(page["ceilings"]) >= {"torque_limit", "speed", "tracking", "low", "high", "kp", "kd", "silence", "late"}

@@ -35,7 +35,7 @@ from runtime.planning.evaluate import mounted
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
 from runtime.simulation.plant import Plant
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 from symbolic.effects import LIBRARY
 from symbolic.model_file.arm import Arm
 
@@ -100,12 +100,12 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
 
 @pytest.fixture(scope="module")
 def arm(source: Source) -> Model:
-    return source.model()
+    return source.compiled.model()
 
 
 @pytest.fixture
 def bench(source: Source, arm: Model) -> Iterator[Bench]:
-    made = Bench(arm, source.controller())
+    made = Bench(arm, source.compiled.controller())
     made.start()
     yield made
     made.close()
@@ -154,7 +154,7 @@ def behind(source: Source, arm: Model) -> Iterator[Callable[..., Bench]]:
     made: list[Bench] = []
 
     def on(board: Callable[..., Any]) -> Bench:
-        made.append(Bench(arm, source.controller("host" if board is HostBoard else "cortex-m4f"), board))
+        made.append(Bench(arm, source.compiled.controller("host" if board is HostBoard else "cortex-m4f"), board))
         made[-1].start()
         while not made[-1].torques:
             time.sleep(0.01)  # an emulator takes its time to start

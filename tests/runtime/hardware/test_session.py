@@ -27,19 +27,19 @@ from runtime.execution.trial import Trial
 from runtime.hardware.link import Codec, LinkLost
 from runtime.hardware.session import Refused, Session
 from runtime.model.loader import Model
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 PLAN = trajectory(THERE_AND_BACK)
 
 
 @pytest.fixture
 def one(bench: Source, arm: Model) -> Rig:
-    return rig(arm, bench.controller(), PLAN)
+    return rig(arm, bench.compiled.controller(), PLAN)
 
 
 @pytest.fixture(scope="module")
 def clean(bench: Source, arm: Model) -> Trial:
-    return rig(arm, bench.controller(), PLAN).driven()
+    return rig(arm, bench.compiled.controller(), PLAN).driven()
 
 
 # --- before a run ---
@@ -77,10 +77,10 @@ def test_other_equations_are_refused(one: Rig) -> None:
 def test_a_trajectory_that_is_too_long_is_refused(bench: Source, arm: Model) -> None:
     stations = [0.1 * (-1) ** k for k in range(17)]
     with pytest.raises(Refused, match="the trajectory has 17 phases; the board takes 16"):
-        rig(arm, bench.controller(), trajectory(motion(stations, [0.2] * 17))).prepared()
+        rig(arm, bench.compiled.controller(), trajectory(motion(stations, [0.2] * 17))).prepared()
     phases = tuple(replace(p, points=np.tile(p.points[:, :1], 30)) for p in motion([0.0] * 9, [0.2] * 9))
     with pytest.raises(Refused, match="the trajectory has 270 control points; the board takes 256"):
-        rig(arm, bench.controller(), trajectory(phases)).prepared()
+        rig(arm, bench.compiled.controller(), trajectory(phases)).prepared()
 
 
 def test_a_board_that_another_host_left_running_is_stopped_first(one: Rig) -> None:
@@ -109,7 +109,7 @@ def test_encoders_do_not_start_at_zero(bench: Source, clean: Trial) -> None:
     for zero in (12_345, 2**31 - 100, -(2**31) + 100):
         text = BENCH.replace("counts = 2000.0", f"counts = 2000.0\nzero = {zero}")
         source = replace(bench, text=text)
-        found = rig(source.model(), source.controller(), PLAN).driven()
+        found = rig(source.compiled.model(), source.compiled.controller(), PLAN).driven()
         assert found.stop is None
         np.testing.assert_array_equal(found.q, clean.q)
         np.testing.assert_array_equal(found.tau, clean.tau)
@@ -380,7 +380,7 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(
     bench: Source, tmp_path: Path, on: str, said: signal.Signals
 ) -> None:
     """As a terminal does it: the signal goes to everything that was started there."""
-    bench.controller("host" if on == "simulation" else "cortex-m4f")
+    bench.compiled.controller("host" if on == "simulation" else "cortex-m4f")
     with executing(tmp_path, "--on", on, "--out", "run.csv", "--json", "-") as started:
         heard(started, "executing")
         at_work(started.pid, 0.7)
@@ -399,7 +399,7 @@ def test_a_simulated_run_is_stopped_within_a_second_and_its_recording_kept(
     bench: Source, tmp_path: Path, said: signal.Signals
 ) -> None:
     """Of three, since what else the machine does counts as well. What is hidden is chosen before the arm moves."""
-    bench.controller()
+    bench.compiled.controller()
 
     def took() -> float:
         with executing(tmp_path, "--on", "simulation", "--hide", "stribeck@1", "--out", "run.csv") as started:
@@ -456,7 +456,7 @@ def test_more_periods_than_a_recording_may_have_are_refused(
 
 def test_a_terminal_that_is_closed_costs_no_recording(bench: Source, tmp_path: Path) -> None:
     """With all that is said there."""
-    bench.controller()
+    bench.compiled.controller()
     (tmp_path / "bench.toml").write_text(BENCH)
     PLAN.write(tmp_path / "plan.json")
     near, far = os.openpty()

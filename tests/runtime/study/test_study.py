@@ -15,7 +15,8 @@ from runtime.study.cases import StudyCase
 from runtime.study.experiment import StudyBench
 from runtime.study.study import Study
 from runtime.study.tables import Claim, Row
-from runtime.workspace import Source
+from runtime.workspace.compiled import CompiledArm
+from runtime.workspace.source import Source
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def source() -> Source:
 
 @pytest.fixture(scope="module")
 def model(source: Source) -> Model:
-    return source.model()
+    return source.compiled.model()
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_the_arm_is_the_calibrated_one(model: Model) -> None:
 
 
 def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Source, study: Study) -> None:
-    bench = StudyBench(study.model, source.controller(), 1, lambda _: None)
+    bench = StudyBench(study.model, source.compiled.controller(), 1, lambda _: None)
     case = StudyCase("D", 1.6, 600.0)
     plan = study.plans.of(case)
     row = Row(case, plan, bench.run(case, plan), published.TABLE_3[1.6, 600.0, "D"])
@@ -97,7 +98,7 @@ def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Sour
 
 
 def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Source, study: Study) -> None:
-    bench = StudyBench(study.model, source.controller(), 1, lambda _: None)
+    bench = StudyBench(study.model, source.compiled.controller(), 1, lambda _: None)
     runs = {letter: bench.run(case, study.plans.of(case)) for letter in "BD" if (case := StudyCase(letter, 1.2))}
     planned = {letter: study.plans.of(StudyCase(letter, 1.2)).cost for letter in "BD"}
     friction = planned["D"] - planned["B"]
@@ -114,8 +115,8 @@ def test_the_exit_status_says_whether_the_study_keeps_what_it_claims(
     """What is known not to come out is said with the reason, and costs no exit status."""
     claim = Claim("the spring leaves joint 4", "13 to 16", "12 to 25", False, unclaimed)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Source, "model", lambda _: None)
-    monkeypatch.setattr(Source, "controller", lambda _: tmp_path)
+    monkeypatch.setattr(CompiledArm, "model", lambda _: None)
+    monkeypatch.setattr(CompiledArm, "controller", lambda _: tmp_path)
     monkeypatch.setattr(Study, "table", lambda *_: {"parameters": [], "claims": [vars(claim)]})
     assert output.run(app, ["paper", "table1"]) == status
     out = capsys.readouterr().out

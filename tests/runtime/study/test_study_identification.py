@@ -17,7 +17,7 @@ from runtime.plain_json import plain
 from runtime.recordings.recording import Recording
 from runtime.study import figure4, identification, published
 from runtime.study.identification import AMPLITUDE, COSINES, START, Cosine, Table1, printed, record, table1
-from runtime.workspace import Source
+from runtime.workspace.source import Source
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ MOVED = tuple(cosine for cosine in COSINES if cosine.joint == 4)
 
 @pytest.fixture(scope="module")
 def controller(cache: Path) -> Path:  # noqa: ARG001 - the cache is where it is compiled
-    return Source.shipped("vishard4").controller()
+    return Source.shipped("vishard4").compiled.controller()
 
 
 @pytest.fixture(scope="module")

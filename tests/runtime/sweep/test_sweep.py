@@ -33,7 +33,7 @@ from runtime.planning.scenario import Scenario
 from runtime.sweep import grid, journal
 from runtime.sweep import table as tables
 from runtime.sweep.job import Code, Job, JobResult, Pool, PoolError, outcomes, processes
-from runtime.workspace import open_model
+from runtime.workspace.source import open_model
 from symbolic.effects import LIBRARY
 from tests import one_joint
 

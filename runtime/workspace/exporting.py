@@ -1,0 +1,104 @@
+"""An arm written for simulators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runtime import files
+from runtime.documents.models import ExportDocument, ExportedJointEntry
+from runtime.workspace.compiled import CompiledArm
+
+if TYPE_CHECKING:
+    from symbolic.model_file.exchange.exporting import ExportedArm, Language
+    from symbolic.model_file.exchange.tree import StatedBody
+
+
+def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | None = None) -> ExportDocument:
+    """Write the arm for simulators; what was written.
+
+    onto   a URDF; the new file is a copy of it with the model's numbers
+    The bodies are those of the model file where it states them completely and they are physically possible. Otherwise
+    they are possible bodies with the file's base parameters, as near to the file's as these allow. Raises ModelError
+    where a base parameter is unknown, and OSError.
+    """
+    from symbolic.model_file.exchange import exporting
+    from symbolic.model_file.exchange.urdf import urdf_onto
+
+    made, missing = _with_bodies(compiled, language)
+    kept: Sequence[str] = ()
+    if onto is not None:
+        rewritten = urdf_onto(made, onto)
+        data, kept = rewritten.data, rewritten.kept
+    else:
+        data = (exporting.urdf_text if language == "urdf" else exporting.mjcf_text)(made).encode()
+    files.replace(out, data)
+    joints = [
+        ExportedJointEntry(
+            joint=k,
+            name=joint.name,
+            type=joint.joint.type,
+            mass=joint.body.mass,
+            com=list(joint.body.com),
+            inertia=list(joint.body.inertia),
+            rotor_inertia=joint.rotor,
+            damping=joint.dynamics.get("damping"),
+            friction=joint.dynamics.get("friction"),
+            stiffness=joint.dynamics.get("stiffness"),
+            rest=joint.dynamics.get("rest"),
+        )
+        for k, joint in enumerate(made.joints, 1)
+    ]
+    return ExportDocument(
+        out=str(out),
+        name=made.arm.name,
+        missing=missing,
+        gravity=list(made.arm.gravity),
+        joints=joints,
+        unsaid=list(made.unsaid),
+        kept=list(kept),
+    )
+
+
+def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm, float]:
+    """The arm as it is written, and the rms of the torque that its bodies miss over that of the torque."""
+    import numpy as np
+
+    from runtime.exchange.bodies import is_possible
+    from symbolic.model_file.exchange import exporting
+
+    arm = compiled.arm
+    bodies, rotors = exporting.reference(arm)
+    stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
+    missing = 0.0
+    if not stated or not all(is_possible(np.array(exporting.parameters(body))) for body in bodies):
+        bodies, rotors, missing = _possible(compiled, bodies, rotors)
+    return exporting.exported(arm, compiled.library, language, bodies, rotors), missing
+
+
+def _possible(
+    compiled: CompiledArm, bodies: Sequence[StatedBody], rotors: Sequence[float]
+) -> tuple[list[StatedBody], list[float], float]:
+    """Possible bodies and rotors with the model's base parameters, near to those given; and the mismatch."""
+    import numpy as np
+
+    from runtime.exchange.bodies import ChainGeometry, base_map, project, rotors_asked
+    from symbolic.model_file.exchange import exporting
+    from symbolic.model_file.frames import rotation
+
+    model, arm = compiled.model(), compiled.arm
+    axes = np.array([joint.axis for joint in arm.joints])
+    chain = ChainGeometry(
+        np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
+        np.array([joint.origin.xyz for joint in arm.joints]),
+        axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        np.array([joint.type == "revolute" for joint in arm.joints]),
+        np.array(arm.gravity),
+    )
+    near = np.array([exporting.parameters(body) for body in bodies])
+    B, W = base_map(chain, model.regressor)
+    guessed = np.array([joint.rotor_inertia is None for joint in arm.joints])
+    asked = rotors_asked(B, W, model.lump_values, near, np.array(rotors), guessed)
+    found = project(B, W, model.lump_values, near, asked)
+    return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch
