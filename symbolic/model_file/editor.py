@@ -1,22 +1,19 @@
 """Edits of a user's model file, text in and text out: comments, order and line ends stay.
 
-An edit touches single lines where the file has ordinary [tables], and goes through tomlkit where it
-has inline tables or dotted keys. Either way the result is read again and must say exactly what was
-asked for, or nothing is changed.
+The result is parsed again and must state exactly what was asked for; otherwise the edit is refused.
 """
 
 from __future__ import annotations
 
-import copy
 import re
 import tomllib
-from collections.abc import Callable, Container, Iterator, Mapping
-from dataclasses import dataclass
-from itertools import count, pairwise
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from itertools import count
 from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, Comment, Null, Table, Whitespace
 
 from symbolic.described import AnyEffect, declared, number_name, numbered
 from symbolic.model_file.arm import ROTOR, Arm
@@ -24,8 +21,15 @@ from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, pr
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
 DIGITS = 7
+ABOUT_INERTIAL = "base inertial parameters as identified; they override what follows from the links"
 Owner = tuple[str, int | None]
 """Whose effects: ("joint", i counted from 1), ("arm", None) or ("contact", None)."""
+TableOf = Callable[..., Any]
+"""Makes a table of values, with a comment below its header: a dict or one of tomlkit."""
+
+
+def _plain(values: Mapping[str, Any], _: str = "") -> dict[str, Any]:
+    return dict(values)
 
 
 def add_effect(
@@ -52,13 +56,14 @@ def add_effect(
     replaced = [name for name in declared(effect, library).generalises if name in active]
     new = {name: _rounded(value) for name, value in (values or {}).items()}
 
-    def change(document: Any, table_of: Callable[[dict[str, float]], Any] = dict) -> None:
-        table = _effects_of(document, owner)
-        for name in replaced:
-            del table[name]
+    def change(document: Any, table_of: TableOf = _plain) -> None:
+        table = _home_of(document, owner).setdefault("effects", {})
+        names = list(table)
+        behind = {name: table.pop(name) for name in (names[names.index(replaced[0]) :] if replaced else [])}
         table[effect] = table_of(new)
+        table.update({name: value for name, value in behind.items() if name not in replaced})
 
-    return _edited(text, where, library, change, lambda lines: _add_lines(lines, owner, effect, new, replaced))
+    return _edited(text, where, library, change, apart=owner[0] != "joint" and not active)
 
 
 def name_of_next(text: str, where: str, library: Mapping[str, AnyEffect], effect: str, joint: int | None = None) -> str:
@@ -91,13 +96,13 @@ def remove_effect(
     if effect not in _active(arm, owner):
         place.fail(f'effect "{effect}" is not there{at_joint(joint)}; nothing to remove')
 
-    def change(document: Any, _: Callable[[dict[str, float]], Any] = dict) -> None:
-        table = _effects_of(document, owner)
-        del table[effect]
-        if not table:
-            del _home_of(document, owner)["effects"]
+    def change(document: Any, _: TableOf = _plain) -> None:
+        home = _home_of(document, owner)
+        del home["effects"][effect]
+        if not home["effects"]:
+            del home["effects"]
 
-    return _edited(text, where, library, change, lambda lines: _remove_lines(lines, owner, effect))
+    return _edited(text, where, library, change)
 
 
 def place_effect(
@@ -149,21 +154,16 @@ def set_values(
         rounded = {identifier(place.inside("inertial"), "key", k): _rounded(v) for k, v in inertial.items()}
         changes.append((("inertial",), None, rounded))
 
-    def change(document: Any, table_of: Callable[[dict[str, float]], Any] = dict) -> None:
+    def change(document: Any, table_of: TableOf = _plain) -> None:
         for path, joint, values in changes:
             table = document
             for key in path:
-                table = table.setdefault(key, table_of({}))
+                table = table.setdefault(key, table_of({}, ABOUT_INERTIAL if key == "inertial" else ""))
                 if key == "joint" and joint:
                     table = table[joint - 1]
-            table.update(values)
+            table.update({key: value for key, value in values.items() if table.get(key) != value})
 
-    def by_lines(lines: list[str]) -> list[str]:
-        for path, joint, values in changes:
-            lines = _set_lines(lines, path, joint, values)
-        return lines
-
-    return _edited(text, where, library, change, by_lines)
+    return _edited(text, where, library, change, apart=True)
 
 
 # --- what is asked for ---
@@ -211,10 +211,6 @@ def _home_of(document: Any, owner: Owner) -> Any:
     return table if joint is None else table[joint - 1]
 
 
-def _effects_of(document: Any, owner: Owner) -> Any:
-    return _home_of(document, owner).setdefault("effects", {})
-
-
 def _rounded(value: float) -> float:
     """As it will stand in the file: more digits than any fit determines, few enough to read; 0 for next to nothing."""
     return 0.0 if abs(value) < SMALLEST else float(f"{float(value):.{DIGITS}g}")
@@ -224,164 +220,115 @@ def _rounded(value: float) -> float:
 
 
 def _edited(
-    text: str,
-    where: str,
-    library: Mapping[str, AnyEffect],
-    change: Callable[..., None],
-    by_lines: Callable[[list[str]], list[str]],
+    text: str, where: str, library: Mapping[str, AnyEffect], change: Callable[..., None], apart: bool = False
 ) -> str:
-    """The first way of editing whose result says what is asked for."""
+    """The text after `change`, which must state exactly what the same change makes of plain tables.
+
+    apart   a blank line goes above a new table
+    """
     bare = text.removeprefix("\ufeff")
-    bom = text[: len(text) - len(bare)]
-    expected = copy.deepcopy(tomllib.loads(bare))
+    expected = tomllib.loads(bare)
     change(expected)
-    edits: tuple[Callable[[], str], ...] = (
-        lambda: "".join(by_lines(_lines(bare))),
-        lambda: _by_tomlkit(bare, change),
-        lambda: _by_tomlkit(bare, lambda document: change(document, _inline)),  # among dotted keys
-    )
-    for edit in edits:
+    if expected == tomllib.loads(bare):
+        return text
+    for table_of in (_table, _inline):  # tables with headers, else inline ones among dotted keys
         try:
-            result = edit()
+            document = tomlkit.parse(bare if bare.endswith("\n") else f"{bare}\n")
+            above = _detached(document)
+            change(document, table_of)
+            _reattach(document, above, apart)
+            result = tomlkit.dumps(document)
             same = tomllib.loads(result) == expected
-        except (TOMLKitError, tomllib.TOMLDecodeError, LookupError, TypeError, AttributeError):
+        except (TOMLKitError, ValueError, LookupError, TypeError, AttributeError):
             continue
         if same:
+            if "\r\n" in bare and not re.search(r"(?<!\r)\n", bare):
+                result = re.sub(r"(?<!\r)\n", "\r\n", result)
             parse(result, where, library)
-            return bom + result
-    # Neither way: the values themselves may be at fault, which parse says better.
+            return text[: len(text) - len(bare)] + result
+    # Where the values themselves are at fault, parse says so.
     parse(tomlkit.dumps(expected), where, library)
     raise ModelError(f"{printable(where)}: this layout cannot be edited; write it with [tables] instead of inline ones")
 
 
-def _by_tomlkit(text: str, change: Callable[[Any], None]) -> str:
-    document = tomlkit.parse(text)
-    change(document)
-    result = tomlkit.dumps(document)
-    if "\r\n" in text and not re.search(r"(?<!\r)\n", text):
-        result = re.sub(r"(?<!\r)\n", "\r\n", result)
-    return result
+def _table(values: Mapping[str, Any], about: str = "") -> Any:
+    table = tomlkit.table()
+    if about:
+        table.add(tomlkit.comment(about))
+    table.update(values)
+    return table
 
 
-def _inline(values: Mapping[str, float]) -> Any:
+def _inline(values: Mapping[str, Any], _: str = "") -> Any:
     table = tomlkit.inline_table()
     table.update(values)
     return table
 
 
-def _lines(text: str) -> list[str]:
-    """With their ends; only \\n and \\r\\n end a line in TOML."""
-    return re.findall(r"[^\n]*\n|[^\n]+$", text)
+Trivia = list[tuple[Any, Any]]
+"""Blank lines and comments, as they stand in the body of a container of tomlkit."""
 
 
-@dataclass(frozen=True)
-class _Section:
-    """A table of the file: lines[start] is its header, lines[start:end] all of it up to the next header."""
-
-    path: tuple[str, ...]
-    joint: int | None
-    start: int
-    end: int
-    content_end: int
-    """After its last line that is neither blank nor a comment leading over to the next table."""
+def _tables(container: Any) -> Iterator[Any]:
+    """The document and all tables within it, in the order of the text."""
+    yield container
+    for _, item in _body(container):
+        for table in item.body if isinstance(item, AoT) else [item] if isinstance(item, Table) else []:
+            yield from _tables(table)
 
 
-def _sections(lines: list[str]) -> Iterator[_Section]:
-    # In a valid model file, only a header begins with a bracket: no value there is a list of lists.
-    starts = [k for k, line in enumerate(lines) if line.lstrip().startswith("[")]
-    joints = 0
-    for start, end in pairwise([*starts, len(lines)]):
-        value: Any = tomllib.loads(lines[start])
-        path: list[str] = []
-        while value:
-            if isinstance(value, list):
-                value = value[0]
-                continue
-            key = next(iter(value))
-            path.append(key)
-            value = value[key]
-        if path == ["joint"]:
-            joints += 1
-        yield _Section(tuple(path), joints if path[0] == "joint" else None, start, end, _content_end(lines, start, end))
+def _with_header(tables: Iterable[Any]) -> list[Any]:
+    return [table for table in tables if not (isinstance(table, Table) and table.is_super_table())]
 
 
-def _content_end(lines: list[str], start: int, end: int) -> int:
-    k = end
-    while k > start + 1 and (not lines[k - 1].strip() or lines[k - 1].lstrip().startswith("#")):
-        k -= 1
-    # Comments right below the content with a blank line after them belong to it.
-    below = k
-    while below < end and lines[below].lstrip().startswith("#"):
-        below += 1
-    return below if below == end == len(lines) or (below < end and not lines[below].strip()) else k
+def _body(container: Any) -> Any:
+    return container.value.body if isinstance(container, Table) else container.body
 
 
-def _add_lines(
-    lines: list[str], owner: Owner, effect: str, values: Mapping[str, float], replaced: list[str]
-) -> list[str]:
-    prefix = _prefix(owner)
-    own = [s for s in _sections(lines) if s.joint == owner[1] and (owner[0] == "arm" or s.path[0] == prefix[0])]
-    siblings = [s for s in own if s.path[: len(prefix)] == prefix]
-    old = [s for s in siblings if s.path[len(prefix) :] in [(name,) for name in replaced]]
-    home = old[0] if old else (siblings or own or list(_sections(lines)))[-1]
-    indent = re.match(r"\s*", lines[home.start])[0] if siblings else ""  # type: ignore[index]
-    end = _line_end(lines)
-    new = [f"{indent}[{'.'.join((*prefix, effect))}]{end}", *(f"{indent}{k} = {v!r}{end}" for k, v in values.items())]
-    if owner[0] != "joint" and not siblings:
-        new.insert(0, end)
-    lines = list(lines)
-    for section in reversed(old[1:]):
-        del lines[section.start : section.content_end]
-    at = home.start if old else home.content_end
-    return _spliced(lines, at, home.content_end, new, end)
+def _content_end(body: Any) -> int:
+    """Where the keys of a table end and the tables within it begin."""
+    return next((k for k, (_, item) in enumerate(body) if isinstance(item, Table | AoT)), len(body))
 
 
-def _remove_lines(lines: list[str], owner: Owner, effect: str) -> list[str]:
-    path = (*_prefix(owner), effect)
-    found = [s for s in _sections(lines) if s.path == path and s.joint == owner[1]]
-    start, after = found[0].start, lines[found[0].content_end :]
-    # One of two blank lines that would meet, and one that would end the file.
-    if not lines[start - 1].strip() and not (after and after[0].strip()):
-        start -= 1
-    return [*lines[:start], *after]
+def _detached(document: Any) -> list[tuple[Any, Trivia]]:
+    """Every table with the blank lines and comments above its header, which tomlkit keeps in the table before it.
+
+    The last entry, None, is the end of the file. Comments right below a key stay with it where a blank line follows.
+    """
+    tables = _with_header(_tables(document))
+    found: list[tuple[Any, Trivia]] = []
+    for table, following in zip(tables, [*tables[1:], None], strict=True):
+        body = _body(table)
+        end = start = _content_end(body)
+        while start and isinstance(body[start - 1][1], Whitespace | Comment):
+            start -= 1
+        below = start
+        while below < end and isinstance(body[below][1], Comment):
+            below += 1
+        if below < end or following is None:
+            start = below
+        found.append((following, body[start:end]))
+        body[start:end] = [(None, Null())] * (end - start)  # tomlkit counts on the places of the others
+    return found
 
 
-def _set_lines(lines: list[str], path: tuple[str, ...], joint: int | None, values: Mapping[str, float]) -> list[str]:
-    end = _line_end(lines)
-    section = next((s for s in _sections(lines) if s.path == path and s.joint == joint), None)
-    if section is None:
-        about = "# base inertial parameters as identified; they override what follows from the links"
-        new = [end, f"[{'.'.join(path)}]{end}", about + end, *(f"{k} = {v!r}{end}" for k, v in values.items())]
-        return _spliced(lines, len(lines), len(lines), new, end)
-    lines = list(lines)
-    missing = dict(values)
-    indent = re.match(r"\s*", lines[section.start])[0]  # type: ignore[index]
-    for k in range(section.start + 1, section.content_end):
-        match = re.match(r"(\s*)([A-Za-z0-9_-]+)(\s*=\s*)([^\s#]+)(.*)", lines[k], re.DOTALL)
-        if match and match[2] in values:
-            value = missing.pop(match[2])
-            if not _is_same(match[4], value):
-                lines[k] = f"{match[1]}{match[2]}{match[3]}{value!r}{match[5]}"
-            indent = match[1]
-    new = [f"{indent}{k} = {v!r}{end}" for k, v in missing.items()]
-    return _spliced(lines, section.content_end, section.content_end, new, end) if new else lines
-
-
-def _is_same(written: str, value: float) -> bool:
-    try:
-        return float(written.replace("_", "")) == value
-    except ValueError:
-        return False
-
-
-def _spliced(lines: list[str], start: int, stop: int, new: list[str], end: str) -> list[str]:
-    """lines[start:stop] replaced by `new`, with a line end before it where the file's last line has none."""
-    before = list(lines[:start])
-    if before and not before[-1].endswith("\n"):
-        before[-1] += end
-    return [*before, *new, *lines[stop:]]
-
-
-def _line_end(lines: list[str]) -> str:
-    ended = [line for line in lines if line.endswith("\n")]
-    return "\r\n" if ended and all(line.endswith("\r\n") for line in ended) else "\n"
+def _reattach(document: Any, above: list[tuple[Any, Trivia]], apart: bool) -> None:
+    """Puts blank lines and comments above the tables where they were; those of a removed table, above the next one."""
+    known = {id(table) for table, _ in above}
+    for table in list(_tables(document))[1:]:
+        table.trivia.indent = table.trivia.indent.lstrip("\n")
+    tables, left = _with_header(_tables(document)), Trivia()
+    for table in tables[1:]:
+        if apart and id(table) not in known:
+            table.trivia.indent = f"\n{table.trivia.indent}"
+    before = {id(table): tables[k - 1] for k, table in enumerate(tables)}
+    for table, trivia in above:
+        if table is not None and id(table) not in before:
+            left = [*left, *trivia]
+            continue
+        if left and isinstance(left[-1][1], Whitespace) and (not trivia or isinstance(trivia[0][1], Whitespace)):
+            left.pop()
+        body = _body(tables[-1] if table is None else before[id(table)])
+        end = _content_end(body)
+        body[end:end] = [*left, *trivia]
+        left = []
