@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from codegen.tape.tape import Tape
+from symbolic.functions import SymbolicFunction
+from symbolic.model import ArmModel, derive
 from symbolic.model_file.arm import Arm, Frame, Joint, Link
 from symbolic.rigid_body.spatial.geometry import rotation
 
@@ -115,3 +118,23 @@ def body_parameters(link: Link) -> dict[str, float]:
     named = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
     moments = dict(zip(("MX", "MY", "MZ"), m * c, strict=True))
     return {name: float(tensor[place]) for name, place in named.items()} | moments | {"M": m}
+
+
+_MODELS: dict[str, ArmModel] = {}
+_TAPES: dict[int, tuple[SymbolicFunction, Tape]] = {}
+"""By identity: a function has no hash."""
+
+
+def derived(arm: Arm) -> ArmModel:
+    """The arm's model, derived once a process."""
+    key = repr(arm)
+    if key not in _MODELS:
+        _MODELS[key] = derive(arm)
+    return _MODELS[key]
+
+
+def tape(function: SymbolicFunction) -> Tape:
+    """The function's tape, made once a process."""
+    if id(function) not in _TAPES:
+        _TAPES[id(function)] = function, Tape.of(function)
+    return _TAPES[id(function)][1]

@@ -18,7 +18,7 @@ from codegen.tape.tape import Tape
 from codegen.verify import proof
 from codegen.verify.proof import prove, random_turn
 from symbolic.functions import Turn
-from symbolic.model import ArmModel, derive
+from symbolic.model import ArmModel
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial import lagrangian
@@ -26,20 +26,14 @@ from symbolic.rigid_body.spatial.geometry import geometry
 from symbolic.rigid_body.spatial.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
 
 ARMS = Path(__file__).resolve().parents[3] / "symbolic" / "arms"
-KNOWN = tuple(spatial_arms.TABLES)
+KNOWN = [pytest.param(name, marks=pytest.mark.xdist_group(f"arm_{name}")) for name in spatial_arms.TABLES]
 DRAWN = [("r", 1), ("p", 2), ("rr", 3), ("pr", 4), ("rpr", 5), ("ppr", 6), ("rrrp", 7), ("rprrr", 8), ("rrrrrr", 9)]
 DRAWN += [("rrprrpr", 10)]
 
 
-_DERIVED: dict[str, tuple[ArmModel, dict[str, Tape]]] = {}
-
-
 def derived(arm: Arm) -> tuple[ArmModel, dict[str, Tape]]:
-    key = repr(arm)
-    if key not in _DERIVED:
-        model = derive(arm)
-        _DERIVED[key] = model, {f.name: Tape.of(f) for f in model.functions}
-    return _DERIVED[key]
+    model = spatial_arms.derived(arm)
+    return model, {f.name: spatial_arms.tape(f) for f in model.functions}
 
 
 def differing(arm: Arm, tapes: dict[str, Tape] | None = None, points: int = 2) -> list[str]:
@@ -60,10 +54,17 @@ def test_all_arms_in_space_that_ship_are_proved_at_ten_points() -> None:
     assert {arm.name: differing(arm, points=10) for arm in spatial} == {arm.name: [] for arm in spatial}
 
 
-@pytest.mark.parametrize(("types", "seed"), DRAWN)
-def test_random_arms_are_proved(types: str, seed: int) -> None:
-    """Turning and sliding joints, general angles and axes, gravity from anywhere."""
-    assert differing(spatial_arms.drawn(types, seed)) == []
+GENERAL = [(types, seed, 0.3) for types, seed in DRAWN]
+GENERAL += [("prrp", 102, 1.0), ("pprr", 104, 0.3)]
+LONG = [("rrrrrr", 100, 0.0), ("rrprrpr", 101, 0.3), ("rrrrrrr", 103, 0.0), ("rprrr", 105, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("types", "seed", "general"), [*GENERAL, *(pytest.param(*case, marks=pytest.mark.slow) for case in LONG)]
+)
+def test_random_arms_are_proved(types: str, seed: int, general: float) -> None:
+    """Turning and sliding joints, gravity from anywhere. general: the share of angles and axes off quarter turns."""
+    assert differing(spatial_arms.drawn(types, seed, general=general)) == []
 
 
 def test_unknown_rotors_are_proved() -> None:
@@ -86,6 +87,7 @@ def spoilt(tape: Tape, rng: random.Random) -> Tape:
     return replace(tape, nodes=tuple(nodes))
 
 
+@pytest.mark.xdist_group("arm_puma560")
 @pytest.mark.parametrize("name", ["inverse_dynamics", "coriolis", "forward_dynamics", "regressor", "tip_load", "tip"])
 def test_one_wrong_sign_or_digit_is_found(name: str) -> None:
     arm, rng = spatial_arms.known("puma560"), random.Random(name)
@@ -202,11 +204,14 @@ def test_a_point_takes_milliseconds() -> None:
 @pytest.mark.parametrize(
     ("name", "inertia", "forward", "pairs"),
     [
-        ("ur10e", 241, 688, 5),
-        ("puma560", 254, 733, 5),
-        ("rx90", 222, 682, 5),
-        ("panda", 361, 1049, 6),
-        ("iiwa", 318, 951, 6),
+        pytest.param(name, *most, marks=pytest.mark.xdist_group(f"arm_{name}"))
+        for name, *most in (
+            ("ur10e", 241, 688, 5),
+            ("puma560", 254, 733, 5),
+            ("rx90", 222, 682, 5),
+            ("panda", 361, 1049, 6),
+            ("iiwa", 318, 951, 6),
+        )
     ],
 )
 def test_matrices_are_short(name: str, inertia: int, forward: int, pairs: int) -> None:
