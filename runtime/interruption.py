@@ -1,7 +1,8 @@
-"""Ctrl-C where an exception would be lost."""
+"""Ctrl-C and other signals where an exception would be lost, or would leave an arm moving."""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -9,6 +10,49 @@ from contextlib import contextmanager
 from types import FrameType
 
 Handler = Callable[[int, FrameType | None], object]
+_MOST = 2
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def listening() -> Iterator[Callable[[], int]]:
+    """Counts wishes to stop an arm that moves, without an exception: yields a function that returns their number.
+
+    Ctrl-C counts each time and raises KeyboardInterrupt from the third time on. SIGTERM and the end of the terminal
+    (SIGHUP) count once together.
+    """
+    pressed, ended = 0, False
+    terminals = [stream for stream in (1, 2) if os.isatty(stream)]
+
+    def heard(number: int, _frame: FrameType | None) -> None:
+        nonlocal pressed, ended
+        if number == signal.SIGINT:
+            pressed += 1
+        else:
+            ended = True
+        if number == signal.SIGHUP:
+            _let_go(terminals)
+        if pressed > _MOST:
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: 0
+        return
+    before = {number: signal.signal(number, heard) for number in _SIGNALS}
+    try:
+        yield lambda: pressed + ended
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _let_go(streams: list[int]) -> None:
+    """Redirect streams of a closed terminal to nothing, so that writing to them raises no error that loses a
+    recording."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in streams:
+        os.dup2(nowhere, stream)
+    os.close(nowhere)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from runtime.execution.simulated import SimulatedArm
+from runtime.execution.execute import SimulatedArm
 from runtime.execution.trial import Trial, run
 from runtime.hardware.boards import HostBoard
 from runtime.hardware.link import BoardLink, Codec
@@ -124,7 +124,7 @@ class Rig:
         return self
 
     def run(self, every: int = 1, asked: Callable[[], int] = lambda: 0) -> Trial:
-        return run(self.session, self.settings, self.seconds, every, asked)
+        return run(self.session, self.settings, self.seconds, every=every, asked=asked)
 
     def driven(self) -> Trial:
         return self.prepared().run()

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from json import loads
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import msgspec
 import typer
 
 from runtime.cli.opening import check_hidden, opened
@@ -18,14 +19,14 @@ from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.cli.setting_options import with_settings
 from runtime.execution.options import ExecutionSettings
-from runtime.plain_json import plain
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
+    from runtime.documents.diagnosis import CommandEntry
+    from runtime.documents.plans import BoardEntry, ExecuteDocument, ImageEntry
     from runtime.execution.execute import Execution
-    from runtime.execution.real import Setup
-    from runtime.execution.targets import ArmLine
+    from runtime.execution.real import ArmLine, Setup
     from runtime.hardware.link import BoardLink
     from runtime.model.loader import Model
     from runtime.planning.trajectory import Trajectory
@@ -97,23 +98,27 @@ def execute(
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
     check_hidden(source, "--set", change or ())
-    result, more = (_real if is_real else _simulated)(source, trajectory, asked)
-    document = {**result.to_json(), **more}
+    result, document = (_real if is_real else _simulated)(source, trajectory, asked)
     plan = result.plan.trajectory
     text = source.edits.mount(plan).text
-    if result.recording is None or document["status"] == "refused":
+    if result.recording is None or document.status == "refused":
         out = model_out = None
     elif out is not None:
         recording.write(out, result.recording)
     if model_out is not None:
         files.replace(model_out, text.encode())
     same = model_out or (model if text == source.text else None)
-    paths = {"recording": out, "model_out": model_out, "next": _next(same, out, effects)}
-    said = {"on": on, **document, **paths}
+    said = msgspec.structs.replace(
+        document,
+        on=on,
+        recording=None if out is None else str(out),
+        model_out=None if model_out is None else str(model_out),
+        next=_next(same, out, effects),
+    ).to_json()
     emit(json, said, execution_pages.show)
     if report is not None and result.recording is not None:
         _draw(report, result, said, json)
-    if document["status"] != "done":
+    if document.status != "done":
         raise typer.Exit(NO)
 
 
@@ -124,23 +129,23 @@ def _draw(directory: Path, result: Execution, document: dict[str, Any], json: st
 
     with costs_itself("the report"):
         with working("drawing the report"):
-            page = write_execution(directory, result, plain(document))
+            page = write_execution(directory, result, document)
         if json != "-":
             say(f"Report: {page}")
 
 
 def _is_real(asked: _Asked) -> bool:
-    """Whether the target is a real arm. Raises UsageError for what is no target, or does not go with it."""
-    from runtime.execution import targets
+    """Whether the target is a real arm. Raises UsageError if there is no such target, or an option does not apply."""
+    from runtime.execution import execute, real
 
-    if asked.on in targets.SIMULATED:
+    if asked.on in execute.SIMULATED:
         if asked.arm or asked.settings.approach:
             raise UsageError(f"--{'arm' if asked.arm else 'approach'} is for a real arm, and --on {asked.on} is none")
         return False
-    line = targets.LINES.get(targets.scheme(asked.on))
+    line = real.LINES.get(real.scheme(asked.on))
     if line is None:
         meant = f"; did you mean serial://{asked.on}?" if asked.on.startswith("/dev/") else ""
-        raise UsageError(f"--on {asked.on}: no such target; there is: {', '.join(targets.KNOWN)}{meant}")
+        raise UsageError(f"--on {asked.on}: no such target; there is: {', '.join(real.KNOWN)}{meant}")
     line.parse(asked.on)
     if asked.hide or asked.change:
         raise UsageError(
@@ -149,111 +154,137 @@ def _is_real(asked: _Asked) -> bool:
     return True
 
 
-def _simulated(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[str, Any]]:
+class _Arm(NamedTuple):
+    """A trajectory and the arm that it is for."""
+
+    model: Model
+    controller: Path
+    plan: Trajectory
+
+
+def _simulated(source: Source, path: Path, asked: _Asked) -> tuple[Execution, ExecuteDocument]:
     """On the simulated arm, by a board of this computer or an emulated one."""
-    from runtime.execution import targets
+    from runtime.execution.execute import SIMULATED
     from runtime.planning.trajectory import read
     from runtime.report.terminal import pages
 
-    target = targets.SIMULATED[asked.on]
+    target = SIMULATED[asked.on]
     with pages.working("deriving and compiling the model and its controller"):
         compiled = source.compiled
         model, controller = compiled.model(), compiled.controller(target.build)
-    plan = read(path, model)
-    return _run(model, controller, plan, asked, target.board), {"image": _image(controller)}
+    done = _run(_Arm(model, controller, read(path, model)), asked, target.board)
+    return done, msgspec.structs.replace(done.document(), image=_image(controller))
 
 
-def _image(controller: Path) -> dict[str, Any] | None:
-    """What an emulated board runs: for which processor, by which compiler, bytes of code and constants."""
+def _image(controller: Path) -> ImageEntry | None:
+    """The firmware of an emulated board; None for a board of this computer."""
+    from runtime.documents.plans import ImageEntry
+
     facts = loads((controller / "image.json").read_text(encoding="utf-8"))
     if "elf" not in facts:
         return None
-    return {"target": facts["target"], "compiler": facts["toolchain"]["version"], "text": facts["text"]}
+    return ImageEntry(target=facts["target"], compiler=facts["toolchain"]["version"], text=facts["text"])
 
 
-def _run(model: Model, controller: Path, plan: Trajectory, asked: _Asked, board: Any) -> Execution:
+def _run(arm: _Arm, asked: _Asked, board: Any) -> Execution:
     from runtime.execution.execute import execute as executed
-    from runtime.execution.interrupt import listening
+    from runtime.interruption import listening
     from runtime.report.terminal import pages
     from runtime.simulation import simulate
 
-    hidden = [simulate.parse_hidden(item, model) for item in asked.hide]
-    changed = [simulate.parse_hidden(item, model, "--set") for item in asked.change]
-    with pages.working(f"executing {plan.scenario} on the simulated arm"):
-        return executed(model, controller, plan, asked.settings, hidden, changed, board, listening)
+    with pages.working(f"executing {arm.plan.scenario} on the simulated arm"):
+        return executed(
+            *arm[:3],
+            asked.settings,
+            hidden=[simulate.parse_hidden(item, arm.model) for item in asked.hide],
+            changed=[simulate.parse_hidden(item, arm.model, "--set") for item in asked.change],
+            board=board,
+            listening=listening,
+        )
 
 
-def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, dict[str, Any]]:
-    """On a real arm: simulated first, and moved only if that went well and it is armed."""
-    from runtime.execution import expected, real, targets
-    from runtime.execution.interrupt import listening
+def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, ExecuteDocument]:
+    """On a real arm: simulated first, and moved only if that was completed and --arm is given."""
+    from runtime.documents.plans import DrivesEntry, LinkEntry
+    from runtime.execution import execute, real
+    from runtime.interruption import listening
     from runtime.planning.trajectory import read
     from runtime.report.terminal import execution_pages, pages
 
     with pages.working("deriving and compiling the model and its controller"):
         model, controller = source.compiled.model(), source.compiled.controller()
-    expected.check_limits(model)
-    line = targets.LINES[targets.scheme(asked.on)]
+    real.check_limits(model)
+    line = real.LINES[real.scheme(asked.on)]
     line.check(asked.on, model)
-    plan = read(path, model)
+    arm = _Arm(model, controller, read(path, model))
     once = replace(asked, settings=replace(asked.settings, trials=1))
-    simulated = _run(model, controller, plan, once, targets.SIMULATED["simulation"].board)
+    simulated = _run(arm, once, execute.SIMULATED["simulation"].board)
     nothing = replace(simulated, trials=())
     if not simulated.completed:
-        reason = f"the simulated arm did not get through it: {simulated.to_json()['reason']}"
-        return nothing, {"status": "refused", "reason": reason}
-    found = {"prediction": expected.ExpectedRun.of(simulated).to_json(model)}
-    connect = partial(_connect, line, controller, model, plan, asked)
+        reason = f"the simulated arm did not complete it: {simulated.reason}"
+        return nothing, msgspec.structs.replace(nothing.document(), status="refused", reason=reason)
+    predicted = real.prediction(simulated)
+    connect = partial(_connect, line, arm, asked)
     if not asked.arm:
         reason = "a real arm moves only with --arm, and nobody in its reach"
-        return nothing, {**found, "board": _look(connect), "status": "refused", "reason": reason}
+        refused = msgspec.structs.replace(nothing.document(), status="refused", reason=reason)
+        return nothing, msgspec.structs.replace(refused, prediction=predicted, board=_look(connect))
     link, setup = connect()
 
     def ready() -> None:
         if asked.talks:
-            execution_pages.prediction(plain(found["prediction"]))
+            execution_pages.prediction(predicted.to_json())
 
-    with pages.working(f"executing {plan.scenario} on {asked.on}"), listening() as stop:
+    with pages.working(f"executing {arm.plan.scenario} on {asked.on}"), listening() as stop:
         done, frames = real.execute_on(link, setup, ready, stop)
-    # Something may have failed after the motion: drives that do not go off.
-    late = {"status": "stopped", "reason": link.fault} if done.completed and link.fault else {}
-    return done, {**found, "every": setup.every, "link": frames, **link.figures(), **late}
+    found = msgspec.structs.replace(
+        done.document(), prediction=predicted, every=setup.every, link=msgspec.convert(frames, LinkEntry)
+    )
+    if drives := link.figures().get("drives"):
+        found = msgspec.structs.replace(found, drives=msgspec.convert(drives, DrivesEntry))
+    if done.completed and link.fault:
+        # Something failed after the motion, such as drives that stay powered.
+        found = msgspec.structs.replace(found, status="stopped", reason=link.fault)
+    return done, found
 
 
-def _connect(line: ArmLine, controller: Path, model: Model, plan: Trajectory, asked: _Asked) -> tuple[BoardLink, Setup]:
-    """The line opened, and what is asked of the board behind it. Raises LinkError."""
+def _connect(line: ArmLine, arm: _Arm, asked: _Asked) -> tuple[BoardLink, Setup]:
+    """The open link, and the setup for the board behind it. Raises LinkError."""
     from runtime.execution import real
 
-    link = line.open(asked.on, model, controller)
+    link = line.open(asked.on, arm.model, arm.controller)
     return link, real.Setup(
-        directory=controller,
-        model=model,
-        trajectory=plan,
+        directory=arm.controller,
+        model=arm.model,
+        trajectory=arm.plan,
         settings=asked.settings,
-        every=real.decimation(controller, model, link.baud),
+        every=real.decimation(arm.controller, arm.model, link.baud),
         late=link.late,
     )
 
 
-def _look(connect: Callable[[], tuple[BoardLink, Setup]]) -> dict[str, Any]:
-    """What the board says of the arm while nothing moves: where each joint stands, or why that is not known."""
+def _look(connect: Callable[[], tuple[BoardLink, Setup]]) -> BoardEntry:
+    """Where each joint stands by the board, or why that is unknown; nothing moves."""
+    from runtime.documents.plans import BoardEntry
     from runtime.execution import real
     from runtime.hardware.link import LinkError, LinkLost
     from runtime.hardware.lockstep import Fault
 
     try:
-        return {"standing": real.standing(*connect()), "text": None}
+        return BoardEntry(standing=real.standing(*connect()), text=None)
     except (LinkError, LinkLost, Fault) as error:
-        return {"standing": None, "text": str(error)}
+        return BoardEntry(standing=None, text=str(error))
 
 
-def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[dict[str, str]]:
-    """What follows from a recording, where model and recording of the same arm are there."""
+def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[CommandEntry]:
+    """Commands for a recording, if model and recording are of the same arm."""
+    from runtime.documents.diagnosis import CommandEntry
+
     if recording is None or model is None:
         return []
     own = [] if effects is None else ["--effects", str(effects)]
     verbs = {"compare": "where the model fails on this recording", "diagnose": "which effect is missing in it"}
     return [
-        {"what": what, "command": shlex.join(["tendon", verb, str(model), str(recording), *own])}
+        CommandEntry(what=what, command=shlex.join(["tendon", verb, str(model), str(recording), *own]))
         for verb, what in verbs.items()
     ]

@@ -74,9 +74,9 @@ def optimize(
         with pages.working(f"optimizing {case.name}"):
             plan = optimizer.optimize(model, case, settings)
     except optimizer.Infeasible as error:
-        emit(json, results.refusal(model, case, error), plan_pages.plan)
+        emit(json, results.refusal(model, case, error).to_json(), plan_pages.plan)
         raise typer.Exit(NO) from error
-    document = results.document(model, plan)
+    document = results.document(model, plan).to_json()
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:

@@ -16,6 +16,7 @@ from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import EffectDocument, EffectsDocument, ExportDocument, ImportDocument, InitDocument
 from runtime.documents.parts import Document
+from runtime.documents.plans import ExecuteDocument, OptimizeDocument
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
 
 BY_VERB: dict[str, type[Document]] = {
@@ -28,6 +29,8 @@ BY_VERB: dict[str, type[Document]] = {
     "demo": ImprovementDocument,
     "simulate": SimulateDocument,
     "experiment": ExperimentDocument,
+    "optimize": OptimizeDocument,
+    "execute": ExecuteDocument,
     "generate": GenerateDocument,
     "verify": VerifyDocument,
     "effects": EffectsDocument,

@@ -1,24 +1,24 @@
-"""A trajectory executed on the simulated arm, several times: what was planned, what happened, and the recording."""
+"""A trajectory executed on the simulated arm, several times: the plan, the trials, and the recording."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from runtime.execution import results
-from runtime.execution.demand import Excess, PlannedCycle
+from runtime.documents.plans import ArmEffectEntry, ExecutedJointEntry, ExecuteDocument
 from runtime.execution.options import TRIALS, ExecutionSettings
-from runtime.execution.simulated import SimulatedArm
+from runtime.execution.results import Excess, PlannedCycle, mean, spread, trial_entry
 from runtime.execution.trial import RUN_IN, Trial, length, recorded, run
-from runtime.hardware.boards import HostBoard
+from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.link import Codec
-from runtime.hardware.lockstep import Board, Lockstep
+from runtime.hardware.lockstep import Board, Counts, Fault, Float32, Lockstep
 from runtime.hardware.session import Session
 from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Model
@@ -31,16 +31,73 @@ from runtime.simulation.plant import Plant
 from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import Hidden, complete, true_effects
 
+Array = NDArray[np.float64]
+_MOST = 2.0**31
+"""Largest count of an encoder's register."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A board in step with the simulated arm. build: target of the firmware that it runs."""
+
+    build: str
+    board: Callable[[Path, str, int], Board]
+
+
+SIMULATED: Mapping[str, Simulated] = {
+    "simulation": Simulated("host", HostBoard),
+    "unicorn": Simulated("cortex-m4f", UnicornBoard),
+    "qemu": Simulated("cortex-m4f", partial(QemuBoard, machine="mps2-an386")),
+}
+"""By the word of --on."""
+
+
+class SimulatedArm:
+    """A plant with encoders on its motors, as a board sees it: counts, and torques that are held for a period.
+
+    The arm is held where a trial starts until the drives are powered for the first time.
+    """
+
+    def __init__(self, plant: Plant, settings: Settings) -> None:
+        self.plant = plant
+        self._per_count: Array = np.array(settings.drive["position_per_count"])
+        self._zero = settings.zero
+        self._offset: Array = np.zeros(plant.model.n)
+        self._held = True
+
+    def start(self, q: Array, rng: np.random.Generator) -> Counts:
+        """At rest at q (n,), with a random position of the encoders' steps. Returns their counts."""
+        self.plant.reset(q)
+        # An arm cannot be placed more finely than its encoders resolve.
+        self._offset = rng.uniform(0.0, 1.0, len(q)) * self._per_count
+        self._held = True
+        return self.counts()
+
+    def counts(self) -> Counts:
+        """(n,) counts of the encoders. Raises Fault if they overflow."""
+        steps = np.floor((self.plant.q + self._offset) / self._per_count)
+        if not (np.abs(steps) < _MOST).all():
+            raise Fault(f"the simulated motion has left all bounds; an effect is too stiff for {self.plant.step:.2g} s")
+        return steps.astype(np.int32) + self._zero
+
+    def apply(self, torque: Float32) -> None:
+        """Hold these torques for one control period."""
+        if not self._held:
+            self.plant.advance(torque)
+
+    def enable(self, on: bool) -> None:
+        self._held = self._held and not on
+
 
 @dataclass(frozen=True)
 class Execution:
-    """Trials of a plan, none where it asks for more than the limits allow.
+    """Trials of a plan; none if it exceeds limits.
 
     compensated     whether the controller compensated friction
-    dt              s from one record to the next, as the model file has the rate
+    dt              s from one record to the next, by the model file's rate
     uncompensated   effects of the model that it does not compensate
-    arm             the effects of the arm that it ran on, with all values
-    hidden          those that the model has not
+    arm             effects of the arm that moved, with all values
+    hidden          those that the model does not have
     """
 
     plan: PlannedCycle
@@ -66,41 +123,72 @@ class Execution:
         return bool(self.trials) and all(trial.stop is None for trial in self.trials)
 
     @property
+    def status(self) -> Literal["done", "stopped", "refused"]:
+        """Refused: the plan exceeds limits."""
+        if self.excess:
+            return "refused"
+        return "stopped" if any(trial.stop for trial in self.trials) else "done"
+
+    @property
+    def reason(self) -> str | None:
+        """Why it was stopped or refused; None if it was not."""
+        if self.excess:
+            return str(self.excess[0])
+        for k, trial in enumerate(self.trials, 1):
+            if trial.stop is not None:
+                at = "" if trial.stop.joint is None else f"joint {trial.stop.joint}: "
+                return f"trial {k} at t = {trial.stop.t:.4g} s: {at}{trial.stop.reason}"
+        return None
+
+    @property
     def _period(self) -> float | None:
-        """s from one record to the next by the board's clock; None where there are none."""
+        """s from one record to the next by the board's clock; None without records."""
         ends = [(trial.t[-1] - trial.t[0], len(trial.t) - 1) for trial in self.trials if len(trial.t) > 1]
-        return sum(seconds for seconds, _ in ends) / sum(count for _, count in ends) if ends else None
+        return float(sum(seconds for seconds, _ in ends) / sum(count for _, count in ends)) if ends else None
 
-    def to_json(self) -> dict[str, Any]:
-        """Every figure, in SI."""
-        effects = [
-            {
-                "effect": term.effect,
-                "joint": term.joint,
-                "hidden": term in self.hidden,
-                "changed": term in self.plan.terms and dict(values) != dict(self.plan.terms[term]),
-                "values": dict(values),
-            }
-            for term, values in self.arm.items()
-        ]
-        return {
-            "arm": self.plan.model.name,
-            "period": self.dt,
-            "period_measured": self._period,
-            "friction_compensation": self.compensated,
-            "uncompensated": list(self.uncompensated),
-            "run_in": RUN_IN if self.plan.trajectory.periodic else 0,
-            "seed": self.seed,
-            "noise": self.noise,
-            "effects": effects,
-            "exceeded": [{**vars(item), "text": str(item)} for item in self.excess],
-            **results.document(self.plan, self.trials, self.dt),
-            **({"status": "refused", "reason": str(self.excess[0])} if self.excess else {}),
-        }
+    def document(self) -> ExecuteDocument:
+        """Every figure, without what the command line adds of its target and files."""
+        trials = [trial_entry(k, trial, self.plan, self.dt) for k, trial in enumerate(self.trials, 1)]
+        every = [cycle for trial in trials for cycle in trial.cycles]
+        return ExecuteDocument(
+            arm=self.plan.model.name,
+            period=self.dt,
+            period_measured=self._period,
+            friction_compensation=self.compensated,
+            uncompensated=list(self.uncompensated),
+            run_in=RUN_IN if self.plan.trajectory.periodic else 0,
+            seed=self.seed,
+            noise=self.noise,
+            effects=[
+                ArmEffectEntry(
+                    effect=term.effect,
+                    joint=term.joint,
+                    hidden=term in self.hidden,
+                    changed=term in self.plan.terms and dict(values) != dict(self.plan.terms[term]),
+                    values=dict(values),
+                )
+                for term, values in self.arm.items()
+            ],
+            exceeded=[item.document() for item in self.excess],
+            status=self.status,
+            reason=self.reason,
+            joints=[
+                ExecutedJointEntry(joint=i, name=j.name, position_unit=j.position_unit, force_unit=j.force_unit)
+                for i, j in enumerate(self.plan.model.joints, 1)
+            ],
+            plan=self.plan.document(),
+            trials=trials,
+            mean=mean(every),
+            spread=spread(every),
+        )
+
+    def to_json(self) -> Any:
+        """The document as plain dicts and lists."""
+        return self.document().to_json()
 
 
-def nobody() -> AbstractContextManager[Callable[[], int]]:
-    """Who might want to stop an arm that moves."""
+def no_listener() -> AbstractContextManager[Callable[[], int]]:
+    """For an arm that nobody wants to stop."""
     return nullcontext(lambda: 0)
 
 
@@ -109,17 +197,18 @@ def execute(
     controller: Path,
     trajectory: Trajectory,
     settings: ExecutionSettings = ExecutionSettings(),
+    *,
     hidden: Sequence[Hidden] = (),
     changed: Sequence[Hidden] = (),
     board: Callable[[Path, str, int], Board] = HostBoard,
-    listening: Callable[[], AbstractContextManager[Callable[[], int]]] = nobody,
+    listening: Callable[[], AbstractContextManager[Callable[[], int]]] = no_listener,
 ) -> Execution:
     """The trajectory on a simulated arm, from rest, until all trials are done or one is stopped.
 
     controller       directory of the arm's compiled controller, for this kind of board
-    hidden, changed  effects of the arm that the model has not, or with other values
-    board            what drives the arm: made from directory, name and number of joints
-    listening        while the arm moves: whether the user wants to stop; see Session.run
+    hidden, changed  effects of the arm that the model does not have, or has with other values
+    board            drives the arm: made from directory, name and number of joints
+    listening        context in which the arm moves: how often the user wants to stop; see Session.run
     Raises ControllerError, ModelError, PlantError, SimulationError, LinkError, LinkLost.
     """
     compensated = settings.compensates(trajectory)
@@ -134,7 +223,7 @@ def execute(
         )
     values = true_effects(model, plan.terms, changed, hidden)
     if hidden or changed:
-        # What is moderate for a cycle is so for all of them.
+        # Default values are chosen for one cycle; all cycles are alike.
         t = np.arange(round(length(trajectory, 1) * RATE)) / RATE
         values = complete(model, trajectory.at(model, t).q, values)
     excess = tuple(plan.exceeded())

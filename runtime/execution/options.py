@@ -1,4 +1,4 @@
-"""What one may choose of an execution. Nothing slow is imported here: --help reads it."""
+"""Options of an execution; --help imports this."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ if TYPE_CHECKING:
     from runtime.planning.trajectory import Trajectory
 
 TRIALS, TRIALS_ON_A_REAL_ARM = 3, 1
-"""Where nothing is said of them."""
+"""Defaults."""
 
 
 @dataclass(frozen=True)
 class ExecutionSettings(Checked):
-    """Trials of a trajectory on an arm; a real one is simulated first, so what is said of the simulated arm holds for
-    both."""
+    """Trials of a trajectory on an arm. A real arm is simulated first with the same settings."""
 
     trials: Annotated[
         int | None,

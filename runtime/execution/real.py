@@ -1,8 +1,8 @@
-"""A trajectory executed on a real arm over a link: where it stands, how it gets to the start, the trials."""
+"""A trajectory executed on a real arm over a link: its limits, where it stands, the way to the start, the trials."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
@@ -11,28 +11,79 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.execution.demand import PlannedCycle
-from runtime.execution.execute import Execution
+from runtime.documents.plans import PredictedJointEntry, PredictionEntry, StandingEntry
+from runtime.execution.execute import SIMULATED, Execution
 from runtime.execution.options import TRIALS_ON_A_REAL_ARM, ExecutionSettings
+from runtime.execution.results import PlannedCycle
 from runtime.execution.trial import Trial, length, run
-from runtime.hardware.link import BoardLink, Codec, LinkError, LinkLost
+from runtime.hardware import canopen_arm, link
+from runtime.hardware.canopen_arm import CanopenLink
+from runtime.hardware.link import BoardLink, Codec, LinkError, LinkLost, SerialLink
 from runtime.hardware.session import Session
 from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Model
+from runtime.model.terms import SURFACE, Term, given
 from runtime.planning.trajectory import Phase, Trajectory
 
 Array = NDArray[np.float64]
 
 _APPROACH_SPEED = 0.2
-"""Of a joint's limit of speed, on the way to a trajectory's start."""
+"""Fraction of a joint's speed limit on the way to a trajectory's start."""
 _APPROACH_LEAST = 2.0
-"""s that the way takes at least."""
+"""s; shortest duration of that way."""
 _PEAK = 1.875
-"""Largest speed of a polynomial of degree five from rest to rest, by its mean speed."""
+"""Largest speed of a polynomial of degree five from rest to rest, over its mean speed."""
+_SPAN = 0.01
+"""s over which counted positions are differentiated for the speed, so that encoder steps do not matter."""
+
+
+@dataclass(frozen=True)
+class ArmLine:
+    """A kind of link to a real arm. All functions raise LinkError.
+
+    parse   an address of --on
+    check   whether the model fits, before anything is opened
+    open    with the directory of the arm's firmware for this computer
+    """
+
+    parse: Callable[[str], object]
+    check: Callable[[str, Model], object]
+    open: Callable[[str, Model, Path], BoardLink]
+
+
+LINES: dict[str, ArmLine] = {
+    link.SERIAL_SCHEME: ArmLine(
+        link.serial_address, lambda _url, _model: None, lambda url, _model, _directory: SerialLink.of(url)
+    ),
+    canopen_arm.CAN_SCHEME: ArmLine(canopen_arm.parse_can_address, canopen_arm.check_link, CanopenLink),
+}
+"""By the scheme of their address."""
+
+KNOWN = (*SIMULATED, "serial:///dev/ttyACM0", "canopen://can0")
+"""Examples of --on."""
+
+
+def scheme(on: str) -> str:
+    """Of an address; empty for a word."""
+    return on.partition("://")[0] if "://" in on else ""
+
+
+def check_limits(model: Model) -> None:
+    """Raise ControllerError that names every missing limit: a real arm moves only with all of them."""
+    missing = []
+    for number, joint in enumerate(model.joints, 1):
+        keys = {"position": joint.position_limits, "speed": joint.speed_limit, "torque": joint.torque_limit}
+        if absent := [name for name, value in keys.items() if value is None]:
+            missing.append(f"{', '.join(absent)} at joint {number}")
+    if missing:
+        raise ControllerError(
+            f'the model file of "{model.name}" has too few limits for a real arm; add to [joint.limits]: '
+            f"{'; '.join(missing)} (position = [low, high] in rad or m, speed in rad/s or m/s, torque in N m or N)"
+        )
 
 
 def decimation(directory: Path, model: Model, baud: int | None) -> int:
-    """Control periods from one telemetry record to the next, so that a line of `baud` carries them.
+    """Control periods per telemetry record, so that a line of `baud` carries them.
 
     directory   of the arm's compiled controller
     """
@@ -50,7 +101,7 @@ class Setup:
     """What is executed, and how.
 
     directory   of the arm's compiled controller
-    every       control periods from one record to the next
+    every       control periods per record
     late        see BoardLink
     """
 
@@ -63,15 +114,18 @@ class Setup:
 
     @property
     def compensated(self) -> bool:
-        """Whether friction is, on the way to the start, too."""
+        """Whether friction is compensated, also on the way to the start."""
         return self.settings.compensates(self.trajectory)
 
     @property
     def trials(self) -> int:
         return TRIALS_ON_A_REAL_ARM if self.settings.trials is None else self.settings.trials
 
-    def told(self, trajectory: Trajectory) -> Settings:
-        """What the board is told before it drives a trajectory."""
+    def session(self, line: BoardLink) -> Session:
+        return Session(line, Codec.from_json(self.directory / "protocol.json"))
+
+    def board_settings(self, trajectory: Trajectory) -> Settings:
+        """Settings of the board for a trajectory."""
         found = Settings.of(self.directory, self.model, trajectory, self.compensated, self.settings.tracking_limit)
         return found if self.late is None else found.tolerating(self.late)
 
@@ -79,43 +133,43 @@ class Setup:
 def execute_on(
     link: BoardLink, setup: Setup, ready: Callable[[], None], asked: Callable[[], int]
 ) -> tuple[Execution, dict[str, Any]]:
-    """All trials, or up to the first that is stopped, and what became of the frames; the link is closed.
+    """All trials, or up to the first one that is stopped, and the link's counts of frames; closes the link.
 
-    ready   called once the board is known and has taken everything, before anything moves
-    asked   whether the user wants to stop; see Session.run
+    ready   called once the board is known and has accepted everything, before anything moves
+    asked   how often the user wants to stop; see Session.run
 
-    Raises ControllerError where the arm stands elsewhere, LinkError, LinkLost.
+    Raises ControllerError if the arm stands elsewhere, LinkError, LinkLost.
     """
-    session = Session(link, Codec.from_json(setup.directory / "protocol.json"))
+    session = setup.session(link)
     try:
         return _Executing(session, setup, ready, asked).all(), session.figures()
     finally:
         session.close()
 
 
-def standing(link: BoardLink, setup: Setup) -> list[dict[str, Any]]:
-    """Where each joint stands and where the trajectory starts. Nothing moves, the drives stay without power; the link
-    is closed.
+def standing(link: BoardLink, setup: Setup) -> list[StandingEntry]:
+    """Where each joint stands and where the trajectory starts. Nothing moves, the drives stay without power; closes the
+    link.
 
     Raises LinkError, LinkLost.
     """
-    session = Session(link, Codec.from_json(setup.directory / "protocol.json"))
+    session = setup.session(link)
     try:
         session.identify()
-        settings = setup.told(setup.trajectory)
+        settings = setup.board_settings(setup.trajectory)
         session.upload(settings)
         here, start = _here(session, settings), PlannedCycle(setup.model, setup.trajectory).motion.q[:, 0]
     finally:
         session.close()
     return [
-        {
-            "joint": k,
-            "name": joint.name,
-            "position": float(here[k - 1]),
-            "start": float(start[k - 1]),
-            "position_unit": joint.position_unit,
-        }
-        for k, joint in enumerate(setup.model.joints, 1)
+        StandingEntry(
+            joint=k + 1,
+            name=joint.name,
+            position=float(here[k]),
+            start=float(start[k]),
+            position_unit=joint.position_unit,
+        )
+        for k, joint in enumerate(setup.model.joints)
     ]
 
 
@@ -134,7 +188,7 @@ class _Executing:
     def all(self) -> Execution:
         setup = self.setup
         self.session.identify()
-        settings, plan = setup.told(setup.trajectory), PlannedCycle(setup.model, setup.trajectory)
+        settings, plan = setup.board_settings(setup.trajectory), PlannedCycle(setup.model, setup.trajectory)
         start, done = plan.motion.q[:, 0], list[Trial]()
         seconds = length(setup.trajectory, setup.settings.cycles)
         self.session.upload(settings)
@@ -143,7 +197,7 @@ class _Executing:
             try:
                 done.append(self._trial(start, settings, seconds))
             except (LinkLost, LinkError, ControllerError) as error:
-                # What has been recorded is kept.
+                # Earlier trials are kept.
                 if not done:
                     raise
                 name = "link_lost" if isinstance(error, LinkLost) else "refused"
@@ -162,27 +216,33 @@ class _Executing:
         )
 
     def _trial(self, start: Array, settings: Settings, seconds: float) -> Trial:
-        way = self._to(start, settings)
+        way = self._approach(start, settings)
         if way is not None and way.stop is not None:
             return replace(way, stop=replace(way.stop, reason=f"on the way to the start: {way.stop.reason}"))
         self.session.upload(settings)
-        return run(self.session, settings, seconds, self.setup.every, self.asked)
+        return run(self.session, settings, seconds, every=self.setup.every, asked=self.asked)
 
-    def _to(self, start: Array, settings: Settings) -> Trial | None:
-        """Drive to `start` (n,), if that is wanted and the arm does not stand there; None if it does."""
+    def _approach(self, start: Array, settings: Settings) -> Trial | None:
+        """Drive to `start` (n,), if --approach allows it; None if the arm stands there."""
         here = _here(self.session, settings)
         apart = np.abs(here - start)
         if (apart <= np.array(settings.safety["start"])).all():
             return None
         if not self.setup.settings.approach:
-            raise ControllerError(_elsewhere(self.setup.model, here, start))
+            joints = (
+                f"joint {k + 1} stands at {here[k]:.3f} {joint.position_unit}, the trajectory starts at {start[k]:.3f}"
+                for k, joint in enumerate(self.setup.model.joints)
+            )
+            raise ControllerError(
+                f"the arm is not where the trajectory starts: {'; '.join(joints)}; bring it there, or pass --approach"
+            )
         way = self._way(here, start)
         outside = [str(excess) for excess in PlannedCycle(self.setup.model, way).exceeded()]
         if outside:
             raise ControllerError(f"there is no straight way to the start: {outside[0]}")
-        settings = self.setup.told(way)
+        settings = self.setup.board_settings(way)
         self.session.upload(settings)
-        return run(self.session, settings, length(way, 1), self.setup.every, self.asked)
+        return run(self.session, settings, length(way, 1), every=self.setup.every, asked=self.asked)
 
     def _way(self, here: Array, start: Array) -> Trajectory:
         """From rest to rest on straight lines of the joints, slowly."""
@@ -193,9 +253,47 @@ class _Executing:
         return replace(setup.trajectory, scenario="approach", phases=(Phase("q", duration, points),), periodic=False)
 
 
-def _elsewhere(model: Model, here: Array, start: Array) -> str:
-    joints = (
-        f"joint {k + 1} stands at {here[k]:.3f} {joint.position_unit}, the trajectory starts at {start[k]:.3f}"
-        for k, joint in enumerate(model.joints)
-    )
-    return f"the arm is not where the trajectory starts: {'; '.join(joints)}; bring it there, or pass --approach"
+# --- the same motion on the simulated arm, before a real one moves ---
+
+
+def prediction(execution: Execution) -> PredictionEntry:
+    """Extremes over all trials, of which there is at least one, beside the limits, which are all given."""
+    trials, plan, dt = execution.trials, execution.plan, execution.dt
+    torque = np.max([np.abs(trial.tau).max(axis=1) for trial in trials], axis=0)
+    speed = np.max([_speed(trial, dt) for trial in trials], axis=0)
+    room = np.min([_room(plan.model, trial) for trial in trials], axis=0)
+    joints = [
+        PredictedJointEntry(
+            joint=k + 1,
+            name=joint.name,
+            torque=float(torque[k]),
+            torque_limit=joint.torque_limit or np.inf,
+            force_unit=joint.force_unit,
+            speed=float(speed[k]),
+            speed_limit=joint.speed_limit or np.inf,
+            room=float(room[k]),
+            position_unit=joint.position_unit,
+        )
+        for k, joint in enumerate(plan.model.joints)
+    ]
+    return PredictionEntry(joints=joints, plate=_plate(plan, trials))
+
+
+def _speed(trial: Trial, dt: float) -> Array:
+    span = min(max(1, round(_SPAN / dt)), trial.q.shape[1] - 1)
+    return np.abs(trial.q[:, span:] - trial.q[:, :-span]).max(axis=1) / (span * dt)
+
+
+def _room(model: Model, trial: Trial) -> Array:
+    """(n,) smallest distance to an end of each joint's range, rad or m."""
+    low, high = np.array([joint.position_limits for joint in model.joints], dtype=np.float64).T
+    return np.minimum(trial.q.min(axis=1) - low, high - trial.q.max(axis=1))
+
+
+def _plate(plan: PlannedCycle, trials: tuple[Trial, ...]) -> float | None:
+    """Smallest height of the end-effector above the plate, m, negative where it is pressed down; None without one."""
+    contact: Mapping[str, Any] = plan.trajectory.contact or (plan.model.contact or {}).get("effects", {})
+    surface = given(plan.model.library, {Term(name): values for name, values in contact.items()}, SURFACE)
+    if surface is None:
+        return None
+    return float(min(plan.model.tip(trial.q)[1].min() for trial in trials) - surface)

@@ -1,130 +1,184 @@
-"""What an execution came to, beside its plan: costs, tracking, extremes, contact, for each cycle of each trial."""
+"""One cycle of a plan and of its executions: costs, tracking, extremes, contact, and limits that the plan exceeds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.execution.demand import PlannedCycle, compression
+from runtime.documents.plans import (
+    CycleEntry,
+    CycleOfPlanEntry,
+    ExcessEntry,
+    ModelledCostEntry,
+    StopEntry,
+    TrialEntry,
+)
 from runtime.execution.trial import RUN_IN, Trial
+from runtime.model.loader import Model
+from runtime.model.terms import SURFACE, Structure, given
+from runtime.planning.evaluate import Along, Effort, effort, every_instant, limited, mounted
+from runtime.planning.trajectory import JointMotion, Trajectory
+from runtime.wording import number, told_apart
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Cycle:
-    """One cycle. (n,) each but for tip_y (m) and saturated (part of the time).
+class PlannedCycle:
+    """One cycle of a trajectory on its arm, with all that the model contains."""
 
-    cost   integral of the squared torque command over the cycle
-    """
+    model: Model
+    trajectory: Trajectory
 
-    cost: Array
-    tracking_rms: Array
-    tracking_max: Array
-    q_min: Array
-    q_max: Array
-    peak_torque: Array
-    tip_y: float
-    saturated: float
+    @cached_property
+    def terms(self) -> Structure:
+        """The arm's effects with the trajectory's springs and contact."""
+        return mounted(self.model, self.trajectory)
+
+    @cached_property
+    def planned(self) -> Effort:
+        """As planned: without friction if the plan left it out."""
+        return effort(self.model, self.trajectory)
+
+    @cached_property
+    def modelled(self) -> Effort:
+        """With all that the model contains."""
+        return self.planned if self.trajectory.friction else effort(self.model, self.trajectory, friction=True)
+
+    @cached_property
+    def dense(self) -> Effort:
+        """The same in even steps, ends included."""
+        return every_instant(self.model, self.trajectory, friction=True)
+
+    @property
+    def motion(self) -> JointMotion:
+        """Positions, rates and accelerations of one cycle, (n, N) each."""
+        return self.dense.motion
+
+    @cached_property
+    def tip_y(self) -> float:
+        """Smallest y of the end-effector, m."""
+        return float(self.dense.tip[1].min())
+
+    def compression(self, tip_y: float) -> float | None:
+        """Compression of the plate for this smallest y of the end-effector, m; None without a plate."""
+        surface = given(self.model.library, self.terms, SURFACE)
+        return None if surface is None else max(0.0, surface - tip_y)
+
+    def exceeded(self) -> Iterator[Excess]:
+        """Limits that the plan exceeds: the largest excess of each kind and joint."""
+        return (Excess.of(along, self.motion.t) for along in limited(self.dense) if not along.kept)
+
+    def document(self) -> CycleOfPlanEntry:
+        """The plan's own figures: `cost` as planned, `modelled` with all that the model contains."""
+        cost, modelled = self.planned.cost, self.modelled.cost
+        return CycleOfPlanEntry(
+            scenario=self.trajectory.scenario,
+            duration=self.trajectory.duration,
+            periodic=self.trajectory.periodic,
+            friction=self.trajectory.friction,
+            cost=cost.tolist(),
+            total=float(cost.sum()),
+            modelled=ModelledCostEntry(cost=modelled.tolist(), total=float(modelled.sum())),
+            peak_torque=np.abs(self.planned.tau).max(axis=1).tolist(),
+            q_min=self.motion.q.min(axis=1).tolist(),
+            q_max=self.motion.q.max(axis=1).tolist(),
+            tip_y=self.tip_y,
+            compression=self.compression(self.tip_y),
+        )
 
 
-def cycles(trial: Trial, plan: PlannedCycle, dt: float) -> list[Cycle]:
-    """The cycles that a trial went through, without its run-in."""
-    duration, first = plan.trajectory.duration, RUN_IN if plan.trajectory.periodic else 0
-    done = int(len(trial.t) * dt / duration + 1e-9)
-    return [_cycle(trial, plan, k * duration, (k + 1) * duration, dt) for k in range(first, done)][: _most(plan)]
+@dataclass(frozen=True)
+class Excess:
+    """A limit of a joint (1-based) that a plan exceeds; t s; value and limit in `unit`."""
+
+    what: str
+    joint: int
+    t: float
+    value: float
+    limit: float
+    unit: str
+
+    @classmethod
+    def of(cls, along: Along, t: Array) -> Excess:
+        """The largest one, of times t (N,) s."""
+        k = int(np.argmax(along.excess))
+        value, limit = float(along.x[k]), along.high if along.x[k] > along.high else along.low
+        if along.what != "position":
+            value, limit = abs(value), abs(limit)
+        return cls(what=along.what, joint=along.joint + 1, t=float(t[k]), value=value, limit=limit, unit=along.unit)
+
+    def __str__(self) -> str:
+        more = abs(self.value - self.limit)
+        return (
+            f"the plan's {self.what} of joint {self.joint} is {told_apart(self.value, self.limit, 4)} {self.unit} at "
+            f"t = {self.t:.4g} s, {more:.3g} {self.unit} beyond the limit of {number(self.limit, 4)}"
+        )
+
+    def document(self) -> ExcessEntry:
+        return ExcessEntry(**vars(self), text=str(self))
 
 
-def _most(plan: PlannedCycle) -> int | None:
-    return None if plan.trajectory.periodic else 1
+# --- executed cycles ---
 
 
-def _cycle(trial: Trial, plan: PlannedCycle, begin: float, end: float, dt: float) -> Cycle:
+def cycles(trial: Trial, plan: PlannedCycle, dt: float) -> list[CycleEntry]:
+    """The complete cycles of a trial after its run-in; dt: s between its records."""
+    trajectory = plan.trajectory
+    first = RUN_IN if trajectory.periodic else 0
+    done = int(len(trial.t) * dt / trajectory.duration + 1e-9)
+    last = done if trajectory.periodic else min(done, 1)
+    return [_cycle(trial, plan, dt, number) for number in range(first, last)]
+
+
+def _cycle(trial: Trial, plan: PlannedCycle, dt: float, number: int) -> CycleEntry:
+    begin, end = number * plan.trajectory.duration, (number + 1) * plan.trajectory.duration
     part = slice(round(begin / dt), round(end / dt))
     q, tau = trial.q[:, part], trial.tau[:, part]
     error = q - trial.q_desired[:, part]
-    return Cycle(
-        cost=_held(trial.tau, dt, begin, end),
-        tracking_rms=np.sqrt(np.mean(error**2, axis=1)),
-        tracking_max=np.abs(error).max(axis=1),
-        q_min=q.min(axis=1),
-        q_max=q.max(axis=1),
-        peak_torque=np.abs(tau).max(axis=1),
-        tip_y=float(plan.model.tip(q)[1].min()),
+    # Torques are held over each period, so that the integral is exact also for a part of a period.
+    edges = np.arange(trial.tau.shape[1] + 1) * dt
+    sums = [np.append(0.0, np.cumsum(row**2) * dt) for row in trial.tau]
+    cost = np.array([np.diff(np.interp([begin, end], edges, row))[0] for row in sums])
+    tip_y = float(plan.model.tip(q)[1].min())
+    return CycleEntry(
+        cost=cost.tolist(),
+        tracking_rms=np.sqrt(np.mean(error**2, axis=1)).tolist(),
+        tracking_max=np.abs(error).max(axis=1).tolist(),
+        q_min=q.min(axis=1).tolist(),
+        q_max=q.max(axis=1).tolist(),
+        peak_torque=np.abs(tau).max(axis=1).tolist(),
+        tip_y=tip_y,
         saturated=float(trial.saturated[part].mean()),
+        total=float(cost.sum()),
+        compression=plan.compression(tip_y),
     )
 
 
-def _held(tau: Array, dt: float, begin: float, end: float) -> Array:
-    """(n,) integral of tau^2 from begin to end, tau held over each period: exact, also for a part of a period."""
-    edges = np.arange(tau.shape[1] + 1) * dt
-    return np.array([np.diff(np.interp([begin, end], edges, np.append(0.0, np.cumsum(row**2) * dt)))[0] for row in tau])
+def trial_entry(number: int, trial: Trial, plan: PlannedCycle, dt: float) -> TrialEntry:
+    """A trial with its cycles; number: from 1."""
+    stop = None if trial.stop is None else StopEntry(**vars(trial.stop))
+    return TrialEntry(trial=number, seconds=len(trial.t) * dt, stop=stop, cycles=cycles(trial, plan, dt))
 
 
-def document(plan: PlannedCycle, trials: Sequence[Trial], dt: float) -> dict[str, Any]:
-    """Every figure, in SI; `mean` and `spread` over all cycles of all trials, None if there is none."""
-    found = [cycles(trial, plan, dt) for trial in trials]
-    every = [cycle for part in found for cycle in part]
-    stopped = [trial for trial in trials if trial.stop is not None]
-    return {
-        "status": "stopped" if stopped else "done",
-        "reason": _reason(trials),
-        "joints": [
-            {"joint": i, "name": j.name, "position_unit": j.position_unit, "force_unit": j.force_unit}
-            for i, j in enumerate(plan.model.joints, 1)
-        ],
-        "plan": plan_document(plan),
-        "trials": [
-            {"trial": k, "seconds": len(trial.t) * dt, "stop": _stop(trial), "cycles": [_plain(c, plan) for c in part]}
-            for k, (trial, part) in enumerate(zip(trials, found, strict=True), 1)
-        ],
-        "mean": _over(every, plan, lambda x: np.mean(x, axis=0)),
-        "spread": _over(every, plan, lambda x: np.std(x, axis=0, ddof=1)) if len(every) > 1 else None,
+def mean(found: Sequence[CycleEntry]) -> CycleEntry | None:
+    """Of every figure over the cycles; None without any."""
+    return _over(found, lambda x: np.mean(x, axis=0)) if found else None
+
+
+def spread(found: Sequence[CycleEntry]) -> CycleEntry | None:
+    """Standard deviation of every figure over the cycles; None for fewer than two."""
+    return _over(found, lambda x: np.std(x, axis=0, ddof=1)) if len(found) > 1 else None
+
+
+def _over(found: Sequence[CycleEntry], statistic: Any) -> CycleEntry:
+    columns = {name: [getattr(cycle, name) for cycle in found] for name in CycleEntry.__struct_fields__}
+    figures: dict[str, Any] = {
+        name: None if column[0] is None else statistic(column).tolist() for name, column in columns.items()
     }
-
-
-def plan_document(plan: PlannedCycle) -> dict[str, Any]:
-    """The plan's own figures. `cost` as it was planned, `modelled` with all that the model knows."""
-    cost, modelled = plan.planned.cost, plan.modelled.cost
-    return {
-        "scenario": plan.trajectory.scenario,
-        "duration": plan.trajectory.duration,
-        "periodic": plan.trajectory.periodic,
-        "friction": plan.trajectory.friction,
-        "cost": cost,
-        "total": cost.sum(),
-        "modelled": {"cost": modelled, "total": modelled.sum()},
-        "peak_torque": np.abs(plan.planned.tau).max(axis=1),
-        "q_min": plan.motion.q.min(axis=1),
-        "q_max": plan.motion.q.max(axis=1),
-        "tip_y": plan.tip_y,
-        "compression": compression(plan, plan.tip_y),
-    }
-
-
-def _plain(cycle: Cycle, plan: PlannedCycle) -> dict[str, Any]:
-    return {**vars(cycle), "total": cycle.cost.sum(), "compression": compression(plan, cycle.tip_y)}
-
-
-def _over(every: Sequence[Cycle], plan: PlannedCycle, statistic: Any) -> dict[str, Any] | None:
-    """A statistic of every figure over the cycles."""
-    if not every:
-        return None
-    pages = [_plain(cycle, plan) for cycle in every]
-    return {name: None if pages[0][name] is None else statistic([page[name] for page in pages]) for name in pages[0]}
-
-
-def _stop(trial: Trial) -> dict[str, Any] | None:
-    return None if trial.stop is None else vars(trial.stop)
-
-
-def _reason(trials: Sequence[Trial]) -> str | None:
-    for k, trial in enumerate(trials, 1):
-        if trial.stop is not None:
-            at = "" if trial.stop.joint is None else f"joint {trial.stop.joint}: "
-            return f"trial {k} at t = {trial.stop.t:.4g} s: {at}{trial.stop.reason}"
-    return None
+    return CycleEntry(**figures)

@@ -1,4 +1,4 @@
-"""A trajectory on an arm, driven by a board: what was seen of it, what stopped it, and the recording it leaves."""
+"""A trajectory on an arm, driven by a board: what was seen of it, why it was stopped, and the recording of it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
-from runtime.execution import stops
-from runtime.hardware.session import BoardRun, Session
+from runtime.hardware.session import BoardRun, Ended, Session
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
@@ -20,10 +20,20 @@ from runtime.recordings.recording import Recording
 Array = NDArray[np.float64]
 
 RUN_IN = 1
-"""Cycles of a periodic motion before those that count: it starts from rest."""
+"""Cycles of a periodic motion before those that count, because it starts from rest."""
 SETTLE = 0.25
-"""s that are recorded after a motion which is not periodic."""
+"""s that are recorded after a motion that is not periodic."""
 _MICROSECONDS = 1e6
+
+HOST = {
+    "interrupted": "interrupted (Ctrl-C, or its terminal was closed)",
+    "telemetry_lost": "telemetry of the board is lost",
+    "link_lost": "the link to the board is lost",
+    "other_rate": "the board runs at another rate",
+    "overrun": "the board ran on after the end of the plan and was stopped",
+    "untrusted": "the board cannot be trusted and was stopped",
+}
+"""Reasons of this end of the link; the board has its own."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +48,9 @@ class Stop:
 
 @dataclass(frozen=True)
 class Trial:
-    """One execution: t (N,); q as counted, q_desired, tau as commanded (n, N); saturated (N,).
+    """One execution: q as counted, q_desired, tau as commanded (n, N); saturated (N,).
 
-    t   by the board's clock, from the first control period on
+    t   (N,) s by the board's clock, from the first control period on
     """
 
     t: Array
@@ -54,13 +64,20 @@ class Trial:
     def without_motion(cls, n: int, name: str, reason: str) -> Trial:
         """One that could not begin, on an arm of n joints."""
         nothing = np.empty((n, 0))
-        return cls(np.empty(0), nothing, nothing, nothing, np.empty(0, dtype=np.bool_), Stop(0.0, None, reason, name))
+        return cls(
+            t=np.empty(0),
+            q=nothing,
+            q_desired=nothing,
+            tau=nothing,
+            saturated=np.empty(0, dtype=np.bool_),
+            stop=Stop(0.0, None, reason, name),
+        )
 
 
 def run(
-    session: Session, settings: Settings, seconds: float, every: int = 1, asked: Callable[[], int] = lambda: 0
+    session: Session, settings: Settings, seconds: float, *, every: int = 1, asked: Callable[[], int] = lambda: 0
 ) -> Trial:
-    """What has been uploaded, for so long or until something stops it.
+    """Execute what has been uploaded for so long, or until something stops it.
 
     every   control periods from one record to the next     asked   see Session.run
     """
@@ -77,7 +94,7 @@ def run(
 
 
 def _times(rows: NDArray[Any], dt: float) -> Array:
-    """(N,) s, as the board's clock stamped them; where that agrees with its control periods, those tell it finer."""
+    """(N,) s by the stamps of the board's clock; if they agree with its control periods, by those: they are finer."""
     nominal, stamps = dt * rows["period"].astype(np.float64), rows["time_us"]
     # The clock wraps, and so does the difference.
     since = np.cumsum(np.diff(stamps, prepend=stamps[:1]).astype(np.float64)) / _MICROSECONDS
@@ -85,22 +102,13 @@ def _times(rows: NDArray[Any], dt: float) -> Array:
     return nominal if np.abs(stamped - nominal).max(initial=0.0) < 1.5 / _MICROSECONDS else stamped
 
 
-def _stop(done: BoardRun, settings: Settings, texts: Mapping[str, str]) -> Stop | None:
-    ended = done.ended
-    if ended.reason == "done":
-        return None
-    last = int(done.rows["period"][-1]) if len(done.rows) else 0
-    t = settings.dt * (last if ended.period is None else ended.period)
-    return Stop(t, ended.joint, stops.words(ended, done.rows, settings, texts), ended.reason)
-
-
 def length(trajectory: Trajectory, cycles: int) -> float:
-    """s that a trial takes: run-in and cycles, or the motion once and what it takes to settle."""
+    """s that a trial takes: run-in and cycles, or the motion once and the time to settle."""
     return (RUN_IN + cycles) * trajectory.duration if trajectory.periodic else trajectory.duration + SETTLE
 
 
 def recorded(trials: Sequence[Trial], model: Model, noise: float, seed: int) -> Recording:
-    """The trials that moved as one recording, a run each; noise of the torque sensor as a part of each joint's rms
+    """The trials that moved as one recording, a run each; noise: of the torque sensor, as a part of each joint's rms
     torque."""
     rng = np.random.default_rng([seed, len(trials)])
     trials = [trial for trial in trials if len(trial.t)]
@@ -118,3 +126,67 @@ def recorded(trials: Sequence[Trial], model: Model, noise: float, seed: int) -> 
         temperature=(None,) * model.n,
         q_desired=np.concatenate([trial.q_desired for trial in trials], axis=1),
     )
+
+
+# --- why an arm was stopped ---
+
+
+def _stop(done: BoardRun, settings: Settings, texts: Mapping[str, str]) -> Stop | None:
+    ended = done.ended
+    if ended.reason == "done":
+        return None
+    last = int(done.rows["period"][-1]) if len(done.rows) else 0
+    t = settings.dt * (last if ended.period is None else ended.period)
+    return Stop(t, ended.joint, words(ended, done.rows, settings, texts), ended.reason)
+
+
+def words(ended: Ended, rows: NDArray[Any], settings: Settings, texts: Mapping[str, str]) -> str:
+    """One sentence with the measured value and the limit. rows: the run's telemetry (N,); texts: the protocol's, by
+    name of the reason."""
+    if ended.reason == "drive":
+        return ended.detail or f"{texts[ended.reason]} (code {ended.code})"
+    # Either end may lose the link; this end has details.
+    if ended.detail or ended.reason not in texts:
+        return HOST[ended.reason] + (f": {ended.detail}" if ended.detail else "")
+    if ended.joint is not None and len(rows) and rows[-1]["period"] == ended.period:
+        return _measured(ended.reason, ended.joint - 1, rows, settings) or texts[ended.reason]
+    return texts[ended.reason]
+
+
+def _measured(reason: str, k: int, rows: NDArray[Any], settings: Settings) -> str | None:
+    """What was measured at joint k (0-based) in the last period, beside its limit; None if the reason has no values."""
+    safety, joint = settings.safety, settings.model.joints[k]
+    unit, position = joint.position_unit, float(settings.positions(rows["counts"][-1:])[k, 0])
+    error = abs(position - rows[-1]["q_desired"][k])
+    match reason:
+        case "tracking":
+            return f"tracking error {error:.3g} {unit} is over the limit of {safety['tracking'][k]:.3g}"
+        case "start_position":
+            return f"stands {error:.3g} {unit} from the trajectory's start, over the limit of {safety['start'][k]:.3g}"
+        case "speed":
+            return _speed(k, rows, settings)
+        case "position":
+            return f"position {position:.4g} {unit} is outside {safety['low'][k]:.4g} to {safety['high'][k]:.4g}"
+        case "torque_limit":
+            seconds, limit = safety["saturated"] * settings.dt, settings.drive["torque_limit"][k]
+            return f"the torque has been at its limit of {limit:.4g} {joint.force_unit} for {seconds:.3g} s"
+        case "encoder_frozen":
+            travel = safety["frozen"][k]
+            return f"the encoder has not counted while the joint was to move by {travel:.3g} {unit}"
+        case "encoder_jump" if len(rows) < 2:
+            return f"the encoder jumps by more than {safety['jump'][k]} counts in a control period"
+        case "encoder_jump":
+            jump = int(np.diff(rows["counts"][-2:, k])[0])
+            return f"the encoder jumps by {jump} counts in a control period, the limit is {safety['jump'][k]}"
+    return None
+
+
+def _speed(k: int, rows: NDArray[Any], settings: Settings) -> str:
+    unit, limit = settings.model.joints[k].position_unit, f"{settings.safety['speed'][k]:.3g}"
+    if len(rows) != int(rows["period"][-1]) + 1:
+        # The controller's filter runs through all periods, and some are missing here.
+        return f"speed is over the limit of {limit} {unit}/s"
+    q, gain = settings.positions(rows["counts"])[k], settings.drive["velocity_gain"]
+    raw = np.diff(q, prepend=q[0]) * settings.drive["rate"]
+    speed = abs(float(lfilter([gain], [1.0, gain - 1.0], raw)[-1]))
+    return f"speed {speed:.3g} {unit}/s is over the limit of {limit}"

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BPoly
 
 from runtime import files
+from runtime.documents.plans import PolynomialEntry, TrajectoryDocument
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Term, Values
 from runtime.planning.scenario import springs, usual
@@ -152,28 +153,29 @@ class Trajectory:
         qd = model.contact_acceleration(q, np.zeros_like(q), cd)
         return q, qd, model.contact_acceleration(q, qd, cdd)
 
-    def to_json(self) -> dict[str, Any]:
+    def document(self) -> TrajectoryDocument:
         """In SI units; a row of control points per coordinate."""
-        return {
-            "format": FORMAT,
-            "arm": self.arm,
-            "scenario": self.scenario,
-            "periodic": self.periodic,
-            "elbow": self.elbow,
-            "friction": self.friction,
-            "springs": [
+        return TrajectoryDocument(
+            format=FORMAT,
+            arm=self.arm,
+            scenario=self.scenario,
+            periodic=self.periodic,
+            elbow=self.elbow,
+            friction=self.friction,
+            springs=[
                 {"joint": joint, **({"effect": self.effects[joint]} if joint in self.effects else {}), **values}
                 for joint, values in sorted(self.springs.items())
             ],
-            "contact": {name: dict(values) for name, values in self.contact.items()},
-            "phases": [
-                {"coordinates": p.coordinates, "duration": p.duration, "points": p.points.tolist()} for p in self.phases
+            contact={name: dict(values) for name, values in self.contact.items()},
+            phases=[
+                PolynomialEntry(coordinates=p.coordinates, duration=p.duration, points=p.points.tolist())
+                for p in self.phases
             ],
-        }
+        )
 
     def write(self, path: Path) -> None:
         """Write it as JSON. Raises OSError."""
-        files.replace(path, (json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n").encode())
+        files.replace(path, (json.dumps(self.document().to_json(), indent=1) + "\n").encode())
 
 
 def read(path: Path, model: Model) -> Trajectory:

@@ -62,7 +62,7 @@ class StudyBench:
         """Friction compensation is off in cases A and B; the plate's damper is there where the plate is."""
         hidden = self._hidden() if case.plate is not None else []
         settings = ExecutionSettings(self.trials, _CYCLES, friction_compensation=case.friction)
-        execution = execute(self.model, self.controller, plan.trajectory, settings, hidden)
+        execution = execute(self.model, self.controller, plan.trajectory, settings, hidden=hidden)
         self.done(case)
         joints = plan.scenario.objective.joints or plan.scenario.moving
         return CaseRun(execution, execution.to_json(), tuple(joints))

@@ -15,9 +15,8 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.execution.execute import Execution, execute
+from runtime.execution.execute import SIMULATED, Execution, execute
 from runtime.execution.options import ExecutionSettings
-from runtime.execution.targets import SIMULATED
 from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
 from runtime.planning.settings import PlanningSettings

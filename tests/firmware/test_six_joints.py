@@ -16,9 +16,8 @@ from emulation import Meter, Processor, places
 
 from codegen import prepare, render
 from codegen.toolchain import cross
-from runtime.execution.execute import Execution, execute
+from runtime.execution.execute import SIMULATED, Execution, execute
 from runtime.execution.options import ExecutionSettings
-from runtime.execution.targets import SIMULATED
 from runtime.hardware.boards import UnicornBoard
 from runtime.model.loader import Library, Model, load_model
 from runtime.planning.trajectory import Phase, Trajectory

@@ -41,7 +41,8 @@ def executed(bench: Source, arm: Model) -> Executed:
     def run(plan: Trajectory, hide: Sequence[str] = (), change: Sequence[str] = (), **others: object) -> Execution:
         hidden = [parse_hidden(text, arm) for text in hide]
         changed = [parse_hidden(text, arm) for text in change]
-        return execute(arm, bench.compiled.controller(), plan, ExecutionSettings(**others), hidden, changed)  # type: ignore[arg-type]
+        settings = ExecutionSettings(**others)  # type: ignore[arg-type]
+        return execute(arm, bench.compiled.controller(), plan, settings, hidden=hidden, changed=changed)
 
     return run
 

@@ -11,20 +11,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.execution import targets
-from runtime.execution.demand import PlannedCycle
-from runtime.execution.simulated import SimulatedArm
+from runtime.documents.plans import ExecuteDocument
+from runtime.execution import real
+from runtime.execution.execute import SimulatedArm
+from runtime.execution.results import PlannedCycle
 from runtime.hardware import canopen_arm
 from runtime.hardware.can_drive import Controlword
 from runtime.hardware.canopen_arm import CanopenLink
 from runtime.hardware.lockstep import Pace
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model
+from runtime.plain_json import plain
 from runtime.planning.trajectory import Phase, Trajectory
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
@@ -117,14 +120,16 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         monkeypatch.setattr(os, "sched_setscheduler", _refuse)
         link = partial(CanopenLink, pace=Pace(PERIOD, time.now, time.sleep), patience=PATIENT)
         monkeypatch.setitem(
-            targets.LINES, "canopen", targets.ArmLine(canopen_arm.parse_can_address, canopen_arm.check_link, link)
+            real.LINES, "canopen", real.ArmLine(canopen_arm.parse_can_address, canopen_arm.check_link, link)
         )
         capsys.readouterr()
         arguments = ["execute", str(folder / "bench.toml"), str(folder / "motion.json"), "--on", on, "--json", "-"]
         status = output.run(app, [*arguments, *more])
         out, err = capsys.readouterr()
         if out.startswith("{"):
-            return status, json.loads(out)
+            document = json.loads(out)
+            assert plain(msgspec.convert(document, ExecuteDocument)) == document
+            return status, document
         # What is compiled the first time says so.
         complaint = "\n".join(line for line in err.strip().splitlines() if not line.endswith("…"))
         return status, {"text": out, "complaint": complaint}

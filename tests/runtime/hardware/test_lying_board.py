@@ -25,7 +25,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from runtime.execution import stops
+from runtime.execution import trial as trials
 from runtime.execution.trial import Trial
 from runtime.hardware.conversation import Refused, Statements, Untrusted
 from runtime.hardware.link import Codec, LinkLost, ReceivedMessage
@@ -101,7 +101,7 @@ def test_telemetry_that_cannot_be_stops_the_arm(make: Callable[..., Rig], clean:
     assert found.stop is not None
     assert found.stop.name == "untrusted"
     assert re.search(words, found.stop.reason), found.stop.reason
-    assert found.stop.reason.startswith(stops.HOST["untrusted"])
+    assert found.stop.reason.startswith(trials.HOST["untrusted"])
     np.testing.assert_array_equal(found.q[:, : AT - 5], clean.q[:, : AT - 5])
     assert AT - 5 < len(found.t) < AT + 10
     one.check_safe(AT)
@@ -210,7 +210,7 @@ def test_what_an_honest_board_says_is_believed(make: Callable[..., Rig]) -> None
 
 
 def test_words_for_every_reason_of_the_host() -> None:
-    assert {"overrun", "untrusted"} <= set(stops.HOST)
+    assert {"overrun", "untrusted"} <= set(trials.HOST)
 
 
 # --- host and board against each other ---
@@ -312,7 +312,7 @@ class Against(RuleBasedStateMachine):
         done = self.within(40.0, lambda: self.one.session.run(periods))
         if done is not None:
             rows = done.rows
-            assert done.ended.reason in stops.HOST or done.ended.reason in set(self.codec.names("reasons").values())
+            assert done.ended.reason in trials.HOST or done.ended.reason in set(self.codec.names("reasons").values())
             assert np.isfinite(rows["torque"]).all()
             assert np.isfinite(rows["q_desired"]).all()
             assert len(rows) <= periods + 50

@@ -23,8 +23,8 @@ from bench_arm import BENCH, motion, trajectory
 from codegen.prepare import prepare_arm, prepare_firmware
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.execution.execute import SimulatedArm
 from runtime.execution.real import decimation
-from runtime.execution.simulated import SimulatedArm
 from runtime.hardware import session
 from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.link import LinkError, LinkLost, SerialLink

@@ -22,10 +22,10 @@ from driven import Rig, rig
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.execution.interrupt import listening
 from runtime.execution.trial import Trial
 from runtime.hardware.link import Codec, LinkLost
 from runtime.hardware.session import Refused, Session
+from runtime.interruption import listening
 from runtime.model.loader import Model
 from runtime.workspace.source import Source
 

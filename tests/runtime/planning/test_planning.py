@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.execution.demand import PlannedCycle
+from runtime.execution.results import PlannedCycle
 from runtime.model.loader import Library, Model
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file

@@ -1,0 +1,535 @@
+"""Documents of motions: optimize, execute, sweep, and the paper's study."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import UNSET, UnsetType
+
+from runtime.documents.diagnosis import CommandEntry
+from runtime.documents.parts import (
+    BandEntry,
+    Document,
+    EffectAt,
+    Interval,
+    JointName,
+    JointNumber,
+    SkewEntry,
+    key,
+)
+
+ArmName = Annotated[str, key("name of the arm's model")]
+ScenarioName = Annotated[str, key("name of the scenario")]
+Goal = Annotated[str, key("torque_squared, peak_torque, electrical_energy or positive_work")]
+Friction = Annotated[bool, key("whether the motion was planned with friction")]
+PositionUnit = Annotated[str, key("rad or m")]
+ForceUnit = Annotated[str, key("N m or N")]
+Series = list[list[float | None]]
+EachCost = Annotated[list[float], key("integral of the squared torque of each joint", "(N m)^2 s or N^2 s")]
+Total = Annotated[float | None, key("sum over the joints", "(N m)^2 s or N^2 s")]
+SpringValues = dict[str, float | int | str]
+"""Of a spring: `joint`, values of its parameters by name (SI), and further keys."""
+
+
+# --- optimize ---
+
+
+class ObjectiveEntry(Document, frozen=True, kw_only=True):
+    """The objective of a plan."""
+
+    goal: Goal
+    joints: Annotated[list[int], key("numbers of the joints whose torque counts")]
+    unit: Annotated[str, key("unit of the values")]
+    value: Annotated[float, key("objective by the exact laws", "`unit`")]
+    smooth: Annotated[float, key("objective of the program, smooth at standstill", "`unit`")]
+
+
+class PlanLimitsEntry(Document, frozen=True, kw_only=True):
+    """Limits of a joint; null where there are none."""
+
+    position: Annotated[Interval | None, key("smallest and largest position", "rad or m")]
+    speed: Annotated[float | None, key("largest speed", "rad/s or m/s")]
+    torque: Annotated[float | None, key("largest torque or force", "N m or N")]
+
+
+class JointUnitsEntry(Document, frozen=True, kw_only=True):
+    """Units of a joint."""
+
+    position: PositionUnit
+    force: ForceUnit
+
+
+class PlannedJointEntry(Document, frozen=True, kw_only=True):
+    """A joint in a plan, and its limits."""
+
+    joint: JointNumber
+    name: JointName
+    cost: Annotated[float, key("integral of the squared torque", "(N m)^2 s or N^2 s")]
+    peak_torque: Annotated[float, key("largest torque or force", "N m or N")]
+    peak_speed: Annotated[float, key("largest speed", "rad/s or m/s")]
+    range: Annotated[Interval, key("smallest and largest position", "rad or m")]
+    limits: Annotated[PlanLimitsEntry, key("limits of the model file, and the scenario's range of positions")]
+    units: Annotated[JointUnitsEntry, key("units of the joint")]
+
+
+class PhaseEntry(Document, frozen=True, kw_only=True, rename={"start": "from", "end": "to"}):
+    """A phase of a motion."""
+
+    start: Annotated[str | UnsetType, key("point where it begins; absent if the scenario is unknown")] = UNSET
+    end: Annotated[str | UnsetType, key("point where it ends; absent if the scenario is unknown")] = UNSET
+    kind: Annotated[str, key("free or contact")]
+    duration: Annotated[float, key("its duration", "s")]
+
+
+class PolynomialEntry(Document, frozen=True, kw_only=True):
+    """A phase of a trajectory file: Bezier polynomials, (9)."""
+
+    coordinates: Annotated[Literal["q", "w"], key("q: joint positions; w: coordinates of the contact")]
+    duration: Annotated[float, key("its duration", "s")]
+    points: Annotated[list[list[float]], key("control points, a row per coordinate", "rad or m")]
+
+
+class TrajectoryDocument(Document, frozen=True, kw_only=True):
+    """A trajectory file."""
+
+    format: Annotated[str, key("name and version of the format")]
+    arm: ArmName
+    scenario: ScenarioName
+    periodic: Annotated[bool, key("whether the end is the beginning")]
+    elbow: Annotated[float, key("sign of sin q_2 in contact", "1")]
+    friction: Friction
+    springs: Annotated[list[SpringValues], key("joint and parameters of each spring by name", "SI")]
+    contact: Annotated[dict[str, dict[str, float]], key("parameters of the contact's effects by name", "SI")]
+    phases: Annotated[list[PolynomialEntry], key("phases in their order")]
+
+
+class SamplesEntry(Document, frozen=True, kw_only=True):
+    """One cycle in even samples, a row per joint."""
+
+    t: Annotated[list[float], key("time", "s")]
+    q: Annotated[Series, key("position", "rad or m")]
+    qd: Annotated[Series, key("speed", "rad/s or m/s")]
+    qdd: Annotated[Series, key("acceleration", "rad/s^2 or m/s^2")]
+    tau: Annotated[Series, key("motor torque or force", "N m or N")]
+    spring: Annotated[Series, key("torque with which springs push the joint forward", "N m or N")]
+    tip: Annotated[Series, key("place of the end-effector: x, y and its angle; in space x, y, z", "m, rad")]
+    tip_rotation: Annotated[
+        list[Series] | UnsetType, key("spatial arms: rotation matrix of the tip's frame, row by row", "1")
+    ] = UNSET
+
+
+class AttemptEntry(Document, frozen=True, kw_only=True):
+    """A solution of the search."""
+
+    cost: Annotated[float | None, key("objective of the smooth program", "unit of the objective")]
+    met: Annotated[bool, key("whether all constraints are met")]
+    status: Annotated[str, key("status of the solver")]
+    iterations: Annotated[int, key("number of iterations", "1")]
+    seconds: Annotated[float, key("time of computation", "s")]
+    missed: Annotated[str | None, key("the constraint that is violated most; null if all are met")]
+
+
+class SolverEntry(Document, frozen=True, kw_only=True):
+    """The search for a plan."""
+
+    attempts: Annotated[list[AttemptEntry], key("coarse solutions, the best first")]
+    refined: Annotated[AttemptEntry | UnsetType, key("the best one on the fine program; absent without a plan")] = UNSET
+    setup_seconds: Annotated[float | UnsetType, key("time to derive the programs; absent without a plan", "s")] = UNSET
+    seconds: Annotated[float | UnsetType, key("time in total; absent without a plan", "s")] = UNSET
+
+
+class ViolationEntry(Document, frozen=True, kw_only=True):
+    """The constraint that is violated most."""
+
+    where: Annotated[str, key("place in the motion")]
+    what: Annotated[str, key("what it constrains")]
+    amount: Annotated[float | None, key("violation", "`unit`")]
+    unit: Annotated[str, key("unit of the violation")]
+
+
+class OptimizeDocument(Document, frozen=True, kw_only=True):
+    """A planned motion, or why there is none: `tendon optimize --json`. Keys of a plan are absent without one."""
+
+    scenario: ScenarioName
+    arm: ArmName
+    feasible: Annotated[bool | UnsetType, key("whether there is a plan; absent for a trajectory file")] = UNSET
+    reason: Annotated[str | UnsetType, key("why there is no plan")] = UNSET
+    missed: Annotated[ViolationEntry | UnsetType, key("what the best attempt violates, if there is no plan")] = UNSET
+    cycle_time: Annotated[float | UnsetType, key("duration of the motion", "s")] = UNSET
+    friction: Annotated[bool | UnsetType, key("whether the motion was planned with friction")] = UNSET
+    objective: Annotated[ObjectiveEntry | UnsetType, key("what is minimal; absent for a trajectory file")] = UNSET
+    joints: Annotated[list[PlannedJointEntry] | UnsetType, key("each joint")] = UNSET
+    phases: Annotated[list[PhaseEntry] | UnsetType, key("phases in their order")] = UNSET
+    springs: Annotated[
+        list[SpringValues] | UnsetType,
+        key("joint, effect and parameters (SI) of each spring; sought: size before one was chosen, in `unit`; text"),
+    ] = UNSET
+    catalogue: Annotated[
+        list[dict[str, dict[str, float] | float | None]] | UnsetType,
+        key("springs compared, the best first: sizes by joint under the name of the parameter, and cost"),
+    ] = UNSET
+    trajectory: Annotated[TrajectoryDocument | UnsetType, key("the motion as --out writes it")] = UNSET
+    samples: Annotated[SamplesEntry | UnsetType, key("one cycle in samples")] = UNSET
+    solver: Annotated[SolverEntry | UnsetType, key("the search; absent for a trajectory file")] = UNSET
+    left_out: Annotated[dict[str, str] | UnsetType, key("effects that a plan cannot hold, and why")] = UNSET
+    warnings: Annotated[list[str] | UnsetType, key("what to know before the plan is used")] = UNSET
+
+
+# --- execute ---
+
+
+class ArmEffectEntry(EffectAt, frozen=True, kw_only=True):
+    """An effect of the arm that moved."""
+
+    hidden: Annotated[bool, key("whether the model does not have it")]
+    changed: Annotated[bool, key("whether the model has other values")]
+    values: Annotated[dict[str, float], key("its parameters by name", "SI")]
+
+
+class ExcessEntry(Document, frozen=True, kw_only=True):
+    """A limit that the plan exceeds."""
+
+    what: Annotated[str, key("position, speed or torque")]
+    joint: JointNumber
+    t: Annotated[float, key("time of the largest excess", "s")]
+    value: Annotated[float, key("value then", "`unit`")]
+    limit: Annotated[float, key("limit", "`unit`")]
+    unit: Annotated[str, key("unit of the values")]
+    text: Annotated[str, key("the same in a sentence")]
+
+
+class ExecutedJointEntry(Document, frozen=True, kw_only=True):
+    """A joint of the arm."""
+
+    joint: JointNumber
+    name: JointName
+    position_unit: PositionUnit
+    force_unit: ForceUnit
+
+
+class ModelledCostEntry(Document, frozen=True, kw_only=True):
+    """Cost of the plan with all that the model contains."""
+
+    cost: EachCost
+    total: Total
+
+
+class CycleOfPlanEntry(Document, frozen=True, kw_only=True):
+    """One cycle as planned; lists have a number per joint."""
+
+    scenario: ScenarioName
+    duration: Annotated[float, key("duration of a cycle", "s")]
+    periodic: Annotated[bool, key("whether the motion is periodic")]
+    friction: Friction
+    cost: EachCost
+    total: Total
+    modelled: Annotated[ModelledCostEntry, key("cost with all that the model contains")]
+    peak_torque: Annotated[list[float], key("largest torque or force", "N m or N")]
+    q_min: Annotated[list[float], key("smallest position", "rad or m")]
+    q_max: Annotated[list[float], key("largest position", "rad or m")]
+    tip_y: Annotated[float, key("smallest y of the end-effector", "m")]
+    compression: Annotated[float | None, key("largest compression of the plate; null without one", "m")]
+
+
+class CycleEntry(Document, frozen=True, kw_only=True):
+    """One executed cycle, or a mean or standard deviation of cycles; lists have a number per joint."""
+
+    cost: EachCost
+    tracking_rms: Annotated[list[float], key("rms of the tracking error", "rad or m")]
+    tracking_max: Annotated[list[float], key("largest tracking error", "rad or m")]
+    q_min: Annotated[list[float], key("smallest position", "rad or m")]
+    q_max: Annotated[list[float], key("largest position", "rad or m")]
+    peak_torque: Annotated[list[float], key("largest commanded torque or force", "N m or N")]
+    tip_y: Annotated[float, key("smallest y of the end-effector", "m")]
+    saturated: Annotated[float, key("part of the time at a torque limit", "1")]
+    total: Total
+    compression: Annotated[float | None, key("largest compression of the plate; null without one", "m")]
+
+
+class StopEntry(Document, frozen=True, kw_only=True):
+    """A safe stop."""
+
+    t: Annotated[float, key("time since the trial began", "s")]
+    joint: Annotated[int | None, key("number of the joint, from 1; null for the whole arm")]
+    reason: Annotated[str, key("why, with the measured value and the limit")]
+    name: Annotated[str, key("name of the reason")]
+
+
+class TrialEntry(Document, frozen=True, kw_only=True):
+    """One execution from rest."""
+
+    trial: Annotated[int, key("its number, from 1")]
+    seconds: Annotated[float, key("its duration", "s")]
+    stop: Annotated[StopEntry | None, key("what stopped it; null if it was completed")]
+    cycles: Annotated[list[CycleEntry], key("cycles after the run-in")]
+
+
+class ImageEntry(Document, frozen=True, kw_only=True):
+    """The firmware image of an emulated board."""
+
+    target: Annotated[str, key("its processor")]
+    compiler: Annotated[str, key("its compiler")]
+    text: Annotated[int, key("size of code and constants", "bytes")]
+
+
+class PredictedJointEntry(Document, frozen=True, kw_only=True):
+    """A joint of the simulated arm in the same motion, beside its limits."""
+
+    joint: JointNumber
+    name: JointName
+    torque: Annotated[float, key("largest torque or force", "N m or N")]
+    torque_limit: Annotated[float, key("limit", "N m or N")]
+    force_unit: ForceUnit
+    speed: Annotated[float, key("largest speed", "rad/s or m/s")]
+    speed_limit: Annotated[float, key("limit", "rad/s or m/s")]
+    room: Annotated[float, key("smallest distance to an end of its range", "rad or m")]
+    position_unit: PositionUnit
+
+
+class PredictionEntry(Document, frozen=True, kw_only=True):
+    """The same motion on the simulated arm, before a real arm moves."""
+
+    joints: Annotated[list[PredictedJointEntry], key("each joint")]
+    plate: Annotated[
+        float | None, key("smallest height of the end-effector above the plate; negative if pressed; null without", "m")
+    ]
+
+
+class StandingEntry(Document, frozen=True, kw_only=True):
+    """Where a joint stands."""
+
+    joint: JointNumber
+    name: JointName
+    position: Annotated[float, key("its position", "rad or m")]
+    start: Annotated[float, key("where the trajectory starts", "rad or m")]
+    position_unit: PositionUnit
+
+
+class BoardEntry(Document, frozen=True, kw_only=True):
+    """What the board reports before anything moves."""
+
+    standing: Annotated[list[StandingEntry] | None, key("each joint; null if that is unknown")]
+    text: Annotated[str | None, key("why that is unknown")]
+
+
+class LinkEntry(Document, frozen=True, kw_only=True):
+    """Frames of the link to the board."""
+
+    damaged: Annotated[dict[str, int], key("damaged frames that arrived here, by kind", "1")]
+    board: Annotated[dict[str, int] | None, key("the board's own counts by kind; null if it sent none", "1")]
+
+
+class DrivesEntry(Document, frozen=True, kw_only=True):
+    """Drives on a CAN bus; lists have a number per joint."""
+
+    channel: Annotated[str, key("name of the bus")]
+    bitrate: Annotated[int | None, key("bit rate; null if unknown", "bit/s")]
+    load: Annotated[float | None, key("part of the bus that the frames fill", "1")]
+    late_rms: Annotated[float, key("rms delay of the control periods", "s")]
+    late_worst: Annotated[float, key("largest delay", "s")]
+    overruns: Annotated[int, key("number of periods left out", "1")]
+    missed_answers: Annotated[int, key("number of answers late or missing", "1")]
+    resolution: Annotated[list[float], key("step of the commanded torque", "N m or N")]
+    largest_torque: Annotated[list[float], key("largest torque that can be commanded", "N m or N")]
+    limited_by_drive: Annotated[list[int], key("number of periods in which the drive limited the torque", "1")]
+    real_time: Annotated[bool, key("whether this process has real-time priority")]
+
+
+class ExecuteDocument(Document, frozen=True, kw_only=True):
+    """An executed motion: `tendon execute --json`. Keys of the target are absent where they do not apply."""
+
+    on: Annotated[str | UnsetType, key("the target of --on")] = UNSET
+    arm: ArmName
+    period: Annotated[float, key("time between records, by the model file", "s")]
+    period_measured: Annotated[float | None, key("the same by the board's clock; null without records", "s")]
+    friction_compensation: Annotated[bool, key("whether the controller compensates friction")]
+    uncompensated: Annotated[list[str], key("effects of the model that the controller does not compensate")]
+    run_in: Annotated[int, key("cycles before those that count", "1")]
+    seed: Annotated[int, key("seed of the noise")]
+    noise: Annotated[float, key("noise of the torque sensor, as a part of each joint's rms torque", "1")]
+    effects: Annotated[list[ArmEffectEntry], key("effects of the arm that moved")]
+    exceeded: Annotated[list[ExcessEntry], key("limits that the plan exceeds")]
+    status: Annotated[Literal["done", "stopped", "refused"], key("done, stopped, or refused before any motion")]
+    reason: Annotated[str | None, key("why it was stopped or refused; null if done")]
+    joints: Annotated[list[ExecutedJointEntry], key("each joint")]
+    plan: Annotated[CycleOfPlanEntry, key("one cycle as planned")]
+    trials: Annotated[list[TrialEntry], key("executions from rest")]
+    mean: Annotated[CycleEntry | None, key("mean over all cycles of all trials; null without any")]
+    spread: Annotated[CycleEntry | None, key("standard deviation over them; null for fewer than two")]
+    image: Annotated[ImageEntry | UnsetType | None, key("simulated arm: firmware image; null on this computer")] = UNSET
+    prediction: Annotated[PredictionEntry | UnsetType, key("real arm: the same motion, simulated")] = UNSET
+    board: Annotated[BoardEntry | UnsetType, key("real arm without --arm: what the board reports")] = UNSET
+    every: Annotated[int | UnsetType, key("real arm: control periods per record", "1")] = UNSET
+    link: Annotated[LinkEntry | UnsetType, key("real arm: frames of the link")] = UNSET
+    drives: Annotated[DrivesEntry | UnsetType, key("CANopen: the drives")] = UNSET
+    recording: Annotated[str | UnsetType | None, key("path of the recording; null if none was written")] = UNSET
+    model_out: Annotated[str | UnsetType | None, key("path of the model file; null if none was written")] = UNSET
+    next: Annotated[list[CommandEntry] | UnsetType, key("commands that follow")] = UNSET
+
+
+# --- sweep ---
+
+
+class VariationEntry(Document, frozen=True, kw_only=True):
+    """A variation of the scenario over all its seeds. Costs are null without a plan."""
+
+    at: Annotated[dict[str, float | str | None], key("what varies, by name; null where it does not apply")]
+    jobs: Annotated[int, key("number of jobs", "1")]
+    feasible: Annotated[int, key("jobs with a plan", "1")]
+    infeasible: Annotated[int, key("jobs without a plan", "1")]
+    failed: Annotated[int, key("jobs that failed", "1")]
+    best: Annotated[float | None, key("lowest cost", "unit of the objective")]
+    median: Annotated[float | None, key("median cost", "unit of the objective")]
+    worst: Annotated[float | None, key("highest cost", "unit of the objective")]
+    close: Annotated[float | None, key("part of the jobs within 1 % of the best cost", "1")]
+    seed: Annotated[int | None, key("seed of the best plan")]
+    springs: Annotated[
+        list[SpringValues], key("joint, sought parameters and unit of the size of the best plan's springs")
+    ]
+    reason: Annotated[str | None, key("most frequent reason for no plan; null if all have one")]
+
+
+class SweepDocument(Document, frozen=True, kw_only=True):
+    """Variations of a scenario: `tendon sweep --json`."""
+
+    scenario: ScenarioName
+    arm: ArmName
+    goal: Goal
+    over: Annotated[dict[str, list[float | str]], key("values of what varies, by name")]
+    jobs: Annotated[int, key("number of jobs", "1")]
+    found_finished: Annotated[int, key("jobs finished by an earlier call", "1")]
+    seconds: Annotated[float, key("time of this call", "s")]
+    table: Annotated[str, key("path of the table")]
+    journal: Annotated[str, key("path of the journal")]
+    variations: Annotated[list[VariationEntry], key("each variation")]
+
+
+# --- paper ---
+
+
+class ClaimEntry(Document, frozen=True, kw_only=True):
+    """A statement of the paper."""
+
+    text: Annotated[str, key("the statement")]
+    paper: Annotated[str, key("its figures in the paper")]
+    ours: Annotated[str, key("its figures here")]
+    holds: Annotated[bool, key("whether it holds here")]
+    unclaimed: Annotated[str, key("why it is not expected to hold here; empty if it is")]
+
+
+class RecoveredEntry(Document, frozen=True, kw_only=True):
+    """A parameter of Table I."""
+
+    joint: JointNumber
+    name: Annotated[str, key("column of the table")]
+    unit: Annotated[str, key("unit of the values")]
+    paper: Annotated[float, key("printed value", "`unit`")]
+    ours: Annotated[float | None, key("identified value", "`unit`")]
+    interval: Annotated[Interval | None, key("95 % confidence interval", "`unit`")]
+    difference: Annotated[float | None, key("relative to the printed value", "1")]
+    within_precision: Annotated[bool, key("whether they are equal to the printed precision")]
+    within_interval: Annotated[bool, key("whether the interval contains the printed value")]
+    met: Annotated[bool, key("whether either holds")]
+
+
+class CosineEntry(Document, frozen=True, kw_only=True):
+    """A motion of the identification experiment, (5)."""
+
+    speed: Annotated[float, key("largest desired speed", "rad/s")]
+    omega: Annotated[float, key("angular frequency", "rad/s")]
+    reached: Annotated[float, key("largest speed reached", "rad/s")]
+    trials: Annotated[int, key("number of trials", "1")]
+
+
+class Table1JointEntry(Document, frozen=True, kw_only=True):
+    """Friction of a joint."""
+
+    joint: JointNumber
+    cosines: Annotated[list[CosineEntry], key("its motions")]
+    band: Annotated[BandEntry, key("frequency band of the fit")]
+    skew: Annotated[SkewEntry, key("offset between the clocks of torque and motion")]
+    parameters: Annotated[list[RecoveredEntry], key("its parameters")]
+
+
+class Table1Published(Document, frozen=True, kw_only=True):
+    """What the paper prints of the experiment."""
+
+    speeds: Annotated[list[list[float]], key("largest speeds of the cosines, by joint", "rad/s")]
+    precision: Annotated[float, key("half a unit of the last printed digit", "1")]
+
+
+class Table1Assumed(Document, frozen=True, kw_only=True):
+    """What the paper does not print of the experiment."""
+
+    amplitude: Annotated[float, key("amplitude of the cosines", "rad")]
+    start: Annotated[float, key("their lowest position", "rad")]
+
+
+class Table1Entry(Document, frozen=True, kw_only=True):
+    """Table I: friction that is identified."""
+
+    published: Annotated[Table1Published, key("what is printed")]
+    assumed: Annotated[Table1Assumed, key("what is assumed")]
+    joints: Annotated[list[Table1JointEntry], key("each joint")]
+    claims: Annotated[list[ClaimEntry], key("the paper's statements")]
+
+
+class BesideEntry(Document, frozen=True, kw_only=True):
+    """A cost beside the paper's."""
+
+    ours: Annotated[float, key("cost here", "N^2 m^2 s")]
+    paper: Annotated[float, key("printed cost", "N^2 m^2 s")]
+    difference: Annotated[float, key("relative to the printed cost", "1")]
+
+
+class StiffnessEntry(Document, frozen=True, kw_only=True):
+    """Stiffness of the spring beside the paper's; null without one."""
+
+    ours: Annotated[float | None, key("stiffness here", "N/m")]
+    paper: Annotated[float | None, key("printed stiffness", "N/m")]
+
+
+class CaseExecution(Document, frozen=True, kw_only=True):
+    """A case on the simulated arm."""
+
+    status: Annotated[str, key("done or stopped")]
+    reason: Annotated[str | None, key("why it was stopped; null if done")]
+    friction_compensation: Annotated[bool, key("whether the controller compensates friction")]
+    effects: Annotated[list[ArmEffectEntry], key("effects of the arm that moved")]
+    mean: Annotated[CycleEntry | None, key("mean over all cycles of all trials")]
+    spread: Annotated[CycleEntry | None, key("standard deviation over them")]
+
+
+class CaseEntry(Document, frozen=True, kw_only=True):
+    """A row of Table II or III."""
+
+    case: Annotated[str, key("letter of the case: A, B without friction, C, D with it; B, D with a spring")]
+    cycle_time: Annotated[float, key("cycle time", "s")]
+    plate: Annotated[float | None, key("stiffness of the plate; null in scenario 1", "N/m")]
+    simulation: Annotated[BesideEntry, key("cost of the plan")]
+    experiment: Annotated[BesideEntry | None, key("mean cost on the simulated arm; null if not executed")]
+    stiffness: Annotated[StiffnessEntry, key("stiffness of the spring")]
+    joints: Annotated[list[float], key("cost of the plan by joint", "N^2 m^2 s")]
+    executed: Annotated[CaseExecution | None, key("the execution; null if there is none")]
+
+
+class CasesEntry(Document, frozen=True, kw_only=True):
+    """Table II or III: planned and executed costs."""
+
+    rows: Annotated[list[CaseEntry], key("rows of the table")]
+    claims: Annotated[list[ClaimEntry], key("the paper's statements")]
+
+
+class PaperDocument(Document, frozen=True, kw_only=True):
+    """The paper's study: `tendon paper --json`."""
+
+    table1: Annotated[Table1Entry | UnsetType, key("Table I; absent if not asked for")] = UNSET
+    table2: Annotated[CasesEntry | UnsetType, key("Table II; absent if not asked for")] = UNSET
+    table3: Annotated[CasesEntry | UnsetType, key("Table III; absent if not asked for")] = UNSET
+    spread: Annotated[
+        dict[str, float] | UnsetType,
+        key("Figure 5: by cycle time, difference of the spring's savings with and without friction", "N^2 m^2 s"),
+    ] = UNSET
+    figures: Annotated[list[str], key("paths of the figures")]
+    kept: Annotated[list[str], key("paths without ending of the executed cases that were kept")]
+    holds: Annotated[bool, key("whether all statements hold that should")]
