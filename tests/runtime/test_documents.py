@@ -27,6 +27,8 @@ LINES = {
     "experiment": ["drive", "--between", "linear_spring@1,gravity"],
     "improve": ["bare.toml", "run.csv"],
     "demo": ["--out", "demo"],
+    "optimize": ["scenario1"],
+    "execute": ["vishard4", "plan.json", "--on", "simulation", "--trials", "1", "--out", "executed.csv"],
     "generate": ["drive", "--out", "drive"],
     "add": ["own.toml", "stribeck", "--joint", "1", "--out", "own"],
     "verify": ["drive", "--samples", "1"],
@@ -43,10 +45,11 @@ SLOW = {"demo", "experiment"}
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With a recording of the drive and its URDF."""
+    """With a recording of the drive, its URDF and a planned motion."""
     place = tmp_path_factory.mktemp("documents")
     assert output.run(app, ["simulate", "drive", "--out", str(place / "run.csv"), *MODEL]) == 0
     assert output.run(app, ["export", "drive", "--to", "urdf", "--out", str(place / "arm.urdf")]) == 0
+    assert output.run(app, ["optimize", "scenario1", "--out", str(place / "plan.json")]) == 0
     text = (ARMS / "drive.toml").read_text()
     (place / "own.toml").write_text(text)
     (place / "bare.toml").write_text(text)
