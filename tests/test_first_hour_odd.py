@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime.cli import main, output
+from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import read
 from runtime.workspace.names import column_mapping
 from tests.runtime.recordings.formats import write_sqlite
@@ -111,7 +112,7 @@ def test_what_is_said_cures(tmp_path, capsys, name):
         typed += [word for option in cure for word in shlex.split(option)]
     assert (status, said[-1]) == (0, "Nothing looks wrong; with MODEL more can be checked.")
     cells = [cell for option, cell in zip(typed[::2], typed[1::2], strict=True) if option in ("--map", "--columns")]
-    r = read(path, 2, column_mapping(cells))
+    r = read(path, RecordedArm.without_model(2), column_mapping(cells))
     np.testing.assert_allclose(np.diff(r.t), np.diff(m["t"]), atol=1e-6)
     np.testing.assert_allclose(r.q, m["q"], rtol=1e-9)
     np.testing.assert_allclose(r.tau, m["tau"], rtol=1e-9)
@@ -129,7 +130,11 @@ def test_exchanged_torques_without_a_model(tmp_path, capsys, seed):
         return
     assert "if its sign is wrong, pass " in said
     typed = _CURE.findall(said.partition("; if torques stand in each other's place, ")[2])
-    r = read(path, 2, column_mapping([cell for option in typed for cell in shlex.split(option)[1::2]]))
+    r = read(
+        path,
+        RecordedArm.without_model(2),
+        column_mapping([cell for option in typed for cell in shlex.split(option)[1::2]]),
+    )
     np.testing.assert_allclose(r.tau, m["tau"], rtol=1e-9)
 
 

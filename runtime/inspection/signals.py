@@ -16,6 +16,7 @@ from runtime.motion.white_noise import SampleNoise
 from runtime.recordings import recording as recorded
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import RecordedField
+from runtime.recordings.names import FAMILY, bare
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import GAP, ROUNDING
 
@@ -41,7 +42,6 @@ _UNIT_WORDS: Sequence[tuple[str, str]] = (
     (r"amps|current|iq|(?:current|strom|iq?)(?:_\w+)?_a", "A"),
 )
 """Words at the end of a name, with _ before its capitals -> the unit that they mean. A joint may be called a."""
-_NUMBERED = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 
 
 def map_options(fields: Sequence[RecordedField]) -> list[str]:
@@ -51,7 +51,7 @@ def map_options(fields: Sequence[RecordedField]) -> list[str]:
     """
     found, home = [], None
     for signal in ("q", "tau", "t"):
-        if any(re.fullmatch(rf"{signal}1?", _without_unit(f.name)) for f in fields):
+        if any(re.fullmatch(rf"{signal}1?", bare(f.name)) for f in fields):
             continue
         candidates = [f for f in fields if _signal_in_name(f.name) == signal and (home is None or f.clock == home)]
         if not candidates:
@@ -61,20 +61,16 @@ def map_options(fields: Sequence[RecordedField]) -> list[str]:
         stem, several = _family(best, fields)
         unit = unit_in_name(best.name)
         if several or signal == "t":
-            named = {signal: stem if several else _without_unit(best.name)}
+            named = {signal: stem if several else bare(best.name)}
         else:
-            named = {f"{signal}{k}": _without_unit(name) for k, name in enumerate(_alike(best.name, fields), 1)}
+            named = {f"{signal}{k}": bare(name) for k, name in enumerate(_alike(best.name, fields), 1)}
         found += [f'--map {name}="{field}{f" [{unit}]" if unit else ""}"' for name, field in named.items()]
     return found
 
 
 def _parts(name: str) -> list[str]:
-    spread = re.sub(r"([a-z])([A-Z])", r"\1 \2", _without_unit(name))
+    spread = re.sub(r"([a-z])([A-Z])", r"\1 \2", bare(name))
     return [word for word in re.split(r"[^a-zA-Z]+", spread.lower()) if word]
-
-
-def _without_unit(name: str) -> str:
-    return re.sub(r"\s*\[\D[^\[\]]*\]\s*$", "", name.strip())
 
 
 def _signal_in_name(name: str) -> str | None:
@@ -90,10 +86,10 @@ def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, 
     """The name of a field without its joint, and whether other joints have the like."""
     if best.joint is not None:
         return best.name.removesuffix(f".{best.joint}"), True
-    match = _NUMBERED.fullmatch(_without_unit(best.name))
+    match = FAMILY.fullmatch(bare(best.name))
     if match is None:
         return best.name, False
-    like = [f for f in fields if (m := _NUMBERED.fullmatch(_without_unit(f.name))) and m[1] == match[1]]
+    like = [f for f in fields if (m := FAMILY.fullmatch(bare(f.name))) and m[1] == match[1]]
     return match[1], len(like) > 1
 
 

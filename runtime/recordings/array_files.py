@@ -1,4 +1,4 @@
-"""Files of arrays: variables of one or two dimensions, a column for each joint; HDF5, MATLAB, NumPy and Parquet."""
+"""Recordings as arrays of one or two dimensions, a column for each joint: HDF5, MATLAB, NumPy and Parquet."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from runtime.recordings.contents import Array, RecordedField, Refusal, Samples, 
 from runtime.recordings.settings import LARGEST_MATRIX, LEAST_SIGNAL, MAX_BYTES, MOST_FIELDS
 
 _TIMES = re.compile(r"(t|time|timestamp|stamp)s?(\d?|_.*)", re.IGNORECASE)
-"""The last part of the name of a variable that holds instants."""
+"""The last part of the name of a variable that is a time."""
 _WHOLE_IN_FLOAT = 2**53
 
 
@@ -29,9 +29,9 @@ _WHOLE_IN_FLOAT = 2**53
 class Variable:
     """An array in a file, before it is read.
 
-    name    with the names of what it lies in before it, "." or "/" between
+    name    with the names of its groups or structs before it, separated by "." or "/"
     shape   as the file states it
-    load    reads it whole
+    load    reads the whole array
     """
 
     name: str
@@ -40,7 +40,7 @@ class Variable:
 
     @property
     def along(self) -> int:
-        """The axis of the samples: the longer one."""
+        """The axis of the samples, the longer one."""
         return int(np.argmax(self.shape))
 
     @property
@@ -49,28 +49,28 @@ class Variable:
 
     @property
     def width(self) -> int:
-        """Its columns."""
+        """Number of its columns."""
         return min(self.shape) if len(self.shape) == 2 else 1
 
     @property
     def is_signal(self) -> bool:
-        """Whether it can hold samples of some joints."""
+        """Whether its shape is that of samples of joints."""
         return len(self.shape) in (1, 2) and self.samples >= LEAST_SIGNAL and 0 < self.width <= LARGEST_MATRIX
 
     @property
     def place(self) -> str:
-        """What stands before the number of a sample."""
+        """See RecordedField.place."""
         return f"{self.name} {'column' if self.along else 'row' if len(self.shape) == 2 else 'sample'}"
 
     @property
     def home(self) -> str:
-        """What it lies in."""
+        """The group or struct that contains it."""
         return re.match(r"(.*?)[^./]*$", self.name, re.DOTALL)[1].rstrip("./")  # type: ignore[index]
 
 
 @dataclass(frozen=True)
 class ArrayContents:
-    """Variables whose columns are fields: q (N, 6) is q1 to q6, and what is called time is the clock beside it."""
+    """Variables whose columns are fields: q (N, 6) is q1 to q6. A variable called time is the clock of its group."""
 
     format: str
     variables: Sequence[Variable]
@@ -82,7 +82,7 @@ class ArrayContents:
 
     @cached_property
     def _columns(self) -> list[tuple[Variable, int, str]]:
-        """Variable, column and name of every field."""
+        """Variable, column and name of each field."""
         found = []
         for variable in self.variables:
             if variable.is_signal:
@@ -94,12 +94,14 @@ class ArrayContents:
             self.refuse(f"has {len(found)} columns; expected at most {MOST_FIELDS}")
         if not found:
             named = ", ".join(f"{v.name} {v.shape}" for v in self.variables[:8])
-            self.refuse(f"holds no variables with samples of one or two dimensions; it has {named or 'none'}")
+            self.refuse(
+                f"has no variable of one or two dimensions with samples of joints; it has {named or 'no variables'}"
+            )
         return found
 
     @cached_property
     def _timed(self) -> dict[tuple[str, int], Variable]:
-        """By what variables lie in and their number of samples, the one with the instants."""
+        """(group, number of samples) -> the variable with the time."""
         found: dict[tuple[str, int], Variable] = {}
         for variable in self.variables:
             last = variable.name[len(variable.home) :].lstrip("./")
@@ -108,7 +110,7 @@ class ArrayContents:
         return found
 
     def _clock(self, variable: Variable) -> str:
-        """The nearest time around a variable that has as many samples, else its number of samples."""
+        """The time of the same length in the innermost group around a variable, else its number of samples."""
         home = variable.home
         while True:
             if time := self._timed.get((home, variable.samples)):
@@ -139,13 +141,15 @@ class ArrayContents:
         return Samples(signals, np.arange(1, length + 1), places)
 
     def _read(self, variable: Variable, beside: int) -> Array:
-        """(columns, N) of a variable; whole numbers too long for a float less the first."""
+        """(columns, N) of a variable; integers too large for a float count from the first."""
         size = 8 * int(np.prod([float(n) for n in variable.shape])) + beside
         if size > MAX_BYTES:
             self.refuse(f"{variable.name} has {variable.shape} numbers; expected at most {MAX_BYTES // 10**9} GB")
         values = variable.load()
         if values.shape != variable.shape:
-            self.refuse(f"{variable.name} has {values.shape} numbers where the file states {variable.shape}")
+            self.refuse(
+                f"{variable.name} has {values.shape} numbers, and the file states {variable.shape}; copy the file again"
+            )
         if values.dtype.kind in "mM":
             values = values.astype("datetime64[ns]" if values.dtype.kind == "M" else "timedelta64[ns]")
             return (values.reshape(1, -1) - values.flat[0]).astype(np.int64) * 1e-9
@@ -156,7 +160,7 @@ class ArrayContents:
 
 
 def is_numeric(dtype: np.dtype[Any]) -> bool:
-    """Whether an array's entries can be readings."""
+    """Whether an array's entries are numbers or times."""
     return dtype.kind in "biuf" or dtype.kind in "mM"
 
 
@@ -164,11 +168,11 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 MATLAB_7_3 = b"MATLAB 7.3"
 _HDF5_ERRORS = (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError, MemoryError)
 HDF5_USER_BLOCK = 512
-"""Where the signature stands in a file that begins with something of another program."""
+"""Position of the signature in a file that begins with a block of another program."""
 
 
 def open_hdf5(path: Path, refuse: Refusal) -> ArrayContents:
-    """The datasets of an HDF5 file; links to other files are not followed. Raises RecordingError."""
+    """The datasets of an HDF5 file; links to other files are ignored. Raises RecordingError."""
     require("h5py", "hdf5", "HDF5, and MATLAB since 7.3,", refuse)
     import h5py
 
@@ -200,7 +204,7 @@ def _add(variables: list[Variable], shown: str, node: Any, load: Any, path: Path
 
 
 def _is_plain(node: Any) -> bool:
-    """Whether a dataset's numbers stand in this file and are no text."""
+    """Whether a dataset is in this file and is not text."""
     return not node.is_virtual and not node.external and node.attrs.get("MATLAB_class") != b"char"
 
 
@@ -224,7 +228,7 @@ def open_matlab(path: Path, refuse: Refusal) -> ArrayContents:
     from scipy.io import loadmat
 
     _check_lengths(path, refuse)
-    # SciPy meets damaged files with whatever its parts raise.
+    # SciPy raises exceptions of many types on damaged files.
     with refuse.on((Exception,), "the MATLAB file is damaged", "save it again"):
         variables = loadmat(path, struct_as_record=True, squeeze_me=False)
     found: list[Variable] = []
@@ -237,7 +241,7 @@ def open_matlab(path: Path, refuse: Refusal) -> ArrayContents:
 
 
 def _within(name: str, value: Any, depth: int) -> Iterator[Variable]:
-    """The numeric arrays in a value, through structs and arrays of them."""
+    """The numeric arrays in a value, also in nested structs."""
     if not isinstance(value, np.ndarray) or depth == 0:
         return
     if value.dtype.names:
@@ -247,21 +251,11 @@ def _within(name: str, value: Any, depth: int) -> Iterator[Variable]:
                 yield from _within(f"{element}.{part}", entry[part], depth - 1)
     elif is_numeric(value.dtype):
         shape = tuple(n for n in value.shape if n != 1) or (1,)
-        yield Variable(name, shape, _Kept(value.reshape(shape)))
-
-
-class _Kept:
-    """An array that is read already."""
-
-    def __init__(self, values: NDArray[Any]) -> None:
-        self.values = values
-
-    def __call__(self) -> NDArray[Any]:
-        return self.values
+        yield Variable(name, shape, partial(value.reshape, shape))
 
 
 def _check_lengths(path: Path, refuse: Refusal) -> None:
-    """Refuses a file whose elements are cut off, or unpack to more than can be kept, before anything is kept."""
+    """Refuses a file that is cut off or decompresses to more than MAX_BYTES, before SciPy reads it."""
     size, total = path.stat().st_size, 0
     damage = (StructError, zlib.error)
     with refuse.on(damage, "the MATLAB file is damaged or cut off", "copy it again"), open(path, "rb") as file:
@@ -273,12 +267,12 @@ def _check_lengths(path: Path, refuse: Refusal) -> None:
                 refuse("the MATLAB file is cut off; copy it again")
             total += _unpacked_size(file.read(length)) if kind == _COMPRESSED else length
             if total > MAX_BYTES:
-                refuse(f"the MATLAB file unpacks to more than {MAX_BYTES // 10**9} GB; save what is needed of it")
+                refuse(f"the MATLAB file decompresses to more than {MAX_BYTES // 10**9} GB; save only what is needed")
             file.seek(end)
 
 
 def _unpacked_size(data: bytes) -> int:
-    """To how many bytes an element unpacks, counted up to the limit and not kept."""
+    """Number of bytes of a decompressed element, counted up to the limit without keeping them."""
     inflate, total, left = zlib.decompressobj(), 0, data
     while left and total <= MAX_BYTES:
         total += len(inflate.decompress(left, _PIECE))
@@ -290,7 +284,7 @@ NPY = b"\x93NUMPY"
 ZIP = b"PK\x03\x04"
 _NUMPY_ERRORS = (ValueError, EOFError, KeyError, OSError, zipfile.BadZipFile, zlib.error, RuntimeError, MemoryError)
 _ALONE = "column"
-"""The name of the array in a file that holds one."""
+"""Name of the array in a .npy file, which has no names."""
 
 
 def open_numpy(path: Path, refuse: Refusal) -> ArrayContents:
@@ -298,8 +292,7 @@ def open_numpy(path: Path, refuse: Refusal) -> ArrayContents:
     with refuse.on(_NUMPY_ERRORS, "the NumPy file is damaged or cut off", "copy it again"), open(path, "rb") as file:
         alone = file.read(len(NPY)) == NPY
         file.seek(0)
-        again = partial(_open_alone, path)
-        variables = _variables(_ALONE, file, again, refuse) if alone else _of_archive(path, refuse)
+        variables = _variables(_ALONE, file, partial(path.open, "rb"), refuse) if alone else _of_archive(path, refuse)
     return ArrayContents("NumPy", variables, refuse)
 
 
@@ -310,7 +303,7 @@ def _of_archive(path: Path, refuse: Refusal) -> list[Variable]:
             refuse("is an Excel workbook; save the sheet as CSV")
         members = [m for m in members if m.filename.endswith(".npy")]
         if not members:
-            refuse("is a ZIP archive without NumPy arrays; expected a recording, or unpack it first")
+            refuse("is a ZIP archive without NumPy arrays; unpack the recording first")
         if len(members) > MOST_FIELDS:
             refuse(f"has {len(members)} arrays; expected at most {MOST_FIELDS}")
         found = []
@@ -322,25 +315,23 @@ def _of_archive(path: Path, refuse: Refusal) -> list[Variable]:
         return found
 
 
-def _open_alone(path: Path) -> IO[bytes]:
-    return open(path, "rb")
-
-
 def _open_member(path: Path, name: str) -> IO[bytes]:
     with zipfile.ZipFile(path) as archive:
         return archive.open(name)
 
 
 def _variables(
-    name: str, file: IO[bytes], again: Callable[[], IO[bytes]], refuse: Refusal, length: int | None = None
+    name: str, file: IO[bytes], again: Callable[[], Any], refuse: Refusal, length: int | None = None
 ) -> list[Variable]:
-    """The numeric arrays behind a header. length: in bytes of what follows, as the archive states it."""
+    """The numeric arrays after a header. length: of the file in bytes, as the archive states it."""
     version = npy.read_magic(file)
     read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     shape, _, dtype = read_header(file)
     size = int(np.prod([float(n) for n in shape])) * dtype.itemsize
     if size > MAX_BYTES or (length is not None and size > length):
-        refuse(f"{name} states {shape} numbers; expected what the file holds, {MAX_BYTES // 10**9} GB at most")
+        refuse(
+            f"{name} states {shape} numbers, more than the file holds, or over {MAX_BYTES // 10**9} GB; save it again"
+        )
     if dtype.names:
         return [
             Variable(f"{name}.{part}", tuple(shape), partial(_load_numpy, again, part, refuse))
@@ -350,7 +341,7 @@ def _variables(
     return [Variable(name, tuple(shape), partial(_load_numpy, again, None, refuse))] if is_numeric(dtype) else []
 
 
-def _load_numpy(again: Callable[[], IO[bytes]], part: str | None, refuse: Refusal) -> NDArray[Any]:
+def _load_numpy(again: Callable[[], Any], part: str | None, refuse: Refusal) -> NDArray[Any]:
     with refuse.on(_NUMPY_ERRORS, "the NumPy file is damaged or cut off", "copy it again"), again() as file:
         values = npy.read_array(file, allow_pickle=False)
     return np.asarray(values if part is None else values[part])
@@ -385,16 +376,16 @@ def open_parquet(path: Path, refuse: Refusal) -> ArrayContents:
 
 
 def refuse_without_torque(names: Sequence[str], refuse: Refusal) -> None:
-    """Refuses a data set for learning to imitate that holds no torque."""
+    """Refuses a LeRobot data set, which is for imitation learning, if it has no torques."""
     if set(names) >= _LEROBOT and not any(_TORQUE.search(name) for name in names):
         refuse(
-            "is a LeRobot data set: it has positions (observation.state) and actions, but neither torque nor current, "
-            "without which no model can be compared; record the motors' torque or current as well"
+            "is a LeRobot data set: it has positions (observation.state) and actions, but neither torque nor current; "
+            "record the motors' torque or current as well, which a comparison with a model needs"
         )
 
 
 def _width(file: Any, entry: Any) -> int | None:
-    """None for a column of numbers, else how many each row lists; 0 for what holds no numbers."""
+    """None for a column of numbers, else how many numbers each row lists; 0 for other columns."""
     from pyarrow import types
 
     kind = entry.type
@@ -413,7 +404,7 @@ def _load_parquet(path: Path, name: str, refuse: Refusal) -> NDArray[Any]:
     from pyarrow import ArrowException, parquet, types
 
     damage = (ArrowException, OSError, ValueError, MemoryError)
-    with refuse.on(damage, f"{name} is damaged, or not as long in each row", "write the file again"):
+    with refuse.on(damage, f"{name} is damaged, or its rows differ in length", "write the file again"):
         column = parquet.read_table(path, columns=[name]).column(0).combine_chunks()
         if types.is_fixed_size_list(column.type) or types.is_list(column.type):
             values = column.flatten().to_numpy(zero_copy_only=False)

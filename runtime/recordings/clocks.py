@@ -1,10 +1,10 @@
-"""By how much the clock of the torques differs from that of the positions, told by the motion itself.
+"""Signals of several clocks brought to one: resampling, and the offset between the clocks of torques and positions.
 
-What stamps one topic may be another machine, or the same one a queue later. A torque answers the motion at its own
-instant: it is a combination of accelerations, rates, signs of rates and functions of the positions, whatever the arm.
-Over trial shifts that combination is fitted anew; where it explains the torques best, the clocks meet. All are smoothed
-by one kernel. What it leaves out, the arm's coupling and much of its friction, pulls kernels of different widths to
-different shifts: by how much they differ, and by a part of a sample, so much is the answer worth.
+Topics may be stamped by another machine or after a queue. At each instant the torque of any arm is about a linear
+combination of accelerations, rates, signs of rates and functions of the positions. This combination is fitted for trial
+shifts of the torques; the shift with the smallest residual is the offset between the clocks. All signals are smoothed
+by one kernel. The uncertainty is the difference between kernels of different widths, which the neglected coupling and
+friction bias differently, and a part of a sample.
 
 Source: separable least squares in the delay, Ljung, System Identification, 1999; derivatives of a Gaussian as filters,
 Lindeberg, Scale-Space Theory, 1994.
@@ -39,41 +39,40 @@ from runtime.recordings.settings import (
 
 @dataclass(frozen=True)
 class ClockShift:
-    """s by which one clock's stamps are later than another's, and what of it is uncertain."""
+    """Offset in s by which one clock's stamps are later than another's, and its standard error in s."""
 
     value: float
     error: float
 
     @property
-    def clear(self) -> bool:
-        """Whether there is one."""
+    def significant(self) -> bool:
+        """Whether it differs from zero."""
         return abs(self.value) > CLOCK_SHIFT_CLEAR * self.error
 
 
 def torque_shift(t: Array, q: Array, there: Array, tau: Array) -> ClockShift | None:
-    """By how much torques (k, M), stamped at `there` (M,), are stamped later than positions (n, N) at t (N,).
+    """Offset between the clocks of torques (k, M) at `there` (M,) and positions (n, N) at t (N,).
 
-    The first k positions are those of the torques' joints.
-
-    None where the motion does not tell. Joints without motion or torque tell nothing.
+    The first k positions are those of the torques' joints; joints without motion or torque are left out.
+    None where the motion does not determine the offset.
     """
     step = max(float(np.median(np.diff(t))), float(np.median(np.diff(there))))
     begin, end = max(t[0], there[0]), min(t[-1], there[-1])
     at = np.arange(begin, min(end, begin + CLOCK_SHIFT_SAMPLES * step), step)
     most = round(CLOCK_SHIFT_MOST / step)
     moved = [x for x in q if np.ptp(x) > 0]
-    told = [(x, y) for x, y in zip(q, tau, strict=False) if np.ptp(x) > 0 and np.ptp(y) > 0]
-    if len(at) <= 4 * most or not told:
+    used = [(x, y) for x, y in zip(q, tau, strict=False) if np.ptp(x) > 0 and np.ptp(y) > 0]
+    if len(at) <= 4 * most or not used:
         return None
     positions = [np.interp(at, t, x) for x in moved]
     found = []
     for width in (max(seconds / step, 1.0) for seconds in CLOCK_SHIFT_SMOOTHING):
-        others, left = _features(positions, width), np.zeros(2 * most + 1)
-        for x, y in told:
+        others, residual = _features(positions, width), np.zeros(2 * most + 1)
+        for x, y in used:
             own = gaussian_filter1d(np.sign(gaussian_filter1d(np.interp(at, t, x), width, order=1)), width)
             torque = gaussian_filter1d(np.interp(at, there, y), width)
-            left += _left(np.vstack([others, own]), torque, most)
-        found.append(_least(left / len(told), most, step))
+            residual += _residual(np.vstack([others, own]), torque, most)
+        found.append(_smallest(residual / len(used), most, step))
     shifts = [shift for shift in found if shift is not None]
     if len(shifts) < len(found):
         return None
@@ -81,7 +80,7 @@ def torque_shift(t: Array, q: Array, there: Array, tau: Array) -> ClockShift | N
 
 
 def _features(positions: list[Array], width: float) -> Array:
-    """(K, N) what torques combine: of each joint's position (N,) its derivatives and its sine and cosine."""
+    """(K, N) signals that torques combine: derivatives, sine and cosine of each joint's position (N,)."""
     rows = [np.ones(len(positions[0]))]
     for x in positions:
         rows += [gaussian_filter1d(x, width, order=k) for k in (1, 2)]
@@ -89,8 +88,8 @@ def _features(positions: list[Array], width: float) -> Array:
     return np.array(rows)
 
 
-def _left(features: Array, torque: Array, most: int) -> Array:
-    """(2 most + 1,) what part of a torque (N,) features (K, N) leave where it is taken −most to most samples later."""
+def _residual(features: Array, torque: Array, most: int) -> Array:
+    """(2 most + 1,) part of a torque (N,) that features (K, N) do not explain, for shifts of −most to most samples."""
     inside = slice(most, len(torque) - most)
     basis, size, _ = np.linalg.svd(features[:, inside].T, full_matrices=False)
     basis = basis[:, size > size[0] * np.sqrt(np.finfo(float).eps)]
@@ -103,26 +102,26 @@ def _left(features: Array, torque: Array, most: int) -> Array:
     return rest
 
 
-def _least(left: Array, most: int, step: float) -> float | None:
-    """s at which least is left; of several that are as good, as in a periodic motion, the nearest to none."""
-    inner = left[1:-1]
-    valleys = 1 + np.flatnonzero((inner <= left[:-2]) & (inner <= left[2:]))
-    if not len(valleys) or left[valleys].min() > CLOCK_SHIFT_STANDS_OUT * np.median(left):
+def _smallest(residual: Array, most: int, step: float) -> float | None:
+    """Shift in s with the smallest residual; of several equal minima, as in periodic motion, the one nearest to 0."""
+    inner = residual[1:-1]
+    valleys = 1 + np.flatnonzero((inner <= residual[:-2]) & (inner <= residual[2:]))
+    if not len(valleys) or residual[valleys].min() > CLOCK_SHIFT_STANDS_OUT * np.median(residual):
         return None
-    tied = valleys[left[valleys] <= CLOCK_SHIFT_TIED * max(left[valleys].min(), ROUNDING)]
+    tied = valleys[residual[valleys] <= CLOCK_SHIFT_TIED * max(residual[valleys].min(), ROUNDING)]
     k = int(tied[np.argmin(np.abs(tied - most))])
-    before, here, after = left[k - 1 : k + 2]
+    before, here, after = residual[k - 1 : k + 2]
     bend = before - 2 * here + after
     return float((k - most + (0.5 * (before - after) / bend if bend > 0 else 0.0)) * step)
 
 
 @dataclass(frozen=True)
 class BroughtClock:
-    """Signals of a clock that were brought to that of the positions, `home`.
+    """Signals of one clock, resampled at the times of the positions, whose clock is `home`.
 
     rate, home_rate   Hz
-    shift             by how much its stamps are later than the motion, as far as that is told; of torques only
-    corrected         whether they were set right by it
+    shift             offset between the clocks; None: not determined, or no torques are among the signals
+    corrected         whether the stamps were corrected by it
     """
 
     name: str
@@ -134,32 +133,31 @@ class BroughtClock:
     corrected: bool
 
     def __str__(self) -> str:
-        to = f"to the instants of the positions of {self.home} ({self.home_rate:.4g} Hz)"
-        return f"{', '.join(self.signals)} of {self.name} ({self.rate:.4g} Hz) brought {to}{self._shifted()}"
-
-    def _shifted(self) -> str:
+        to = f"at the times of the positions of {self.home} ({self.home_rate:.4g} Hz)"
+        resampled = f"{', '.join(self.signals)} of {self.name} ({self.rate:.4g} Hz) resampled {to}"
         if not any(signal.startswith("tau") for signal in self.signals):
-            return ""
+            return resampled
         if self.shift is None:
-            return "; by how much their clocks differ, the motion does not tell"
+            return f"{resampled}; the offset between their clocks cannot be determined from this motion"
         seconds, error = abs(self.shift.value), self.shift.error
         if not self.corrected:
-            return f"; their clocks differ by {seconds + error:.2g} s at most, if at all"
-        said = f"{seconds:.3g} s (± {error:.1g} s) {'later' if self.shift.value > 0 else 'sooner'} than the motion"
-        if self.shift.value > 0:
-            return f" and set right: they are stamped {said} that they drive"
-        return f" and set right: they are stamped {said} that they drive, by another clock or before a drive's delay"
+            return f"{resampled}; the offset between their clocks is at most {seconds + error:.2g} s"
+        side = "later" if self.shift.value > 0 else "earlier"
+        why = "" if self.shift.value > 0 else " (another clock, or a delay of the drive)"
+        return (
+            f"{resampled} and corrected: their stamps are {seconds:.3g} s (± {error:.1g} s) {side} than the motion{why}"
+        )
 
 
 def on_one(
     contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal
 ) -> tuple[Samples, tuple[BroughtClock, ...]]:
-    """The used columns in SI over the instants of the positions, and what was brought there."""
+    """The used columns in SI at the times of the positions, and the clocks that were resampled."""
     of_t = contents.fields[used["t"].index].clock
     groups: dict[str, dict[str, Column]] = {}
     for name, column in used.items():
         clock = contents.fields[column.index].clock
-        # What has no time of its own goes by the one that is called t.
+        # Fields without a time of their own share t.
         groups.setdefault(clock if clock in contents.times else of_t, {})[name] = column
     groups.setdefault(of_t, {}).pop("t")
     home = next(clock for clock, members in groups.items() if "q1" in members)
@@ -173,12 +171,12 @@ def on_one(
     for clock, found in tables.items():
         other = _ascending(found, clock, allow_gaps, refuse)
         if np.array_equal(other.signals["t"], positions.signals["t"]):
-            # Topics of one node, each with the same stamps.
+            # Topics of one node, with equal stamps.
             table = _joined(table, other, clock, allow_gaps, refuse)
             continue
         shift = None if "run" in table.signals else _shift(positions, other)
         apart = CLOCK_SHIFT_LEAST / min(_rate(positions), _rate(other))
-        corrected = shift is not None and shift.clear and abs(shift.value) > apart
+        corrected = shift is not None and shift.significant and abs(shift.value) > apart
         if shift is not None and corrected:
             other = replace(other, signals=other.signals | {"t": other.signals["t"] - shift.value})
         table = _joined(table, other, clock, allow_gaps, refuse)
@@ -188,13 +186,13 @@ def on_one(
 
 
 def _shift(positions: Samples, other: Samples) -> ClockShift | None:
-    """By how much the torques of another clock are stamped later than the motion; None where it has none."""
+    """Offset of the clock of the torques among `other`; None without torques or where it cannot be determined."""
     joints = [name.removeprefix("tau") for name in other.signals if name.removeprefix("tau").isdigit()]
     both = [k for k in joints if f"q{k}" in positions.signals]
     t = positions.signals["t"]
     if not both or (np.diff(t) <= 0).any():
         return None
-    # Joints whose torques are stamped so come first, each beside its position; the others' positions follow.
+    # Joints with a torque on this clock come first, as torque_shift expects.
     rest = [name for name in positions.signals if name[:1] == "q" and name[1:].isdigit() and name[1:] not in both]
     q = np.array([positions.signals[name] for name in (*(f"q{k}" for k in both), *rest)])
     tau = np.array([other.signals[f"tau{k}"] for k in both])
@@ -202,34 +200,34 @@ def _shift(positions: Samples, other: Samples) -> ClockShift | None:
 
 
 def _rate(table: Samples) -> float:
-    """Hz."""
+    """Median sampling rate, Hz."""
     step = float(np.median(np.diff(table.signals["t"]))) if len(table.numbers) > 1 else 0.0
     return 1 / step if step > 0 else np.inf
 
 
 def _time(contents: Contents, clock: str, t: Column, of_t: str) -> Column:
-    """The time of a clock, in the unit of the one that is called t."""
+    """The time of a clock, in the unit of t."""
     if clock == of_t:
         return t
     return replace(t, index=contents.times[clock], cell=contents.fields[contents.times[clock]].name)
 
 
 def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal) -> Samples:
-    """Fields of one clock in SI, finite."""
+    """Fields of one clock in SI, checked to be finite."""
     raw = contents.load({name: column.index for name, column in used.items()})
     lengths = {name: len(values) for name, values in raw.signals.items()}
     if len(set(lengths.values())) > 1:
         name = next(n for n in lengths if lengths[n] != lengths["t"])
         refuse(
-            f"{name} has {lengths[name]} samples and t {lengths['t']}; expected as many, or a time beside each; "
-            "name the right one with --map t="
+            f"{name} has {lengths[name]} samples and t has {lengths['t']}; expected equal numbers, or a time of "
+            "its own for each; name the right time with --map t="
         )
     signals = {name: used[name].in_si(values) for name, values in raw.signals.items()}
     return check_finite(replace(raw, signals=signals), allow_gaps, refuse)
 
 
 def _ascending(other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) -> Samples:
-    """Samples of a clock that runs forwards."""
+    """The samples with increasing time; refuses others unless gaps are allowed."""
     there = other.signals["t"]
     if len(there) < MIN_SAMPLES:
         refuse(f"only {len(there)} samples in {clock}; expected at least {MIN_SAMPLES}")
@@ -238,19 +236,22 @@ def _ascending(other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) ->
         return other
     if not allow_gaps:
         k = int(np.argmax(back)) + 1
-        refuse(f"time runs backwards, {there[k]:.9g} s after {there[k - 1]:.9g} s", other.at("t", k))
+        refuse(
+            f"time runs backwards, {there[k]:.9g} s after {there[k - 1]:.9g} s; pass --allow-gaps to drop them",
+            other.at("t", k),
+        )
     return other.kept(np.concatenate([[True], there[1:] > np.maximum.accumulate(there)[:-1]]))
 
 
 def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) -> Samples:
-    """A table with the signals of another clock at its instants, where that has some."""
+    """A table with the signals of another clock interpolated at its times, where that clock has samples."""
     t, there = table.signals["t"], other.signals["t"]
     steps = np.diff(there)
     inside = (t >= there[0]) & (t <= there[-1])
     if np.count_nonzero(inside) < MIN_SAMPLES:
         refuse(
             f"{clock} runs from {there[0]:.9g} to {there[-1]:.9g} s and the positions from {t[0]:.9g} to {t[-1]:.9g} "
-            f"s; expected at least {MIN_SAMPLES} samples in common"
+            f"s; expected at least {MIN_SAMPLES} samples in both"
         )
     known = _covered(t, there, steps)
     if (hole := inside & ~known).any() and not allow_gaps:
@@ -267,7 +268,7 @@ def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse
 
 
 def _covered(t: Array, there: Array, steps: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """(N,) whether an instant lies in no gap of another clock."""
+    """(N,) whether a time lies outside the gaps of another clock."""
     after = np.clip(np.searchsorted(there, t), 1, len(steps))
     sampled = (there[after] == t) | (there[after - 1] == t)
     covered: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = sampled | (
@@ -277,7 +278,7 @@ def _covered(t: Array, there: Array, steps: Array) -> np.ndarray[tuple[int, ...]
 
 
 def _at(there: Array, x: Array, t: Array) -> Array:
-    from scipy.interpolate import make_interp_spline  # where it is used: it takes longer to load than a fit
+    from scipy.interpolate import make_interp_spline  # slow to import
 
     spline: Array = make_interp_spline(there, x, k=SPLINE_DEGREE)(t)
     return spline

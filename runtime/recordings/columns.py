@@ -1,4 +1,4 @@
-"""Units of recorded signals: their dimension, and what one is in SI."""
+"""Which field of a file is which signal of the arm, and in which unit: columns by name, `--map`, conversion to SI."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _FACTORS = {
 }
 _ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9}
 UNITS = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
-"""unit: (dimension, factor to SI, its zero in SI); temperatures are kept in °C."""
+"""unit -> (dimension, factor to SI, offset in SI); temperatures are in °C."""
 
 EXAMPLES = {
     "time": "s or ms",
@@ -82,13 +82,13 @@ EXAMPLES = {
 
 
 def normal_unit(unit: str) -> str:
-    """A unit as the table has it."""
+    """A unit as it is spelled in UNITS."""
     unit = unit.replace("µ", "u").replace("μ", "u")
     return " ".join(re.sub(r"[·⋅*.]", " ", unit).split())
 
 
 def unit_hint(unit: str) -> str:
-    """What to do about a unit that is not known."""
+    """What to do about an unknown unit."""
     if unit.lower() in ("counts", "count", "cts", "inc", "increments", "ticks", "lsb", "qc"):
         return "convert it with the encoder's resolution first"
     by_lower = {known.lower(): known for known in UNITS}
@@ -97,13 +97,13 @@ def unit_hint(unit: str) -> str:
 
 
 NUMBERED = "#{}"
-"""The name of a column, counted from 1, where the file has none."""
-_LEAST, _MOVING = ("q", "tau"), ("q", "qd", "tau")
-"""Signals that a recording has of every joint."""
+"""Names of the columns, counted from 1, of a file without a header."""
+_LAYOUTS = (("q", "tau"), ("q", "qd", "tau"))
+"""Signals of every joint in a file without a header."""
 
 
 def in_order(names: str) -> Iterator[str]:
-    """`t,q1 [deg],-,tau1` as entries of `--map`: "t=#1", "q1=#2 [deg]", "tau1=#4"; `-` leaves a column out."""
+    """Names of the columns as entries of `--map`: `t,q1 [deg],-,tau1` is t=#1, q1=#2 [deg], tau1=#4; `-` skips one."""
     for number, cell in enumerate(names.split(","), 1):
         name, bracket, unit = cell.partition("[")
         if name.strip() not in ("", "-"):
@@ -111,16 +111,16 @@ def in_order(names: str) -> Iterator[str]:
 
 
 def unnamed(count: int, n: int | None = None) -> str:
-    """That a file begins with so many numbers, and what to type.
+    """The message for a file without a header whose lines have `count` numbers, with the option to type.
 
-    n   joints of the arm, read with rates and without where both may be; None where nobody knows, and whatever number
-        of joints comes out even is said
+    n   joints of the arm; None: the number that fits with rates, without rates, or both
     """
+    without, with_rates = _LAYOUTS
     if n is None:
-        fitting = [(s, (count - 1) // len(s)) for s in (_LEAST, _MOVING) if count > 1 and (count - 1) % len(s) == 0]
+        fitting = [(s, (count - 1) // len(s)) for s in _LAYOUTS if count > 1 and (count - 1) % len(s) == 0]
     else:
-        fitting = [(s, n) for s in (_MOVING, _LEAST) if s is _LEAST or count == 1 + len(s) * n]
-    layouts = [["t", *(f"{x}{i}" for x in s for i in range(1, k + 1))] for s, k in fitting or [(_LEAST, 1)]]
+        fitting = [(with_rates, n)] * (count == 1 + 3 * n) + [(without, n)]
+    layouts = [["t", *(f"{x}{i}" for x in s for i in range(1, k + 1))] for s, k in fitting or [(without, 1)]]
     begins = f"its first line is no header but {count} number{'s' if count > 1 else ''}"
     if len(layouts[0]) > count:
         return f"{begins}; expected at least {len(layouts[0])}: {','.join(layouts[0])}"
@@ -144,11 +144,11 @@ _KINDS = {
     ("temperature", ""): "temperature",
 }
 _SIGNED = ("position", "rate", "force")
-"""What a drive may count the other way round."""
+"""Kinds of signals whose sign `--map` may turn."""
 _PLAIN = {"t": "time", "run": "run"}
 IN_PLANE = {"fx": "force", "fy": "force"}
 IN_SPACE = {**IN_PLANE, "fz": "force", "mx": "torque", "my": "torque", "mz": "torque"}
-"""What acts on a planar arm, and on one in space, at the end-effector, in the order in which a recording has it."""
+"""Components of the force and moment at the tip of a planar and of a spatial arm, in the order of a recording."""
 
 
 @dataclass(frozen=True)
@@ -192,8 +192,8 @@ class RecordedArm:
 class Column:
     """A signal (`name`, e.g. "qd1") in field `index` of a file; SI value = factor * cell + offset.
 
-    cell   what `--map` takes for the field, with the unit in which it is read and a minus where it is turned round
-    unit   in which it is read, where the file or `--map` states one
+    cell   the field as `--map` takes it, with its unit, and a minus if its sign is turned
+    unit   None: neither the file nor `--map` states a unit
     """
 
     name: str
@@ -204,7 +204,7 @@ class Column:
     unit: str | None = None
 
     def in_si(self, values: Array) -> Array:
-        """Values (N,) of the field in SI."""
+        """Values (N,) of the field, converted to SI."""
         return values if (self.factor, self.offset) == (1.0, 0.0) else values * self.factor + self.offset
 
 
@@ -213,10 +213,10 @@ def columns(
 ) -> dict[str, Column]:
     """The columns of a recording by signal name.
 
-    header    the names of the file's fields
-    known     the same, those in other words that are understood in ours
-    mapping   signal name -> header cell, as `--map` gives it
-    fail      raises the error with the file's name before it
+    header    names of the file's fields
+    known     the same, translated to Tendon's names where they are understood
+    mapping   signal name -> field, from `--map`
+    fail      raises RecordingError with the file's name and the message
     """
     own, joints, space = [_split(cell) for cell in known], arm.joints, arm.space
     if not space:
@@ -229,11 +229,11 @@ def columns(
             fail(f"--map {name}: no such signal; {_signals(len(joints), space)}")
         index, unit, sign = _mapped(wanted, header, split, name, fail)
         if any(column.index == index for column in found.values()):
-            fail(f"--map {name}: column {quote(header[index])} is mapped twice")
+            fail(f"--map {name}: column {quote(header[index])} is mapped to two signals; expected one")
         column = _column(name, index, unit, joints, fail)
         column = replace(column, cell=wanted.strip(), unit=unit or None)
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
-            fail(f"--map {name}: {quote(wanted)} has a minus; expected one before positions, rates and torques only")
+            fail(f"--map {name}: {quote(wanted)} has a minus; only positions, rates and torques can change sign")
         found[name] = replace(column, factor=sign * column.factor)
     taken = {column.index for column in found.values()}
     mapped = set(found)
@@ -259,13 +259,13 @@ def _check_planar(names: Sequence[str], fail: Fail) -> None:
     beyond = next((name for name in names if name in IN_SPACE and name not in IN_PLANE), None)
     if beyond is not None:
         fail(
-            f"has a column {beyond}, but the arm is planar, and of what acts on it at the end-effector "
-            f"{' and '.join(IN_PLANE)} are known; drop the column or use the model of an arm in space"
+            f"has a column {beyond}, but the arm is planar: of the force at its tip, only {' and '.join(IN_PLANE)} are "
+            "read; drop the column or use the model of a spatial arm"
         )
 
 
 def _split(cell: str) -> tuple[str, str | None]:
-    """`name [unit]` as (name, unit); `name (unit)` only where the brackets hold a unit that is known."""
+    """`name [unit]` as (name, unit); `name (unit)` likewise if the unit is known."""
     cell = cell.strip()
     if (match := re.fullmatch(r"(.*?)\[([^\[\]]*)\]", cell)) and not match[2].strip().isdigit():
         return match[1].strip(), match[2].strip()
@@ -284,7 +284,7 @@ def _kind(name: str, n: int) -> str | None:
 
 
 def _is_signal(name: str, n: int, fail: Fail) -> bool:
-    """Whether this column is read; a joint that the model does not have is an error."""
+    """Whether a column is a signal of the arm; a signal of a joint that the model does not have is an error."""
     match = _JOINT_COLUMN.fullmatch(name)
     if match and not 1 <= int(match[2]) <= n and (match[1], match[3]) in _KINDS:
         joints = "1 joint" if n == 1 else f"{n} joints, counted from 1"
@@ -295,7 +295,7 @@ def _is_signal(name: str, n: int, fail: Fail) -> bool:
 def _mapped(
     wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]], name: str, fail: Fail
 ) -> tuple[int, str | None, int]:
-    """The cell that `--map` means, its unit and sign: the same text, or the same name in a corrected unit."""
+    """Index, unit and sign of the field that an entry of `--map` names; its unit replaces the one in the header."""
     hits, unit, sign = _hits(wanted, header, split), _split(wanted)[1], 1
     if not hits and wanted.strip().startswith("-"):
         wanted, sign = wanted.strip()[1:], -1
@@ -303,9 +303,7 @@ def _mapped(
     if len(hits) > 1:
         fail(f"--map {name}: {len(hits)} columns are called {quote(wanted)}; expected one")
     if not hits and wanted.startswith("#"):
-        fail(
-            f"--map {name}: no column {quote(wanted)}; the file has a header: {some(header)}; name its columns instead"
-        )
+        fail(f"--map {name}: no column {quote(wanted)}; the file has a header ({some(header)}); use its names")
     if not hits:
         close = difflib.get_close_matches(wanted, [h.strip() for h in header], n=1, cutoff=0.5)
         hint = f"did you mean {quote(close[0])}?" if close else f"the file has {some(header)}"
@@ -314,13 +312,13 @@ def _mapped(
 
 
 def fields_meant(wanted: str, header: Sequence[str]) -> list[int]:
-    """The cells of a header that an entry of `--map` means, with a minus or without."""
+    """Indices of the fields that an entry of `--map` names, with or without a minus."""
     split = [_split(cell) for cell in header]
     return _hits(wanted, header, split) or _hits(wanted.strip().removeprefix("-"), header, split)
 
 
 def _hits(wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | None]]) -> list[int]:
-    """The cells that a text means, the surest way to read it first; the last parts of a long name may do."""
+    """Indices of the fields that a text names: equal text, else equal names, else the last part of a long name."""
     cell, unit = _split(wanted)
     ends = (f".{cell}", f"/{cell}")
     ways = (
@@ -360,7 +358,7 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[RecordedAr
 
 
 def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> str:
-    """That there is no such column, and what to type. free: the cells that nothing is read from."""
+    """The message for a missing column, with the option to type. free: fields that are not read."""
     if header[0] == NUMBERED.format(1):
         return unnamed(len(header), n)
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
@@ -370,7 +368,7 @@ def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> s
     close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)
     example = by_name[close[0]] if close else "Header [unit]"
     if not free:
-        return f"no column {name}{joints}; the file has {some(header)}, and all are read; use the model of this arm"
+        return f"no column {name}{joints}; the file has {some(header)}, and all are used; use the model of this arm"
     return f"no column {name}{joints}; the file has {some(header)}; name it with --map {name}={quote(example)}"
 
 

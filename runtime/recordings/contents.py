@@ -38,13 +38,13 @@ class RecordingError(ValueError):
 
 
 def printable(text: object) -> str:
-    """Text for a message: one line, nothing that a terminal would act on."""
+    """Text for a message: one line, without characters that control a terminal."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in os.fsdecode(str(text)))
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """Refuses a file. shown: its name as people read it."""
+    """Refuses a file. shown: the file's name in messages."""
 
     shown: str
 
@@ -55,7 +55,7 @@ class Refusal:
 
     @contextmanager
     def on(self, errors: tuple[type[Exception], ...], what: str, cure: str) -> Iterator[None]:
-        """Refuses the file where reading it fails in one of these ways. what: what is wrong then; cure: what to do."""
+        """Turns these errors of a reading library into a refusal: `what` is wrong, and `cure` repairs it."""
         try:
             yield
         except RecordingError:
@@ -66,7 +66,7 @@ class Refusal:
 
 
 def require(package: str, extra: str, what: str, refuse: Refusal) -> None:
-    """Refuses a file for which a package lacks, and says how to get it. what: the format or the part of it."""
+    """Refuses a file whose format, `what`, needs a package that is not installed, and says how to install it."""
     if find_spec(package) is None:
         refuse(
             f"{what} needs {package}, the extra `{extra}` (pip install -e '.[{extra}]'); "
@@ -82,11 +82,11 @@ Numbers = NDArray[np.int64]
 class RecordedField:
     """A column of a file, before it is read.
 
-    name     as the file has it, with `[unit]` where the file states one
-    clock    what is sampled together has one: a topic, a group, a struct; "" where the file has but one
-    place    what stands before the number of a sample in a message: "line", "/joint_states message", "rec.q column"
-    signal   what the format itself says that it is, without a joint: "t", "q", "qd", "tau"; None: it does not say
-    joint    the joint's name, where the format has names for joints
+    name     as in the file, with `[unit]` where the file states a unit
+    clock    fields that are sampled together share a clock: a topic, a group, a struct; "" if the file has only one
+    place    precedes a sample's number in messages: "line", "/joint_states message", "rec.q column"
+    signal   "t", "q", "qd" or "tau" where the format defines it; None: it does not
+    joint    the joint's name, where the format names joints
     """
 
     name: str
@@ -101,8 +101,8 @@ class Samples:
     """Signals of one clock.
 
     signals   name -> (N,)
-    numbers   (N,) of the samples in the file, as its tools count them
-    places    of each signal, what stands before that number
+    numbers   (N,) of the samples in the file, counted as its own tools count
+    places    of each signal; see RecordedField.place
     """
 
     signals: dict[str, Array]
@@ -110,77 +110,73 @@ class Samples:
     places: Mapping[str, str]
 
     def at(self, name: str, sample: int) -> str:
-        """Where in the file a signal's sample stands."""
+        """The place of a signal's sample in the file."""
         return f"{self.places[name]} {self.numbers[sample]}"
 
     def kept(self, samples: NDArray[np.bool_]) -> Samples:
-        """Those samples (N,) alone."""
+        """Only the samples where this mask (N,) is true."""
         signals = {name: values[samples] for name, values in self.signals.items()}
         return replace(self, signals=signals, numbers=self.numbers[samples])
 
 
 class Contents(Protocol):
-    """A file that was opened and is understood, as the module of its format has it.
+    """An opened file, whatever its format.
 
-    format   its name, for people
-    header   where the names of the fields stand, for messages; "" where that is no place
+    format   the format's name in messages
+    header   where the names of the fields stand, such as "line 1"; "" in formats without a header
     fields   in the file's order
-    times    of a clock, the index of the field with its time; a clock without one is not among them
+    times    clock -> index of the field with its time; clocks without a time are left out
     """
 
     @property
-    def format(self) -> str:
-        """Of the file, as people call it."""
+    def format(self) -> str: ...
 
     @property
-    def header(self) -> str:
-        """The first line of a text, "" of other formats."""
+    def header(self) -> str: ...
 
     @property
-    def fields(self) -> Sequence[RecordedField]:
-        """All that can be read."""
+    def fields(self) -> Sequence[RecordedField]: ...
 
     @property
-    def times(self) -> Mapping[str, int]:
-        """Of every clock, the number of the field that is its time."""
+    def times(self) -> Mapping[str, int]: ...
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
-        """The fields of one clock by signal, as the file has them. wanted: signal -> index. Raises RecordingError."""
+        """Fields of one clock, in the file's units. wanted: signal -> index of the field. Raises RecordingError."""
         ...
 
 
 def some(names: Sequence[str], most: int = 8) -> str:
-    """Some of these names, for a message."""
+    """The first names of a list, quoted, for a message."""
     quoted = [quote(name.strip()) for name in names[:most]]
     return ", ".join(quoted) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def map_option(signal: str, cell: str) -> str:
-    """A signal from that field."""
+    """The option that reads a signal from a field."""
     return f'--map {signal}="{cell}"'
 
 
 def negated(cell: str) -> str:
-    """With the other sign."""
+    """A field for `--map`, with the opposite sign."""
     return cell.removeprefix("-") if cell.startswith("-") else f"-{cell}"
 
 
 def in_unit(cell: str, unit: str) -> str:
-    """In another unit than it was read in."""
+    """A field for `--map`, read in another unit."""
     return f"{without_unit(cell)} [{unit}]"
 
 
 def without_unit(cell: str) -> str:
-    """A field without its unit."""
+    """A field for `--map`, without its unit."""
     return cell.split(" [")[0]
 
 
 _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Units of a clock and their length in s, the coarsest first."""
+"""Units of time in s, the longest first."""
 
 
 def slow_clock(step: float, cell: str) -> str | None:
-    """What is wrong with a time, read from `cell`, of which the median step is `step` s, and the cure, if any."""
+    """A message if the median step (s) of the time in field `cell` is too long, with the unit to try; else None."""
     if not step > SLOWEST_STEP:
         return None
     unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
@@ -189,7 +185,7 @@ def slow_clock(step: float, cell: str) -> str | None:
 
 
 def fast_clock(step: float, cell: str) -> str | None:
-    """The same of one that is too short to be filtered: its filters would be longer than any recording."""
+    """A message if the median step (s) is so short that filters would be longer than the recording; else None."""
     if not step < FASTEST_STEP:
         return None
     return (
@@ -199,14 +195,13 @@ def fast_clock(step: float, cell: str) -> str | None:
 
 
 def unpowered(tau: Array) -> NDArray[np.bool_]:
-    """(n,) joints whose torque never changes by as much as a sensor tells: passive ones, or those of which no torque is
-    recorded. tau (n, N)."""
-    quiet: NDArray[np.bool_] = np.ptp(tau, axis=1) < SMALLEST
-    return quiet
+    """(n,) joints whose torque (n, N) is constant: passive joints, or joints without a recorded torque."""
+    constant: NDArray[np.bool_] = np.ptp(tau, axis=1) < SMALLEST
+    return constant
 
 
 def given_twice(samples: Sequence[tuple[Array, Array]]) -> tuple[int, int] | None:
-    """Indices of the first two of these positions and torques (n, N) each that are the same; None if none are."""
+    """Indices of the first two recordings with equal positions and torques, each (n, N); None if all differ."""
     for one, other in combinations(range(len(samples)), 2):
         pairs = list(zip(samples[one], samples[other], strict=True))
         if all(x.shape == y.shape and np.array_equal(x, y) for x, y in pairs):
@@ -215,24 +210,28 @@ def given_twice(samples: Sequence[tuple[Array, Array]]) -> tuple[int, int] | Non
 
 
 def check_finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
-    """The signals without NaN, infinite or absurd values; samples with NaN are dropped if gaps are allowed."""
+    """Refuses infinite and absurdly large values, and NaN unless gaps are allowed: then these samples are dropped."""
     drop = np.zeros(len(table.numbers), dtype=bool)
     for name, values in list(table.signals.items()):
         absent = np.isnan(values)
-        # A time since 1970 in ns is no reading that is out; what its steps say tells its unit.
+        # A time may count ns since 1970; whether its unit is right follows from its steps.
         largest = np.inf if name == "t" else LARGEST
         large = np.abs(values, where=~absent, out=np.zeros_like(values)) > largest
         large |= np.isinf(values)
         if large.any():
             k = int(np.argmax(large))
-            what = "infinite" if np.isinf(values[k]) else f"{values[k]:.3g}, too large for a reading"
+            what = (
+                "infinite"
+                if np.isinf(values[k])
+                else f"{values[k]:.3g}, more than any sensor reads (at most {LARGEST:g} in SI)"
+            )
             refuse(f"{name} is {what}; repair or drop the row", table.at(name, k))
         if absent.any() and not allow_gaps:
             refuse(f"{name} is NaN; drop the row or pass --allow-gaps", table.at(name, int(np.argmax(absent))))
         if absent.any() and name.startswith("temperature"):
             if absent.all():
                 del table.signals[name]
-            else:  # temperatures are slow, and often logged more slowly than the rest
+            else:  # temperatures change slowly and are often logged at a lower rate
                 rows = np.arange(len(values))
                 table.signals[name] = np.interp(rows, rows[~absent], values[~absent]).astype(np.float64)
             continue
@@ -241,13 +240,13 @@ def check_finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
 
 
 def check_count(samples: int, refuse: Refusal) -> None:
-    """Refuses a recording that would fill the memory, before the rest of it is read."""
+    """Refuses a recording that would fill the memory; called while it is read."""
     if samples > MOST_SAMPLES:
-        refuse(f"has more than {MOST_SAMPLES} samples; split it into several recordings, or thin it out")
+        refuse(f"has more than {MOST_SAMPLES} samples; split it into several recordings or reduce its rate")
 
 
 def check_length(t: Array, allow_gaps: bool, refuse: Refusal) -> None:
-    """Refuses a recording that is too short for anything, or too long."""
+    """Refuses a recording with too few or too many samples."""
     check_count(len(t), refuse)
     if len(t) < MIN_SAMPLES:
         left = (" is left" if len(t) == 1 else " are left") if allow_gaps else ""
@@ -255,7 +254,7 @@ def check_length(t: Array, allow_gaps: bool, refuse: Refusal) -> None:
 
 
 def run_numbers(table: Samples, refuse: Refusal) -> Numbers:
-    """(N,) number of each sample's run."""
+    """(N,) number of each sample's run; zeros if the file has no column run."""
     run = table.signals.get("run")
     if run is None:
         return np.zeros(len(table.numbers), dtype=np.int64)
@@ -267,15 +266,15 @@ def run_numbers(table: Samples, refuse: Refusal) -> Numbers:
 
 
 def gap_free_segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool, refuse: Refusal) -> tuple[slice, ...]:
-    """Gap-free pieces, each within one run. cell: the field of the time."""
+    """Pieces without a gap, each within one run; refuses gaps unless they are allowed. cell: the field of t."""
     t = table.signals["t"]
     steps, same = np.diff(t), np.diff(run) == 0
     step = median_step(t, run)
     if not step > 0:
         stuck = int(np.count_nonzero(same & (steps <= 0)))
         refuse(
-            f"t does not advance in {stuck} of {np.count_nonzero(same)} steps; expected seconds that grow from sample "
-            "to sample, with enough digits to tell them apart"
+            f"t does not increase in {stuck} of {np.count_nonzero(same)} steps; expected seconds that increase with "
+            "each sample; write t with more digits"
         )
     back = same & (steps <= 0)
     if back.any() and not allow_gaps:
@@ -298,22 +297,22 @@ def gap_free_segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool,
     edges = [0, *(np.flatnonzero(~same | back | gap) + 1).tolist(), len(t)]
     pieces = tuple(slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SEGMENT)
     if not pieces:
-        refuse(f"no piece without a gap has {MIN_SEGMENT} samples; expected a longer recording")
+        refuse(f"no piece between gaps has {MIN_SEGMENT} samples; record without gaps, or for longer")
     return pieces
 
 
 def median_step(t: Array, run: Numbers) -> float:
-    """s, within the runs; NaN if none has two samples."""
+    """Median step of t in s, within the runs; NaN if no run has two samples."""
     steps = np.diff(t)[np.diff(run) == 0]
     return float(np.median(steps)) if len(steps) else math.nan
 
 
 def check_moving(q: Array, tau: Array, refuse: Refusal) -> None:
-    """Joints may be held or passive while others move, but something must move, and by a torque."""
+    """Refuses a recording in which no joint moves, or none with a changing torque; some joints may be held."""
     still: NDArray[np.bool_] = np.ptp(q, axis=1) < SMALLEST
     if still.all():
         which = "q1 is" if len(q) == 1 else f"q1 to q{len(q)} are"
-        refuse(f"{which} constant; nothing moves, so nothing can be learned from this recording")
+        refuse(f"{which} constant; nothing moves, so nothing can be identified from this recording")
     if not (~still & ~unpowered(tau)).any():
         i = int(np.flatnonzero(~still)[0])
-        refuse(f"tau{i + 1} is constant ({tau[i, 0]:g}) while q{i + 1} moves; is the right column recorded?")
+        refuse(f"tau{i + 1} is constant ({tau[i, 0]:g}) while q{i + 1} moves; is it the right column?")

@@ -1,7 +1,7 @@
 """Messages of ROS 2, `sensor_msgs/msg/JointState` in CDR, decoded many at once.
 
-Messages of one node are alike: the same joints, so the same bytes but for stamp and numbers. The first tells the
-layout; all that share it are read as columns of one matrix of bytes, what departs from it by a layout of its own.
+Messages of one node differ only in stamp and numbers. The first message gives the layout; all messages with this layout
+are read as columns of one matrix of bytes, the others with a layout of their own.
 
 Source: OMG, DDS Interoperability Wire Protocol 2.5, 10.2 (CDR); ROS 2 common_interfaces, JointState.msg.
 """
@@ -23,7 +23,7 @@ from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_LAYOUTS
 TYPE = frozenset(("sensor_msgs/msg/JointState", "sensor_msgs/JointState"))
 _SIGNALS = {"position": "q", "velocity": "qd", "effort": "tau"}
 _ENCAPSULATION = 4
-"""bytes before a message: how it is encoded; alignment counts from behind them."""
+"""Bytes that state the encoding before a message; alignment counts from after them."""
 _STAMP = 8
 _NUMBER = 8
 
@@ -41,8 +41,13 @@ class MessageBatch:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where in a message what stands. joints: names in its order; at: of position, velocity and effort, the place of
-    the first number, None where there are none; fixed: bytes that all messages of this layout share."""
+    """The places of a message's parts.
+
+    order    byte order, as in struct
+    joints   names in the message's order
+    at       place of the first number of position, velocity and effort; None without numbers
+    fixed    places of the bytes that are equal in all messages of this layout
+    """
 
     order: str
     joints: tuple[str, ...]
@@ -53,7 +58,7 @@ class Layout:
     def of(cls, message: bytes) -> Layout:
         """The layout of one message. Raises ValueError, struct.error."""
         if message[:1] != b"\0" or message[1] not in (0, 1):
-            raise ValueError(f"its encoding is {message[:2].hex()}, not plain CDR (0000 or 0001)")
+            raise ValueError(f"its encoding is {message[:2].hex()}; expected plain CDR (0000 or 0001)")
         order = "<" if message[1] else ">"
         place = _ENCAPSULATION + _STAMP
         texts = []
@@ -99,8 +104,8 @@ def _text(message: bytes, place: int, order: str) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class _Part:
-    """Some messages of one set of joints: stamps (M,) ns, numbers (M,) counted on their topic from 1, values of
-    position, velocity and effort (joints, M) each."""
+    """Messages of one set of joints: stamps (M,) ns, numbers (M,) counted from 1 on their topic, and position, velocity
+    and effort, (joints, M) each."""
 
     joints: tuple[str, ...]
     stamps: NDArray[np.int64]
@@ -109,7 +114,7 @@ class _Part:
 
 
 class JointStates:
-    """The JointState messages of a log, collected batch by batch."""
+    """Collects the JointState messages of a log, batch by batch."""
 
     def __init__(self, refuse: Refusal) -> None:
         self.refuse = refuse
@@ -153,7 +158,7 @@ class JointStates:
         try:
             found = Layout.of(message)
         except (ValueError, struct.error, IndexError) as error:
-            self.refuse(f"is no whole JointState: {error}", f"{topic} message {number}")
+            self.refuse(f"is not a complete JointState: {error}", f"{topic} message {number}")
         if not any(found.joints == layout.joints for layout in known):
             known.append(found)
         if len(known) > MOST_LAYOUTS:
@@ -161,7 +166,10 @@ class JointStates:
         return found
 
     def _too_many(self, topic: str) -> NoReturn:
-        self.refuse(f"has other joints in each message; expected at most {MOST_LAYOUTS} kinds", topic)
+        self.refuse(
+            f"has messages with more than {MOST_LAYOUTS} different lists of joints; expected one list for each node",
+            topic,
+        )
 
     def _keep(
         self,
@@ -182,14 +190,14 @@ class JointStates:
                 values[name] = np.ascontiguousarray(block.view(f"{layout.order}f8").T, dtype=np.float64)
         self._bytes += sum(x.nbytes for x in values.values()) + 3 * stamps.nbytes
         if self._bytes > MAX_BYTES:
-            self.refuse(f"holds more than {MAX_BYTES // 10**9} GB of joint states; split it into several recordings")
+            self.refuse(f"has more than {MAX_BYTES // 10**9} GB of joint states; split it into several recordings")
         unset = stamps == 0
         stamps = np.where(unset, times, stamps)
         key = topic, frozenset(layout.joints)
         self._parts.setdefault(key, []).append(_Part(layout.joints, stamps, numbers, values))
 
     def contents(self, format: str, others: Mapping[str, str]) -> JointStateContents:
-        """What was collected. others: the other topics and their types."""
+        """The collected messages. others: all topics and their types, for the message if there are no joint states."""
         if not self._parts:
             listed = ", ".join(f"{topic} ({kind})" for topic, kind in list(others.items())[:8])
             self.refuse(f"has no messages of sensor_msgs/msg/JointState; its topics are {listed or 'none'}")
@@ -204,7 +212,7 @@ class JointStates:
 
 @dataclass(frozen=True)
 class JointStream:
-    """All messages of a topic about one set of joints: stamps (N,) ns, numbers (N,), values name -> (joints, N)."""
+    """All messages of a topic for one set of joints: stamps (N,) ns, numbers (N,), values name -> (joints, N)."""
 
     clock: str
     topic: str
@@ -215,7 +223,7 @@ class JointStream:
 
 
 def _stream(clock: str, topic: str, parts: Sequence[_Part]) -> JointStream:
-    """The parts one after the other, joints in the order of the first; a signal that some lack has NaN there."""
+    """The parts joined, with joints in the order of the first; a signal that a part lacks is NaN there."""
     joints = parts[0].joints
     names = [name for name in _SIGNALS if any(name in part.values for part in parts)]
     values = {}
@@ -241,8 +249,10 @@ def _stream(clock: str, topic: str, parts: Sequence[_Part]) -> JointStream:
 
 @dataclass(frozen=True)
 class JointStateContents:
-    """Topics as clocks; `/joint_states.position.elbow` is the position of the joint elbow. Instants count from the
-    first stamp of all, so that a float holds their nanoseconds."""
+    """Each topic is a clock; `/joint_states.position.elbow` is the position of the joint elbow.
+
+    Times count from the first stamp of all topics, so that a float resolves nanoseconds.
+    """
 
     format: str
     streams: tuple[JointStream, ...]
@@ -250,7 +260,7 @@ class JointStateContents:
 
     @cached_property
     def _index(self) -> list[tuple[JointStream, str, int]]:
-        """Stream, signal and joint of every field; the time first."""
+        """Stream, signal and joint of each field, the time first."""
         found = []
         for stream in self.streams:
             found.append((stream, "stamp", 0))
@@ -292,7 +302,7 @@ class JointStateContents:
 
 
 def collected(batches: Iterable[MessageBatch], refuse: Refusal) -> JointStates:
-    """All messages of these batches."""
+    """The messages of these batches."""
     states = JointStates(refuse)
     for batch in batches:
         states.add(batch)

@@ -1,4 +1,4 @@
-"""Names of other recorders in ours: joints by name, whole families of fields, and logs whose headers are known."""
+"""Other programs' names of signals translated to Tendon's: joints by name, one `--map` for all joints, known logs."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from dataclasses import dataclass
 from runtime.recordings.columns import NUMBERED, Fail, RecordedArmJoint, fields_meant, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
 
-_FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
+FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
+"""A name and its number: actual_q_0, q[0], tau1."""
 _OURS = re.compile(r"(?:q|qd|dq|tau|temperature)\d{1,3}(?:_desired|_link|_rigid)?|t|run|[fm][xyz]", re.ASCII)
 _WHOLE = re.compile(r"(q|qd|dq|tau|temperature)((?:_desired|_link|_rigid)?)", re.ASCII)
-"""What `--map` may name without a joint's number: the signal of all joints."""
+"""A signal without a joint's number: `--map` then maps it for all joints."""
 
 
 @dataclass(frozen=True)
 class KnownLog:
-    """A program whose logs are known.
+    """The logs of a program.
 
-    signature   fields that tell its logs
-    signals     its name of a field, its joints counted from `first` in the place of {} -> our name and unit
-    note        what a person should know of its signals
+    signature   fields by which its logs are recognised
+    signals     its name of a field, {} for the joint's number -> Tendon's name and unit
+    first       number of its first joint
+    note        what users should know about its signals
     """
 
     name: str
@@ -45,7 +47,7 @@ KNOWN_LOGS = (
             "joint_temperatures_{}": "temperature{} [degC]",
         },
         0,
-        "tau is actual_current, in A: the joints' torque_constant makes it a torque",
+        "tau is actual_current in A; the joints' torque_constant converts it to a torque",
     ),
     KnownLog(
         "libfranka's log",
@@ -59,16 +61,20 @@ KNOWN_LOGS = (
             "tau_J[{}]": "tau{} [N m]",
         },
         0,
-        "tau is tau_J, measured behind the gears: what rubs before them is not in it",
+        "tau is tau_J, measured behind the gears, so it lacks the friction of motors and gears",
     ),
 )
-"""Headers as these programs write them: RTDE client library, example record.py; libfranka, logToCSV."""
+"""Source: RTDE client library, example record.py; libfranka, logToCSV."""
 
 
 @dataclass(frozen=True)
 class Understood:
-    """A file's names in ours. known: of every field, in our words where they are understood, else as it is called;
-    mapping: `--map` with families spread over the joints; notes: what was assumed."""
+    """A file's names, translated.
+
+    known     Tendon's name of every field, or the file's where it is not understood
+    mapping   `--map` with one entry for each joint
+    notes     assumptions that users should know
+    """
 
     known: tuple[str, ...]
     mapping: Mapping[str, str]
@@ -78,7 +84,7 @@ class Understood:
 def understood(
     contents: Contents, joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
 ) -> Understood:
-    """The names of a file in ours for these joints. fail: raises the error with the file's name before it."""
+    """Translates the names of a file for these joints. fail: raises RecordingError with the file's name."""
     spread = _spread(contents.fields, joints, mapping, fail)
     if any(field.signal for field in contents.fields):
         known, notes = _by_joint(contents, joints, spread, fail)
@@ -90,7 +96,7 @@ def understood(
 
 
 def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> int:
-    """How many joints a file's fields, or the mapping, name: q1, q2, …; at least one."""
+    """Number of joints that the file or the mapping names (q1, q2, …), at least one."""
     if contents.fields and contents.fields[0].name == NUMBERED.format(1) and not {"q", "q1"} & set(mapping):
         fail(unnamed(len(contents.fields)))
     family = mapping.get("q")
@@ -106,18 +112,18 @@ def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> 
     return max(1, sum(1 for _ in numbers))
 
 
-def _bare(name: str) -> str:
-    """A name without its unit."""
+def bare(name: str) -> str:
+    """A field's name without its unit."""
     return re.sub(r"\s*\[\D[^\[\]]*\]\s*$", "", name.strip())
 
 
-# --- families: one entry of --map for all joints ---
+# --- one entry of --map for all joints ---
 
 
 def _spread(
     fields: Sequence[RecordedField], joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
 ) -> dict[str, str]:
-    """`q=actual_q` as q1=actual_q_0, q2=actual_q_1, …; what names one joint stands as it is, and before that."""
+    """`q=actual_q` as q1=actual_q_0, q2=actual_q_1, …; entries for single joints stay, and take precedence."""
     found: dict[str, str] = {}
     for name, wanted in mapping.items():
         whole = _WHOLE.fullmatch(name.strip())
@@ -126,26 +132,26 @@ def _spread(
         members, sign, unit = _members(wanted, fields)
         if len(members) < len(joints):
             fail(
-                f"--map {name}: {len(members)} columns are called {_bare(wanted)} with a number; expected one of each "
+                f"--map {name}: {len(members)} columns are called {bare(wanted)} with a number; expected one for each "
                 f"of {len(joints)} joints; the file has {some([f.name for f in fields])}"
             )
         ordered = _named(members, joints) or members
         for number, member in enumerate(ordered[: len(joints)], 1):
-            found[f"{whole[1]}{number}{whole[2]}"] = f"{sign}{member.name if not unit else _bare(member.name) + unit}"
+            found[f"{whole[1]}{number}{whole[2]}"] = f"{sign}{member.name if not unit else bare(member.name) + unit}"
     return found | {name: wanted for name, wanted in mapping.items() if not _WHOLE.fullmatch(name.strip())}
 
 
 def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[RecordedField], str, str]:
-    """The fields of a family in its order, and the sign and the unit that were asked for."""
+    """The fields with a common name in the order of their numbers, and the sign and unit that `--map` asks for."""
     sign = "-" if wanted.strip().startswith("-") else ""
-    base = _bare(wanted.strip().removeprefix("-"))
+    base = bare(wanted.strip().removeprefix("-"))
     unit = wanted.strip().removeprefix("-")[len(base) :].strip()
     numbered: list[tuple[int, RecordedField]] = []
     for place, field in enumerate(fields):
-        bare = _bare(field.name)
+        name = bare(field.name)
         if field.joint is not None and field.signal != "t":
-            stem, number = bare.removesuffix(f".{field.joint}"), place
-        elif match := _FAMILY.fullmatch(bare):
+            stem, number = name.removesuffix(f".{field.joint}"), place
+        elif match := FAMILY.fullmatch(name):
             stem, number = match[1], int(match[2])
         else:
             continue
@@ -154,13 +160,13 @@ def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[Recorde
     return [field for _, field in sorted(numbered, key=lambda pair: pair[0])], sign, f" {unit}" if unit else ""
 
 
-# --- formats that say what their fields are ---
+# --- formats that define signals and joints ---
 
 
 def _by_joint(
     contents: Contents, joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The names of fields that know their signal and joint, and what was assumed of them."""
+    """Tendon's names of fields whose format defines signal and joint, and the assumptions made."""
     fields = contents.fields
     known, notes = [field.name for field in fields], []
     chosen = fields_meant(mapping["q1"], known) if "q1" in mapping else []
@@ -177,7 +183,7 @@ def _by_joint(
             if len(members) > len(joints):
                 fail(
                     f"has {len(members)} joints, {some([str(m.joint) for m in members])}, and the model {len(joints)} "
-                    f'of other names; name them in the model file, or the fields with --map q1="{members[0].name}"'
+                    f'with other names; name them in the model file, or the fields with --map q1="{members[0].name}"'
                 )
             if signal == "q" and len(members) > 1:
                 listed = ", ".join(f"{k} {member.joint}" for k, member in enumerate(members, 1))
@@ -192,7 +198,7 @@ def _by_joint(
 def _clock_of(
     signal: str, fields: Sequence[RecordedField], joints: Sequence[RecordedArmJoint], fail: Fail
 ) -> str | None:
-    """What a signal of these joints is sampled with, positions rather where torques are; None if there is none."""
+    """The clock of a signal of these joints, preferably one that has torques too; None if no field is this signal."""
     there: dict[str, list[RecordedField]] = {}
     for field in fields:
         if field.signal == signal:
@@ -211,7 +217,7 @@ def _stem(field: RecordedField) -> str:
 
 
 def _named(members: Sequence[RecordedField], joints: Sequence[RecordedArmJoint]) -> list[RecordedField] | None:
-    """The fields of the joints in the model's order, by their names; None where names do not tell."""
+    """The fields in the order of the model's joints, by name; None unless all names match."""
     there = {field.joint: field for field in members if field.joint is not None}
     ordered = [there.get(joint.name) if joint.name else None for joint in joints]
     known = [field for field in ordered if field is not None]
@@ -227,12 +233,12 @@ def _known_log(fields: Sequence[RecordedField]) -> KnownLog | None:
 
 
 def _last(name: str) -> str:
-    """The last part of a name; libfranka's newer logs say state.q[0]."""
-    return re.split(r"[./]", _bare(name))[-1]
+    """The last part of a name: q[0] of state.q[0]."""
+    return re.split(r"[./]", bare(name))[-1]
 
 
 def _translated(fields: Sequence[RecordedField], log: KnownLog) -> tuple[str, ...]:
-    """Each of a log's fields in our words, the first of a name where several have it."""
+    """Tendon's names of a known log's fields; of several fields with one name, the first."""
     seen: set[str] = set()
     known = []
     for field in fields:
@@ -246,7 +252,7 @@ def _translated(fields: Sequence[RecordedField], log: KnownLog) -> tuple[str, ..
 
 
 def _last_parts(fields: Sequence[RecordedField]) -> tuple[str, ...]:
-    """Names whose last part alone is one of ours, where one field has it: arm.q1 is q1."""
+    """arm.q1 as q1, where only one field ends so."""
     parts = [re.split(r"[./]", field.name.strip())[-1] for field in fields]
-    counts = {part: parts.count(part) for part in set(parts) if _OURS.fullmatch(_bare(part))}
+    counts = {part: parts.count(part) for part in set(parts) if _OURS.fullmatch(bare(part))}
     return tuple(part if counts.get(part) == 1 else field.name for part, field in zip(parts, fields, strict=True))

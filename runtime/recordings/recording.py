@@ -1,4 +1,4 @@
-"""Which format a file has, by its content and not by its name, and the module that reads it."""
+"""A recording of an arm in SI units: read from any format, which the file's content decides, checked, and written."""
 
 from __future__ import annotations
 
@@ -48,19 +48,19 @@ _BY_START: Mapping[bytes, Reader] = {
     array_files.NPY: array_files.open_numpy,
     array_files.ZIP: array_files.open_numpy,
 }
-"""The first bytes of a file -> how its format is read."""
+"""First bytes of a file -> the reader of its format."""
 
 _REFUSED: Mapping[bytes, str] = {
-    b"#ROSBAG V": "is a bag of ROS 1; convert it to MCAP with: mcap convert FILE FILE.mcap",
-    b"\x28\xb5\x2f\xfd": "is packed with zstd; unpack it first, with: zstd -d FILE",
-    b"BZh": "is packed with bzip2; unpack it first",
-    b"\xfd7zXZ": "is packed with xz; unpack it first",
+    b"#ROSBAG V": "is a ROS 1 bag; convert it to MCAP with: mcap convert FILE FILE.mcap",
+    b"\x28\xb5\x2f\xfd": "is compressed with zstd; decompress it with: zstd -d FILE",
+    b"BZh": "is compressed with bzip2; decompress it with: bunzip2 FILE",
+    b"\xfd7zXZ": "is compressed with xz; decompress it with: unxz FILE",
     b"\xd0\xcf\x11\xe0": "is an old Excel workbook; save the sheet as CSV",
 }
 
 
 def opened(path: Path, refuse: Refusal) -> Contents:
-    """The contents of a recording, its format recognised. Raises RecordingError."""
+    """The contents of a recording; its first bytes decide the format. Raises RecordingError."""
     if os.path.isdir(path):
         return _folder(path, refuse)
     check_file(path, f"a recording in {EXPECTED}", refuse)
@@ -79,7 +79,7 @@ def opened(path: Path, refuse: Refusal) -> Contents:
 
 
 def _folder(path: Path, refuse: Refusal) -> Contents:
-    """A bag of ROS 2 or a data set of LeRobot, which are folders."""
+    """A ROS 2 bag or a LeRobot data set, which are folders."""
     about = path / "meta" / "info.json"
     if about.is_file() and about.stat().st_size < MAX_BYTES:
         try:
@@ -87,36 +87,36 @@ def _folder(path: Path, refuse: Refusal) -> Contents:
         except (ValueError, KeyError, TypeError, RecursionError):
             features = []
         array_files.refuse_without_torque(features, refuse)
-        refuse("is a folder of a LeRobot data set; name one of the Parquet files in its folder data")
+        refuse("is a folder of a LeRobot data set; pass one of the Parquet files in its folder data")
     bags = sorted([*path.glob("*.mcap"), *path.glob("*.db3")])
     if not bags:
-        refuse(f"is a directory without a bag of ROS 2; expected a recording in {EXPECTED}")
+        refuse(f"is a directory without a ROS 2 bag; expected a recording in {EXPECTED}")
     if len(bags) > 1:
         listed = ", ".join(bag.name for bag in bags[:4])
-        refuse(f"is a bag in {len(bags)} files; name them one by one as recordings: {listed}")
+        refuse(f"is a bag in {len(bags)} files; pass each as a recording of its own: {listed}")
     return opened(bags[0], refuse)
 
 
 @dataclass(frozen=True, repr=False)
 class Recording:
-    """Samples of n joints in SI; positions are rad or m, torques N m or N, by the joint's type.
+    """Samples of n joints in SI; positions in rad or m, torques in N m or N, by the joint's type.
 
     t             (N,) s, each run as recorded
     run           (N,) whole numbers; time may restart where it changes
     q, tau        (n, N) motor encoder / gear ratio, motor torque * gear ratio
     qd, q_desired, q_link, tau_link, tau_rigid
-                  (n, N), or None where the file has none of them; a joint without one has a row of NaN
-    tau_rigid     what the user's own model predicts of tau without friction: rotors and contact included
-    temperature   °C, (N,) or None for each joint
-    force         (2, N) N along base x and y that acts on the arm at the end-effector, or None; of an arm in space
-                  (6, N) N and N m, along base x, y and z and about them, at the tip
+                  (n, N), or None if the file has none; a joint without the signal has a row of NaN
+    tau_rigid     the user's own prediction of tau without friction, with rotors and contact
+    temperature   (N,) °C or None for each joint
+    force         force on the arm at the tip in base axes, or None: (2, N) N along x and y; of a spatial arm (6, N),
+                  N along x, y, z and N m about them
     segments      gap-free pieces of at least settings.MIN_SEGMENT samples, each within one run
     types         "revolute" or "prismatic" for each joint
-    cells         of each signal, what `--map` takes for the field from which it was read
-    units         in which signals were read, of those of which the file or `--map` states one
-    currents      torques that are currents in A, since nothing is known of the motors
-    clocks        of signals that were sampled apart, by how much they differ from that of the positions
-    notes         what a person should know of how the file was read, a line each
+    cells         signal -> its field, as `--map` takes it
+    units         signal -> the unit in which it was read, where the file or `--map` states one
+    currents      torque signals that are in A, because nothing is known of the motors
+    clocks        signals that were sampled by another clock than the positions, and the offset of that clock
+    notes         what users should know about how the file was read, a line each
     """
 
     path: Path
@@ -145,7 +145,7 @@ class Recording:
         return median_step(self.t, self.run)
 
     def save(self, path: Path | str) -> None:
-        """As `write`."""
+        """Same as `write`."""
         write(path, self)
 
     def __repr__(self) -> str:
@@ -165,8 +165,8 @@ def read(
     """The recording at `path`, in any format of `formats`.
 
     arm         None: as many revolute joints as the file names
-    mapping     signal name -> field of the file, for other names than ours
-    allow_gaps  split at gaps and drop samples with a NaN, instead of refusing them
+    mapping     signal name -> field of the file, where the file has other names
+    allow_gaps  split at gaps and drop samples with a NaN instead of refusing the file
     Raises RecordingError.
     """
     refuse = Refusal(printable(path))
@@ -184,14 +184,10 @@ def read(
     cells = {name: column.cell for name, column in used.items()}
     made = _recording(Path(path), table, cells, arm=arm, allow_gaps=allow_gaps, refuse=refuse)
     units = {name: column.unit for name, column in used.items() if column.unit}
-    currents = _currents(units) if arm.keeps_currents else frozenset()
+    in_ampere = {name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current"}
+    currents = frozenset(in_ampere if arm.keeps_currents else ())
     notes = (*understood.notes, *map(str, apart))
     return replace(made, units=units, currents=currents, clocks=apart, notes=notes)
-
-
-def _currents(units: Mapping[str, str]) -> frozenset[str]:
-    """Signals that are read in a unit of currents."""
-    return frozenset(name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current")
 
 
 def _recording(
@@ -215,7 +211,7 @@ def _recording(
     rigid = rows("tau{}_rigid")
     for i in range(n):
         if rigid is not None and f"tau{i + 1}_rigid" not in signals:
-            refuse(f"has no column tau{i + 1}_rigid; give the rigid-body torque of every joint, or of none")
+            refuse(f"has no column tau{i + 1}_rigid; record the rigid-body torque of every joint, or of none")
     acting, force = IN_SPACE if arm.space else IN_PLANE, None
     if any(name in signals for name in acting):
         force = np.array([signals.get(name, np.full(len(t), np.nan)) for name in acting])
@@ -239,7 +235,7 @@ def _recording(
 
 
 def measured(recording: Recording) -> Iterator[tuple[str, str, Array]]:
-    """Name, SI unit and values (N,) of every signal of which something was measured, in the order of a file."""
+    """Name, SI unit and values (N,) of every recorded signal, in the order in which `write` writes them."""
     position = ["m" if kind == "prismatic" else "rad" for kind in recording.types]
     force = ["N" if kind == "prismatic" else "N m" for kind in recording.types]
     groups = (
@@ -267,9 +263,9 @@ def measured(recording: Recording) -> Iterator[tuple[str, str, Array]]:
 
 
 def write(path: Path | str, recording: Recording) -> None:
-    """Write a recording that `read` gives back to 12 digits; gzip if the name ends in .gz.
+    """Writes a recording as CSV with 12 digits, compressed if the name ends in .gz.
 
-    The same recording gives the same bytes. Raises OSError.
+    Equal recordings give equal bytes. Raises OSError.
     """
     cells: list[tuple[str, Array]] = []
     if len(np.unique(recording.run)) > 1:

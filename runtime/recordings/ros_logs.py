@@ -1,4 +1,4 @@
-"""MCAP, the log of ROS 2 since 2023: chunks are read whole, their messages found by the index that follows each.
+"""Logs of ROS 2: MCAP files and SQLite bags. Of MCAP, chunks are read whole and messages found by their indices.
 
 Source: the MCAP file format specification, version 0 (mcap.dev/spec).
 """
@@ -24,21 +24,21 @@ from runtime.recordings.settings import LONGEST_RECORD, MAX_BYTES
 MCAP = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x07, 0x0F
 _RECORD = struct.Struct("<BQ")
-"""Before every record: its kind and its length."""
+"""Head of a record: kind and length."""
 _CURE = "repair it with: mcap recover FILE"
 _MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("logged", "<u8"), ("published", "<u8")])
 
 
 @dataclass
 class _Log:
-    """What was read of a file so far: schemas by number, and of each channel its topic, schema and encoding."""
+    """What is known of a file: schema number -> name, channel -> (topic, schema, encoding), decompressed bytes."""
 
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, tuple[str, int, str]] = field(default_factory=dict)
     unpacked: int = 0
 
     def declare(self, kind: int, content: memoryview) -> None:
-        """A schema or a channel. Raises struct.error, ValueError."""
+        """Adds a schema or a channel. Raises struct.error, ValueError."""
         (number,) = struct.unpack_from("<H", content)
         if kind == _SCHEMA:
             self.schemas[number], _ = _text(content, 2)
@@ -61,14 +61,14 @@ def open_mcap(path: Path, refuse: Refusal) -> JointStateContents:
     """The joint states of an MCAP file. Raises RecordingError."""
     log = _Log()
     with refuse.on((struct.error, ValueError), "the MCAP file is damaged", _CURE), open(path, "rb") as file:
-        # Not closed by hand: arrays look into it until the last of them is gone.
+        # Not closed here: arrays refer to it.
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
         states = collected(_mcap_batches(data, log, refuse), refuse)
     return states.contents("MCAP", log.types())
 
 
 def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
-    """The messages of joint states, a chunk at a time; those that no index names are found by walking through."""
+    """The joint states, a chunk at a time; chunks without an index are read record by record."""
     loose: list[tuple[int, int, int]] = []
     chunk: memoryview | None = None
     place, indexed = len(MCAP), False
@@ -108,14 +108,14 @@ def _walked(chunk: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBa
 
 
 def _listed(data: memoryview, messages: list[tuple[int, int, int]], log: _Log) -> Iterator[MessageBatch]:
-    """Messages by channel, place and length."""
+    """Messages of each channel, given as (channel, place, length)."""
     for channel in dict.fromkeys(c for c, _, _ in messages):
         places = np.array([(start, size) for c, start, size in messages if c == channel])
         yield from _of_channel(np.frombuffer(data, np.uint8), channel, places[:, 0], places[:, 1], log)
 
 
 def _record(data: memoryview, place: int, refuse: Refusal) -> tuple[int, memoryview, int]:
-    """Kind and content of the record at a place, and the place behind it."""
+    """Kind and content of the record at a place, and the place after it."""
     if place + _RECORD.size > len(data):
         refuse(f"the MCAP file is cut off before its end; {_CURE}")
     kind, length = _RECORD.unpack_from(data, place)
@@ -137,14 +137,14 @@ def _text(content: memoryview, place: int) -> tuple[str, int]:
 
 
 def _unpacked(content: memoryview, log: _Log, refuse: Refusal) -> memoryview:
-    """The records of a chunk; never more bytes than it states, and those within limits."""
+    """The records of a chunk, decompressed; at most as many bytes as it states, within the limits."""
     _, _, size, checksum = struct.unpack_from("<QQQI", content)
     packing, place = _text(content, 28)
     (packed,) = struct.unpack_from("<Q", content, place)
     records = content[place + 8 : place + 8 + packed]
     log.unpacked += size
     if size > LONGEST_RECORD or log.unpacked > 8 * MAX_BYTES or len(records) < packed:
-        refuse(f"the MCAP file has a chunk that states {size} bytes; {_CURE}")
+        refuse(f"the MCAP file has a chunk that states {size} bytes, more than the limit or the file; {_CURE}")
     if packing == "":
         unpacked = records
     elif packing == "lz4":
@@ -152,14 +152,14 @@ def _unpacked(content: memoryview, log: _Log, refuse: Refusal) -> memoryview:
     elif packing == "zstd":
         unpacked = memoryview(_zstd(records, size, refuse))
     else:
-        refuse(f"the MCAP file is packed with {packing}; expected lz4, zstd or none")
+        refuse(f"the MCAP file is compressed with {packing}; expected lz4, zstd or none")
     if len(unpacked) != size or (checksum and zlib.crc32(unpacked) != checksum):
         refuse(f"the MCAP file has a damaged chunk; {_CURE}")
     return unpacked
 
 
 def _lz4(packed: memoryview, size: int, refuse: Refusal) -> bytes:
-    require("lz4", "mcap", "an MCAP file packed with lz4", refuse)
+    require("lz4", "mcap", "an MCAP file compressed with lz4", refuse)
     from lz4.frame import LZ4FrameDecompressor
 
     with refuse.on((RuntimeError,), "the MCAP file has a damaged chunk", _CURE):
@@ -168,7 +168,7 @@ def _lz4(packed: memoryview, size: int, refuse: Refusal) -> bytes:
 
 
 def _zstd(packed: memoryview, size: int, refuse: Refusal) -> bytes:
-    require("zstandard", "mcap", "an MCAP file packed with zstd", refuse)
+    require("zstandard", "mcap", "an MCAP file compressed with zstd", refuse)
     from zstandard import ZstdDecompressor, ZstdError
 
     with (
@@ -180,7 +180,7 @@ def _zstd(packed: memoryview, size: int, refuse: Refusal) -> bytes:
 
 
 def _declared_in(chunk: memoryview, log: _Log, refuse: Refusal, whole: bool) -> None:
-    """Schemas and channels of a chunk, as far as its first message, or in the whole of it."""
+    """Declares the schemas and channels of a chunk, up to its first message or in all of it."""
     place = 0
     while place < len(chunk):
         kind, content, place = _record(chunk, place, refuse)
@@ -191,7 +191,7 @@ def _declared_in(chunk: memoryview, log: _Log, refuse: Refusal, whole: bool) -> 
 
 
 def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[MessageBatch]:
-    """The messages of one channel in a chunk."""
+    """The messages of one channel in a chunk, by its index."""
     channel, size = struct.unpack_from("<HI", content)
     if not log.is_wanted(channel):
         return
@@ -199,7 +199,7 @@ def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[Mess
     starts = entries[:, 1].astype(np.int64)
     buffer = np.frombuffer(chunk, np.uint8)
     if len(starts) and (starts.min() < 0 or int(starts.max()) + _RECORD.size + _MESSAGE_HEAD.itemsize > len(buffer)):
-        raise ValueError("an index points out of its chunk")
+        raise ValueError("an index points outside its chunk")
     lengths = _gathered(buffer, starts + 1, 8).view("<u8")[:, 0].astype(np.int64)
     yield from _of_channel(buffer, channel, starts + _RECORD.size, lengths, log)
 
@@ -211,7 +211,7 @@ def _of_channel(
     lengths: NDArray[np.int64],
     log: _Log,
 ) -> Iterator[MessageBatch]:
-    """Messages whose contents begin at these places, in the order in which they were logged."""
+    """Messages of a channel at these places, in the order in which they were logged."""
     if not log.is_wanted(channel) or not len(starts):
         return
     if lengths.min() < _MESSAGE_HEAD.itemsize or int((starts + lengths).max()) > len(buffer) or lengths.max() < 0:
@@ -225,32 +225,32 @@ def _of_channel(
 
 
 def _gathered(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
-    """(N, size) bytes from these places on."""
+    """(N, size) bytes from each of these places."""
     return np.lib.stride_tricks.sliding_window_view(buffer, size)[starts]
 
 
 SQLITE = b"SQLite format 3\0"
 _AT_ONCE = 10_000
-"""messages that are held packed at a time."""
+"""Messages read from the database at a time."""
 
 
 def open_sqlite_bag(path: Path, refuse: Refusal) -> JointStateContents:
     """The joint states of a bag. Raises RecordingError."""
     damage = (sqlite3.Error, ValueError, TypeError, OverflowError, MemoryError)
     with (
-        refuse.on(damage, "the SQLite file is damaged, or no bag of ROS 2", "copy it again"),
+        refuse.on(damage, "the SQLite file is damaged or is not a ROS 2 bag", "copy it again"),
         closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as bag,
     ):
         bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_RECORD)
         if bag.execute(_TABLES).fetchone() != (2,):
-            refuse("is a SQLite file without the tables of a bag of ROS 2, topics and messages")
+            refuse("is a SQLite file without the tables topics and messages; expected a ROS 2 bag")
         topics = {int(n): (str(name), str(kind), str(form)) for n, name, kind, form in bag.execute(_TOPICS)}
         states = collected(_bag_batches(bag, topics, refuse), refuse)
     return states.contents("ROS 2 bag", {name: kind for name, kind, _ in topics.values()})
 
 
 _TABLES = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name IN ('topics', 'messages')"
-"""Tables, and no views: those may count without an end."""
+"""Tables only: a view may be an endless query."""
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics"
 _MESSAGES = "SELECT timestamp, data FROM messages WHERE topic_id = ? ORDER BY timestamp"
 
@@ -264,7 +264,7 @@ def _bag_batches(
         rows = bag.execute(_MESSAGES, (number,))
         while some := rows.fetchmany(_AT_ONCE):
             if not all(isinstance(data, bytes) and isinstance(time, int) for time, data in some):
-                refuse("holds messages that are no bytes with a time; expected a bag of ROS 2")
+                refuse("has messages that are not bytes with a time; expected a ROS 2 bag")
             lengths = np.array([len(data) for _, data in some])
             buffer = np.frombuffer(b"".join(data for _, data in some), np.uint8)
             times = np.array([time for time, _ in some], dtype=np.int64)

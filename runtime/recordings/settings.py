@@ -1,98 +1,98 @@
-"""Every number by which a recording is refused before anything is fitted, with its unit, its reason and its source."""
+"""Limits by which a recording is refused or its clocks are aligned, each with unit, reason and source."""
 
 from __future__ import annotations
 
 from typing import Final
 
 SLOWEST_STEP: Final = 0.2
-"""s; a median step above it is no log of a moving joint but a time in another unit: field buses and loggers of motion
-run from some Hz to some kHz, and a clock in milliseconds reads 0.2 at 5 kHz; a choice between the two."""
+"""s; a longer median step means that time is in another unit: loggers of motion run from some Hz to some kHz, and a
+time in milliseconds reads 0.2 at 5 kHz; a choice between the two."""
 
 FASTEST_STEP: Final = 1e-5
-"""s; a shorter median step is a time in another unit: the fastest current loops of drives run at some 40 kHz, and are
-logged no faster; a choice."""
+"""s; a shorter median step means that time is in another unit: the fastest current loops of drives run at some 40 kHz;
+a choice."""
 
 MIN_SAMPLES: Final = 200
-"""samples; fewer hold no motion from which inertia and friction could be told; a choice."""
+"""samples; fewer contain no motion that determines inertia and friction; a choice."""
 
 MIN_SEGMENT: Final = 50
-"""samples; a shorter piece between gaps is used up by the filters' edges; a choice."""
+"""samples; of a shorter piece between gaps the edges of the filters leave nothing; a choice."""
 
 GAP: Final = 3.0
-"""ratio of a step to the median one; above it the samples between were lost and are not only late; a choice."""
+"""ratio of a step to the median step; above it samples were lost, not only late; a choice."""
 
 ROUNDING: Final = 1e-6
-"""part of a step; what printing and arithmetic leave of times and of their differences; twelve printed digits."""
+"""part of a step; rounding errors of times and their differences; twelve printed digits."""
 
 LARGEST: Final = 1e12
-"""SI unit; no reading of a joint is larger, and its square must not overflow; a choice."""
+"""SI unit; no sensor of a joint reads more, and the square must not overflow; a choice."""
 
 SMALLEST: Final = 1e-12
-"""SI unit; a torque or a position that changes by less does not change: the smallest drives have some 1e-6 N m, the
-finest encoders some 1e-9 rad behind a gear, and no sensor tells a thousandth of that; a choice."""
+"""SI unit; a torque or position that changes by less is constant: the smallest drives have some 1e-6 N m, the finest
+encoders some 1e-9 rad behind a gear, and no sensor resolves a thousandth of that; a choice."""
 
 MAX_BYTES: Final = 2_000_000_000
-"""length in bytes; of a file, of what it unpacks to and of what is kept of it, so that a false length in it cannot fill
-the memory; a choice: an hour of seven joints at 1 kHz in CSV is 1 GB."""
+"""length in bytes; of a file, its decompressed contents and what is kept of it, so that a wrong length cannot fill the
+memory; a choice: an hour of seven joints at 1 kHz in CSV is 1 GB."""
 
 BLOCK: Final = 1 << 23
-"""length in bytes; of a text so much is read and understood at once, some tenths of a second; a choice."""
+"""length in bytes; a text is read in blocks of this size, each in some tenths of a second; a choice."""
 
 HEAD: Final = 1 << 16
-"""length in bytes; of a text so much is read at once until its header and first sample are found; a choice."""
+"""length in bytes; block size while the header and the first sample are searched; a choice."""
 
 LONGEST_LINE: Final = 1_000_000
 """length in bytes; MOST_FIELDS names or numbers of a hundred letters each; a choice."""
 
 MOST_SAMPLES: Final = 5_000_000
-"""samples; of a recording, eighty minutes at 1 kHz: filters, regressors and fits keep some hundred numbers of each, so
-that seven joints fit into the memory of a laptop; a choice."""
+"""samples; eighty minutes at 1 kHz: filters, regressors and fits keep some hundred numbers per sample, so that seven
+joints fit into the memory of a laptop; a choice."""
 
 LARGEST_MATRIX: Final = 128
-"""number of columns; a variable with more in its shorter direction holds no joints' signals but pictures or tables."""
+"""number of columns; a variable whose shorter side has more holds images or tables, not signals of joints."""
 
 MOST_FIELDS: Final = 10_000
-"""number of fields; a file that declares more is no recording of an arm, and its list would not be read by anyone."""
+"""number of fields; a file with more is not a recording of an arm."""
 
 MOST_LAYOUTS: Final = 64
-"""number of kinds; so many sets and orders of joints come in one topic's messages where several nodes share it; more
-is no topic that can be read as columns."""
+"""number of kinds; lists of joints in the messages of one topic, which several nodes may share; more cannot be read
+as columns."""
 
 LONGEST_RECORD: Final = 1_000_000_000
-"""length in bytes; of a chunk of a log, packed or not: writers make them of some MB; a choice."""
+"""length in bytes; of a chunk of a log; writers make chunks of some MB; a choice."""
 
 SPLINE_DEGREE: Final = 3
-"""power of the polynomials by which signals of another clock are brought to the instants of the positions: below a
-tenth of the sampling rate exact to a part in a thousand; de Boor, A Practical Guide to Splines, 1978."""
+"""power of the polynomials that interpolate signals of another clock: exact to a part in a thousand below a tenth of
+the sampling rate; de Boor, A Practical Guide to Splines, 1978."""
 
 CLOCK_SHIFT_MOST: Final = 0.5
-"""s; a larger shift between two clocks is no drift or queue but another time of day, which the file shows; a choice."""
+"""s; a larger offset is not drift or a queue but another time of day, which the file shows; a choice."""
 
 CLOCK_SHIFT_SMOOTHING: Final = (0.005, 0.01, 0.02)
-"""s; standard deviations of the Gaussian kernels, for bands of 8 to 32 Hz, in which arms move and encoders tell an
-acceleration; development and real recordings."""
+"""s; standard deviations of the Gaussian kernels, for bands of 8 to 32 Hz, in which arms move and encoders resolve
+accelerations; development and real recordings."""
 
 CLOCK_SHIFT_SAMPLES: Final = 60_000
-"""samples; of so many, a minute at 1 kHz, a shift is told; time."""
+"""samples; as many, a minute at 1 kHz, are used to find an offset; computing time."""
 
 CLOCK_SHIFT_STANDS_OUT: Final = 0.5
-"""part of what other shifts leave of the torques; the right one leaves less; simulated and real recordings: a fifth at
-most where it is right, nine tenths where one axis of six is looked at."""
+"""part of the median residual over all shifts that the right shift leaves at most; simulated and real recordings: a
+fifth where it is right, nine tenths where only one axis of six is used."""
 
 CLOCK_SHIFT_TIED: Final = 1.2
-"""ratio of what two shifts leave of the torques; a motion that comes back after a while leaves as much one period
-later; a choice."""
+"""ratio of the residuals of two shifts that count as equal: periodic motion leaves the same one period later; a
+choice."""
 
 CLOCK_SHIFT_FINEST: Final = 0.5
-"""part of a sample of the slower clock; kernels that agree to less are not worth more: of 500 simulated motions 98 %
-are told to twice the uncertainty that follows, without it 60 %."""
+"""part of a sample of the slower clock; least standard error: with it, 98 % of 500 simulated offsets lie within twice
+their standard error, without it 60 %."""
 
 CLOCK_SHIFT_CLEAR: Final = 3.0
-"""ratio of a shift to its uncertainty; from there on it is one; simulated and real recordings."""
+"""ratio of an offset to its standard error above which it is significant; simulated and real recordings."""
 
 CLOCK_SHIFT_LEAST: Final = 1.5
-"""samples of the slower clock; a smaller shift is left to the fit, which tells it from the hold of a controller; a
+"""samples of the slower clock; smaller offsets are left to the fit, which separates them from a controller's hold; a
 choice, above the one sample that a hold explains."""
 
 LEAST_SIGNAL: Final = 20
-"""samples; a variable with fewer is no signal but a setting of each joint, of which an arm has at most some ten."""
+"""samples; a shorter variable is a setting of each joint, not a signal."""

@@ -1,4 +1,4 @@
-"""Lines of a text, plain or gzip, in blocks: never more of it in memory than a block, however long it is."""
+"""Recordings as text, plain or gzip: CSV and other delimiters, read in blocks so that memory holds only one."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 @dataclass(frozen=True)
 class TextBlock:
-    """Whole lines, ended by "\\n" alone. line: the number of the first in the file, from 1."""
+    """Whole lines, each ended by "\\n". line: the number of the first in the file, from 1."""
 
     text: str
     line: int
 
 
 def check_file(path: Path, expected: str, refuse: Refusal) -> None:
-    """Refuses what is no regular file: what is read several times, a pipe gives but once. Raises RecordingError."""
+    """Refuses what is not a regular file: a pipe can be read only once. Raises RecordingError."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -49,11 +49,11 @@ def check_file(path: Path, expected: str, refuse: Refusal) -> None:
     if stat.S_ISDIR(mode):
         refuse(f"is a directory; expected {expected}")
     if not stat.S_ISREG(mode):
-        refuse("is no file but a pipe or a device; save it to a file first")
+        refuse("is a pipe or a device, which can be read only once; save it to a file first")
 
 
 def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock]:
-    """A text in blocks of some `size` bytes. Raises RecordingError."""
+    """The text in blocks of about `size` bytes. Raises RecordingError."""
     with _bytes_of(path, refuse) as file:
         left, line, total = b"", 1, 0
         while data := file.read(size):
@@ -68,7 +68,7 @@ def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock
             left = data[end:]
             if len(left) > LONGEST_LINE:
                 line += data.count(b"\n")
-                what = "expected a sample, or the names of columns"
+                what = "expected a sample or the names of columns"
                 refuse(f"is longer than {LONGEST_LINE} bytes; {what}", f"line {line}")
             if end:
                 yield TextBlock(_decoded(data[:end], line, refuse), line)
@@ -78,17 +78,17 @@ def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock
 
 
 def _unix_ends(data: bytes, file: IO[bytes]) -> bytes:
-    """Lines of any system, ended by "\\n" alone."""
+    """Lines of any operating system, ended by "\\n"."""
     if b"\r" not in data:
         return data
-    if data.endswith(b"\r"):  # the other half of a line's end may come next
+    if data.endswith(b"\r"):  # "\n" may follow
         data += file.read(1)
     return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
 @contextmanager
 def _bytes_of(path: Path, refuse: Refusal) -> Iterator[IO[bytes]]:
-    """The file's bytes, decompressed as they are read."""
+    """The file's bytes in UTF-8, decompressed as they are read."""
     try:
         with open(path, "rb") as file:
             packed = file.read(len(GZIP)) == GZIP
@@ -109,16 +109,16 @@ def _bytes_of(path: Path, refuse: Refusal) -> Iterator[IO[bytes]]:
 
 
 def _in_utf_8(file: IO[bytes]) -> IO[bytes]:
-    """A text as Windows writes it for itself, in the encoding of all others."""
+    """UTF-16, as Windows programs write it, in UTF-8; other texts as they are."""
     wide = file.read(len(_WIDE[0])) in _WIDE
     file.seek(0)
     return codecs.EncodedFile(file, "utf-8", "utf-16") if wide else file
 
 
 def _check_text(data: bytes, file: IO[bytes], refuse: Refusal) -> None:
-    """Refuses what unpacks to something else than text before it is unpacked whole, however large it may become."""
+    """Refuses a gzip file that is not text before it is decompressed whole."""
     if isinstance(file, gzip.GzipFile) and b"\0" in data[:HEAD]:
-        refuse("the gzip file holds no text; expected a recording in CSV, or another format without gzip")
+        refuse("the gzip file contains no text; expected a recording in CSV; decompress recordings in other formats")
 
 
 def _decoded(data: bytes, line: int, refuse: Refusal) -> str:
@@ -126,7 +126,7 @@ def _decoded(data: bytes, line: int, refuse: Refusal) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line += data.count(b"\n", 0, error.start)
-        refuse(f"byte 0x{data[error.start]:02x} is not UTF-8; save the recording as UTF-8", f"line {line}")
+        refuse(f"byte 0x{data[error.start]:02x} is not UTF-8; save the file in UTF-8", f"line {line}")
 
 
 _ABSENT = frozenset(("", "nan", "na", "n/a", "null", "none"))
@@ -136,10 +136,10 @@ _BLANK = " "
 
 @dataclass(frozen=True)
 class TextContents:
-    """A text whose header and dress are known.
+    """A text with its header and layout.
 
-    names        cells of the header, or numbers where there is none
-    first_line   of the samples
+    names        cells of the header, or "#1", "#2", … without a header
+    first_line   number of the first line with a sample
     """
 
     path: Path
@@ -176,14 +176,14 @@ class TextContents:
         return Samples(signals, places, dict.fromkeys(wanted, "line"))
 
     def _after_header(self, block: TextBlock) -> tuple[str, int]:
-        """The samples of a block, and the line of the first."""
+        """The samples of a block and the line of the first."""
         body, line = block.text, block.line
         for _ in range(line, min(self.first_line, line + body.count("\n") + 1)):
             body, line = body.partition("\n")[2], line + 1
         return body.rstrip("\n"), line
 
     def _numbers(self, body: str, line: int, wanted: Mapping[str, int]) -> tuple[Array, Numbers]:
-        """The wanted columns (N, k) and the line of each row."""
+        """The wanted columns (N, k) and the line of each row; fast where the text is regular."""
         delimiter = self.delimiter
         if delimiter == _BLANK:
             body, delimiter = re.sub(r"[ \t]+", ";", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body)), ";"
@@ -198,11 +198,11 @@ class TextContents:
                 table = np.loadtxt(io.StringIO(quick), delimiter=delimiter, comments=None, usecols=cells, ndmin=2)
                 return table, line + np.arange(len(table))
             except ValueError:
-                pass  # the careful way below finds the cell
+                pass  # _careful names the cell
         return self._careful(body, line, delimiter, wanted)
 
     def _careful(self, body: str, first: int, delimiter: str, wanted: Mapping[str, int]) -> tuple[Array, Numbers]:
-        """Cell by cell; says which one is none."""
+        """The same, cell by cell; refuses the first cell that is not a number."""
         rows, numbers, width = [], [], len(self.names)
         like = "in the header" if self.header else "in the first line"
         for line, text in enumerate(body.split("\n"), first):
@@ -211,7 +211,7 @@ class TextContents:
             try:
                 row = next(csv.reader([text], delimiter=delimiter))
             except csv.Error as error:
-                self.refuse(f"is no CSV: {error}", f"line {line}")
+                self.refuse(f"is not CSV: {error}", f"line {line}")
             if len(row) != width:
                 self.refuse(f"has {len(row)} cells; expected {width} as {like}", f"line {line}")
             rows.append([self._number(row[index], name, line) for name, index in wanted.items()])
@@ -232,13 +232,14 @@ class TextContents:
 
 
 def open_text(path: Path, refuse: Refusal) -> TextContents:
-    """The text at a path, whatever its ending. Raises RecordingError."""
+    """The text at a path; its layout is found from its first lines. Raises RecordingError."""
     found = _beginning(path, refuse)
     if found is None:
         refuse("is empty; expected a header such as t [s],q1 [rad],tau1 [N m] and one line a sample")
     remark, ((header, line), *following) = found
     named = _REMARK.sub("", remark)
-    if named and (not header or (_is_nameless(header) and _fits(named, header))):
+    as_many = len(_cells(named, _delimiter(named, header))) == len(_cells(header, _delimiter(header, header)))
+    if named and (not header or (_is_nameless(header) and as_many)):
         header, following, line = named, [(header, line)] if header else [], line - 1
     if not header.strip():
         refuse("is empty; expected a header such as t [s],q1 [rad],tau1 [N m] and one line a sample")
@@ -246,8 +247,10 @@ def open_text(path: Path, refuse: Refusal) -> TextContents:
 
 
 def _beginning(path: Path, refuse: Refusal) -> tuple[str, list[tuple[str, int]]] | None:
-    """The last remark before the first line that is none, and with their numbers that line and two more that are not
-    blank; None where there are remarks alone, and no word in them."""
+    """The last comment before the data, and the first three lines after it that are not blank, with their numbers.
+
+    None if the file is empty. A comment may hold the header.
+    """
     remark, at, found = "", 1, list[tuple[str, int]]()
     for block in blocks(path, refuse, HEAD):
         if block.text.isspace():
@@ -269,7 +272,7 @@ def _beginning(path: Path, refuse: Refusal) -> tuple[str, list[tuple[str, int]]]
 def _contents(
     path: Path, header: str, line: int, following: Sequence[tuple[str, int]], refuse: Refusal
 ) -> TextContents:
-    """What follows a header in `line`, or begins with it where it is a sample; following: lines after it, numbered."""
+    """The layout of a text, from its header (or first sample) in `line` and the numbered lines after it."""
     nameless = _is_nameless(header)
     sample = header if nameless else following[0][0] if following else ""
     delimiter = _delimiter(header, sample)
@@ -281,7 +284,7 @@ def _contents(
         cells, (_, below), following = units, following[0], following[1:]
         sample = following[0][0] if following else ""
     if cells[-1].strip() == "" and len(_cells(sample, delimiter)) == len(cells) - 1:
-        cells = cells[:-1]  # a delimiter behind the last name
+        cells = cells[:-1]  # the header ends with a delimiter
     comma = delimiter != "," and any("," in cell and _is_number(cell) for cell in _cells(sample, delimiter))
     kind = "text" if delimiter == _BLANK else "CSV"
     if nameless:
@@ -293,12 +296,12 @@ def _contents(
 
 
 def _is_nameless(line: str) -> bool:
-    """Whether a line is a sample: numbers alone."""
+    """Whether a line consists of numbers only, so that it is a sample and not a header."""
     return all(_is_number(cell) for cell in re.split(r"[;\t ]+|,", line.strip()))
 
 
 def _delimiter(header: str, first: str) -> str:
-    """What stands between the cells of a header and of the first sample."""
+    """The delimiter between cells, from the header and the first sample."""
     if _is_nameless(header):
         return next(
             (mark for mark in ";\t," if mark in header and not (mark == "," and _between_blanks(header))), _BLANK
@@ -311,12 +314,12 @@ def _delimiter(header: str, first: str) -> str:
 
 
 def _between_blanks(line: str) -> bool:
-    """Whether the commas of a sample are decimal ones: blanks stand where none does."""
+    """Whether the commas of a sample are decimal commas, because blanks separate its numbers."""
     return bool(re.search(r"[^,\s]\s+[^,\s]", line))
 
 
 def _units(second: list[str], header: list[str]) -> list[str] | None:
-    """The cells of a header with the units that stand in the line below it; None where no units stand there."""
+    """The cells of a header with the units of the line below it; None if that line has no units."""
     units = [normal_unit(cell.strip().strip("[]()")) for cell in second]
     if len(units) != len(header) or not any(units) or any(unit not in UNITS for unit in units if unit.strip("-")):
         return None
@@ -324,17 +327,12 @@ def _units(second: list[str], header: list[str]) -> list[str] | None:
 
 
 def _stamp(cell: str) -> float | None:
-    """s since 1970 of a date and time, of UTC where it names no zone; None of anything else."""
+    """A date and time in s since 1970, UTC unless it states a zone; None for other text."""
     try:
         stamp = datetime.fromisoformat(cell)
     except ValueError:
         return None
     return (stamp if stamp.tzinfo else stamp.replace(tzinfo=UTC)).timestamp()
-
-
-def _fits(header: str, first: str) -> bool:
-    """Whether a header has as many cells as a sample."""
-    return len(_cells(header, _delimiter(header, first))) == len(_cells(first, _delimiter(first, first)))
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
@@ -361,7 +359,7 @@ def _float(cell: str) -> float:
 
 
 def _is_regular(body: str, width: int, delimiter: str) -> bool:
-    """Whether every line has `width` cells; np.loadtxt looks at the used columns only."""
+    """Whether every line has `width` cells; np.loadtxt checks only the columns it reads."""
     text = np.frombuffer(body.encode("utf-8"), np.uint8)
     ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
     marks = np.flatnonzero(text == ord(delimiter))

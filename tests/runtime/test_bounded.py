@@ -35,7 +35,9 @@ def test_a_pipe_into_which_nobody_writes(tmp_path: Path, monkeypatch: pytest.Mon
     os.mkfifo(pipe)
     with pytest.raises(ModelError, match=r"pipe: cannot be read: nothing came out of it in 0\.05 s; expected a file"):
         reader.read_text(pipe)
-    with pytest.raises(RecordingError, match=r"pipe: is no file but a pipe or a device; save it to a file first"):
+    with pytest.raises(
+        RecordingError, match=r"pipe: is a pipe or a device, which can be read only once; save it to a file first"
+    ):
         recording.read(pipe, None)
     assert output.run(app, ["effects", "--effects", str(pipe)]) == 2
 

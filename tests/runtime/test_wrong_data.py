@@ -295,7 +295,7 @@ def test_a_minus_turns_a_column_round(tmp_path: Path) -> None:
     given, turned = read(path, None), read(path, None, {"tau1": "-tau1 [mN m]", "q1": "-q1"})
     np.testing.assert_allclose(turned.tau, -1e-3 * given.tau)
     np.testing.assert_allclose(turned.q, -given.q)
-    with pytest.raises(RecordingError, match="has a minus; expected one before positions, rates and torques only"):
+    with pytest.raises(RecordingError, match="has a minus; only positions, rates and torques can change sign"):
         read(path, None, {"t": "-t"})
 
 

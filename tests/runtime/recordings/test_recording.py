@@ -123,8 +123,8 @@ def test_a_planar_arm_is_not_given_what_acts_out_of_its_plane(write):
     table = [[*row, "1"] for row in rows()]
     for header, mapping, name in (("t,q1,tau1,mz", {}, "mz"), ("t,q1,tau1,F", {"fz": "F"}, "fz")):
         assert said(write(text(header, table)), mapping=mapping).startswith(
-            f"run3.csv line 1: has a column {name}, but the arm is planar, and of what acts on it at the end-effector "
-            "fx and fy are known"
+            f"run3.csv line 1: has a column {name}, but the arm is planar: of the force at its tip, only fx and fy are "
+            "read"
         )
 
 
@@ -234,7 +234,10 @@ def cell(line: int, column: int, value: str) -> str:
         (cell(200, 1, ""), "run3.csv line 200: q1 is NaN; drop the row or pass --allow-gaps"),
         (cell(200, 2, "N/A"), "run3.csv line 200: tau1 is NaN; drop the row or pass --allow-gaps"),
         (cell(200, 2, "inf"), "run3.csv line 200: tau1 is infinite; repair or drop the row"),
-        (cell(200, 2, "1e200"), "run3.csv line 200: tau1 is 1e+200, too large for a reading; repair or drop the row"),
+        (
+            cell(200, 2, "1e200"),
+            "run3.csv line 200: tau1 is 1e+200, more than any sensor reads (at most 1e+12 in SI); repair or",
+        ),
         (cell(200, 2, "x1"), 'run3.csv line 200: tau1 is "x1"; expected a number'),
         (cell(200, 2, "1_0"), 'run3.csv line 200: tau1 is "1_0"; expected a number'),
         (cell(200, 2, "1,5"), "run3.csv line 200: has 4 cells; expected 3 as in the header"),
@@ -267,11 +270,11 @@ def cell(line: int, column: int, value: str) -> str:
         (text(table=[[r[0], "1", r[2]] for r in rows()]), "run3.csv: q1 is constant; nothing moves, so nothing can"),
         (
             text(table=[[r[0], r[1], "2"] for r in rows()]),
-            "run3.csv: tau1 is constant (2) while q1 moves; is the right",
+            "run3.csv: tau1 is constant (2) while q1 moves; is it the",
         ),
         (gzip.compress(text().encode())[:-200], "run3.csv: the gzip file is cut off; copy it again"),
         (gzip.compress(text().encode())[:50] + b"xxxxxxxx" * 9, "run3.csv: the gzip file is damaged"),
-        (text("t,q1,tau1 [\xb0]").encode("latin-1"), "run3.csv line 1: byte 0xb0 is not UTF-8; save the recording"),
+        (text("t,q1,tau1 [\xb0]").encode("latin-1"), "run3.csv line 1: byte 0xb0 is not UTF-8; save the file"),
         (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "run3.csv line 1: byte 0x89 is not UTF-8"),
     ],
 )
@@ -283,7 +286,7 @@ def test_the_wrong_joint_count(write):
     two = write(text("t,q1,q2,tau1,tau2", rows(joints=2)))
     assert "has a column q2, but the model has 1 joint;" in said(two, joints(1))
     assert "no column q3 (the model has 3 joints)" in said(two, joints(3))
-    assert said(two, joints(3)).endswith(", and all are read; use the model of this arm")
+    assert said(two, joints(3)).endswith(", and all are used; use the model of this arm")
 
 
 def test_what_is_read_already_is_not_offered(write):
@@ -312,7 +315,7 @@ def test_a_prismatic_joint_refuses_angles(write):
 
 def test_rigid_torques_come_for_all_joints_or_none(write):
     path = write(text("t,q1,q2,tau1,tau2,tau1_rigid", [[*row, "1"] for row in rows(joints=2)]))
-    assert "has no column tau2_rigid; give the rigid-body torque of every joint, or of none" in said(path, joints(2))
+    assert "has no column tau2_rigid; record the rigid-body torque of every joint, or of none" in said(path, joints(2))
 
 
 @pytest.mark.parametrize(
@@ -321,7 +324,7 @@ def test_rigid_torques_come_for_all_joints_or_none(write):
         ({"q1": "Pos"}, '--map q1: no column "Pos"; the file has "t", "q1", "tau1"'),
         ({"q1": "tua1"}, '--map q1: no column "tua1"; did you mean "tau1"?'),
         ({"q9": "q1"}, "--map q9: no such signal; known are t, q1, tau1"),
-        ({"q1": "tau1", "tau1": "tau1"}, '--map tau1: column "tau1" is mapped twice'),
+        ({"q1": "tau1", "tau1": "tau1"}, '--map tau1: column "tau1" is mapped to two signals'),
     ],
 )
 def test_maps_that_do_not_fit(write, mapping, expected):
@@ -383,7 +386,7 @@ def test_too_little_is_left(write):
         said(write(text(table=table)), allow_gaps=True) == "run3.csv: only 150 samples are left; expected at least 200"
     )
     scattered = [[f"{k // 20 + k * 1e-3:.3f}", *row[1:]] for k, row in enumerate(rows(300))]
-    assert "no piece without a gap has 50 samples" in said(write(text(table=scattered)), allow_gaps=True)
+    assert "no piece between gaps has 50 samples" in said(write(text(table=scattered)), allow_gaps=True)
 
 
 # --- anything at all ---

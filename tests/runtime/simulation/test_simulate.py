@@ -242,7 +242,7 @@ def test_what_is_wrong_with_a_motion_file_is_one_line(tmp_path: Path, text: str,
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
-        ("pipe", "is no file but a pipe or a device; save it to a file first"),
+        ("pipe", "is a pipe or a device, which can be read only once; save it to a file first"),
         ("folder", "is a directory; expected a motion: a CSV of t,q1"),
         ("none", "no such file; expected a motion: a CSV of t,q1"),
         ("bytes", "byte 0xff is not UTF-8"),
