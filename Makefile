@@ -57,7 +57,7 @@ benchmark-short: $(BENCHMARKS)
 generated: $(STAMP)
 	$(BIN)/tendon generate symbolic/arms/vishard4.toml
 	$(BIN)/tendon firmware symbolic/arms/vishard4.toml
-	$(BIN)/python -m runtime.cli.schemas
+	$(BIN)/python -m runtime.cli.schema
 	$(BIN)/python -m codegen.descriptions
 
 # The figures of README.md, from a run of the demo.

@@ -4,7 +4,7 @@
     class NoiseSettings(Checked):
         seed: Annotated[int, Setting("Another seed is other noise.", low=0)] = 0
 
-The command line makes its options of these fields (runtime/cli/setting_options.py), functions take the dataclass, and
+The command line makes its options of these fields (runtime/cli/options.py), functions take the dataclass, and
 what is out of range is refused whoever says it.
 """
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from runtime.cli import main, output
-from runtime.cli.options import mapping
 from runtime.recordings.recording import Recording, read
+from runtime.workspace.names import column_mapping
 from runtime.workspace.source import Source
 from tests.first_hour import FORMATS, MACHINES, REAL
 
@@ -30,7 +30,7 @@ def recorded(path: Path, options: str) -> Recording:
     arm = Source.read(Path("machine.toml"), None).recorded_arm()
     cells = shlex.split(options)
     maps = [cell for option, cell in pairwise(cells) if option == "--map"]
-    return read(path, arm, mapping(maps), "--allow-gaps" in cells)
+    return read(path, arm, column_mapping(maps), "--allow-gaps" in cells)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n == "tx40" else ()) for n in MACHINES])

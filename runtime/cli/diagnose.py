@@ -1,4 +1,4 @@
-"""The verb that names the missing effect: diagnose."""
+"""The verb that finds missing effects: diagnose."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from msgspec.structs import replace
 
-from runtime.cli.loop import draw_page, inputs, invocation_of
+from runtime.cli.inputs import TypedInputs
 from runtime.cli.options import (
     AllowGaps,
     EffectsFile,
@@ -19,7 +19,7 @@ from runtime.cli.options import (
     Recordings,
     Report,
 )
-from runtime.cli.output import NO, emit
+from runtime.cli.output import NO, emit, write_page
 from runtime.cli.places import WRITTEN
 from runtime.documents.diagnosis import DraftEntry
 from runtime.workspace.names import UsageError
@@ -39,7 +39,7 @@ def diagnose(
     report: Report = None,
     draft: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.py", help="If unexplained: declare a guess at what is missing, for --effects."),
+        typer.Option(metavar="FILE.py", help="If unexplained, draft an effect into this file, for --effects."),
         WRITTEN,
     ] = None,
     maps: Map = None,
@@ -47,18 +47,23 @@ def diagnose(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Which physical effect is missing? Exit 1 if the answer is "unexplained" or "refused"."""
+    """Find the physical effects that the model lacks. Exit status 1 if the verdict is "unexplained" or "refused"."""
     from runtime.report.terminal import loop_pages, pages
 
-    check_draft(draft)
-    source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
+    if draft is not None:
+        from symbolic.effects.source import BANNER
+
+        if draft.exists() and not draft.read_bytes().startswith(BANNER.encode()):
+            raise UsageError(f"{draft}: already exists and is not a draft; choose another name")
+    typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
+    source, data, loaded = typed.read()
     from runtime.diagnosis.diagnose import diagnose as diagnosed
 
     with pages.working("looking for missing effects"):
         result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses)
     from runtime.report.summary import ResultSummary
 
-    invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps)
+    invocation = typed.invocation(source)
     summary = ResultSummary(result, invocation, drafted=draft is not None)
     document = summary.document
     if draft is not None:
@@ -67,7 +72,7 @@ def diagnose(
         reading = follow_up.reading(maps or (), allow_gaps)
         document = replace(document, **_drafted(source, result, draft, invocation, reading))
     emit(json, document, loop_pages.show)
-    draw_page(report, summary, json)
+    write_page(report, summary, json)
     if result.verdict in ("unexplained", "refused"):
         raise typer.Exit(NO)
 
@@ -75,9 +80,9 @@ def diagnose(
 def _drafted(
     source: Source, result: Diagnosis, target: Path, invocation: Invocation, reading: list[str]
 ) -> dict[str, DraftEntry | str]:
-    """What a diagnosis says of the guess that was asked for; its file is written if there is one.
+    """Keys of the document for the draft that was asked for; writes its file if there is one.
 
-    reading   the options with which the recordings were read
+    reading   options with which the recordings were read
     """
     from runtime import files
     from runtime.loop import law_proposal
@@ -98,13 +103,3 @@ def _drafted(
     following = law_proposal.next_steps(found, invocation.model, invocation.recordings, reading, target)
     following = [invocation.copy(), *following] if invocation.like else following
     return {"draft": found.document().as_part_of(DraftEntry, file=str(target), next=following)}
-
-
-def check_draft(target: Path | None) -> None:
-    """Refuse a file for a guess that is there and was not written as one."""
-    if target is None:
-        return
-    from symbolic.effects.source import BANNER
-
-    if target.exists() and not target.read_bytes().startswith(BANNER.encode()):
-        raise UsageError(f"{target}: is there already and is no draft; choose another name")

@@ -18,11 +18,11 @@ app = typer.Typer()
 
 @app.command("effects", epilog="Example: tendon effects stribeck")
 def show_effects(
-    name: Annotated[str | None, typer.Argument(help="One effect; without it, all of them.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One effect; default: all.")] = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """The library of physical effects. Equations, parameters, what they leave in a residual."""
+    """List the physical effects of the library. With NAME: equation, parameters, trace in a residual, literature."""
     from codegen import metadata
     from runtime.report.terminal import pages
 

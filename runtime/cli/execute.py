@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import msgspec
 import typer
 
-from runtime.cli.opening import check_hidden, opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, Report
+from runtime.cli.inputs import check_hidden, opened
+from runtime.cli.options import EffectsFile, Json, ModelFile, Report, with_settings
 from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.cli.setting_options import with_settings
 from runtime.execution.options import ExecutionSettings
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
@@ -53,42 +52,45 @@ class _Asked:
 @with_settings
 def execute(
     model: ModelFile,
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="JSON of tendon optimize --out."), READ],
+    trajectory: Annotated[
+        Path, typer.Argument(metavar="TRAJECTORY", help="File that tendon optimize --out wrote."), READ
+    ],
     on: Annotated[
         str,
         typer.Option(
             "--on",
             metavar="TARGET",
-            help="The simulated arm: simulation, unicorn, qemu; a real one: serial:///dev/ttyACM0, canopen://can0.",
+            help="Simulated arm: simulation, unicorn, qemu. Real arm: serial:///dev/ttyACM0, canopen://can0.",
         ),
     ],
     settings: ExecutionSettings = ExecutionSettings(),
     hide: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="The simulated arm has an effect that MODEL has not."
-        ),
+        typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="Give the simulated arm an effect that MODEL lacks."),
     ] = None,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="EFFECT@JOINT:KEY=VALUE,...", help="It has other values than MODEL."),
+        typer.Option("--set", metavar="EFFECT@JOINT:KEY=VALUE,...", help="Give it other values than MODEL."),
     ] = None,
     arm: Annotated[
-        bool, typer.Option("--arm", help="Move a real arm; without it, only what it would do is shown.")
+        bool, typer.Option("--arm", help="Move a real arm. Without it the motion is only predicted.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Recording; compressed if it ends in .gz."), WRITTEN
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the recording; compressed if the name ends in .gz."),
+        WRITTEN,
     ] = None,
     model_out: Annotated[
         Path | None,
-        typer.Option("--model-out", metavar="FILE", help="The model with the springs and contact of TRAJECTORY."),
+        typer.Option("--model-out", metavar="FILE", help="Write the model with the springs and contact of TRAJECTORY."),
         WRITTEN,
     ] = None,
     report: Report = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Run a planned motion on an arm. Cost, tracking and contact beside the plan's; exit 1 after a safe stop."""
+    """Execute a planned motion on a simulated or real arm. Shows cost, tracking and contact beside those planned; exit
+    status 1 after a safe stop."""
     from runtime import files
     from runtime.recordings import recording
     from runtime.report.terminal import execution_pages

@@ -1,4 +1,4 @@
-"""The verb that proposes the deciding motion: experiment."""
+"""The verb that designs the motion that separates rival effects: experiment."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.opening import check_hidden, opened
-from runtime.cli.options import EffectsFile, Json, ModelFile
+from runtime.cli.inputs import check_hidden, opened
+from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN
-from runtime.cli.setting_options import with_settings
 from runtime.documents.recordings import ExperimentDocument
 from runtime.experiments.options import ExperimentSettings
 
@@ -26,17 +25,20 @@ def experiment(
         list[str],
         typer.Option(
             metavar="EFFECT@JOINT[:KEY=VALUE,...],...",
-            help="Rivals to tell apart, repeatable; one alone is told from the model as it is.",
+            help="Rival effects, repeatable. A single one is separated from the model as it is.",
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="MOTION.csv", help="For your arm, or simulate --motion."), WRITTEN
+        Path | None,
+        typer.Option(metavar="MOTION.csv", help="Write the motion, for your arm or for tendon simulate --motion."),
+        WRITTEN,
     ] = None,
     settings: ExperimentSettings = ExperimentSettings(),
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Which motion tells these effects apart? Within the joints' limits, confirmed in simulation; exit 1 if none."""
+    """Design a motion that separates rival effects. Within the limits of the joints and confirmed in simulation; exit
+    status 1 if there is none."""
     from runtime.report.terminal import pages
 
     source = opened(model, effects)

@@ -1,4 +1,4 @@
-"""The verb that makes a controller's firmware."""
+"""The verb that generates and compiles the firmware of the controller: firmware."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from msgspec.json import decode
 from msgspec.structs import replace
 
 from runtime import files
-from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile
+from runtime.cli.generate import own_directory
+from runtime.cli.inputs import opened
+from runtime.cli.options import Check, EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import FILLED, check_directory
-from runtime.cli.rendered import own_directory
 from runtime.documents.generated import BuildEntry, FirmwareDocument
 from runtime.documents.parts import given
 
@@ -24,16 +24,19 @@ app = typer.Typer()
 @app.command(epilog="Example: tendon firmware vishard4 --target cortex-m4f")
 def firmware(
     model: ModelFile,
-    target: Annotated[str, typer.Option(metavar="NAME", help="cortex-m4f, cortex-m7, or host.")] = "cortex-m4f",
+    target: Annotated[str, typer.Option(metavar="NAME", help="Target: cortex-m4f, cortex-m7 or host.")] = "cortex-m4f",
     toolchain: Annotated[
-        str | None, typer.Option(metavar="NAME", help="gcc or zig, in place of what is found first.")
+        str | None, typer.Option(metavar="NAME", help="Cross-compiler: gcc or zig; default: the first that is found.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Default: ./generated/NAME/firmware."), FILLED] = None,
-    check: Annotated[bool, typer.Option("--check", help="Write nothing; exit 1 if the files are stale.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Output directory; default: ./generated/NAME/firmware."), FILLED
+    ] = None,
+    check: Check = False,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Write the controller's firmware and compile it. Size, stack; files that do not say they are generated stay."""
+    """Generate the firmware of the controller and compile it. Files in the directory that were not generated are kept;
+    exit status 1 if the stack does not suffice."""
     from runtime.report.terminal.pages import working
 
     source = opened(model, effects)
@@ -92,7 +95,7 @@ def _show(document: FirmwareDocument) -> None:
     chain = " > ".join(f"{name} {size}" for name, size in stack.chain)
     say(
         f"text {build.text:,} B, data {build.data:,} B, bss {build.bss:,} B",
-        f"largest stack {stack.worst:,} B of {build.stack_size:,}: {chain}; {stack.handlers} more in a fault handler",
+        f"worst stack {stack.worst:,} B of {build.stack_size:,}: {chain}; {stack.handlers} more in a fault handler",
         *(f"the stack has no known bound: {why}" for why in stack.unknown),
         "functions for double precision, a heap or text: " + (", ".join(given(build.forbidden) or ()) or "none"),
     )

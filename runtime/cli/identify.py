@@ -1,4 +1,4 @@
-"""The verb that fits the parameters: identify."""
+"""Verbs that fit a model to recordings: identify and compare."""
 
 from __future__ import annotations
 
@@ -7,17 +7,9 @@ from typing import Annotated
 import typer
 from msgspec.structs import replace
 
-from runtime.cli.loop import inputs
-from runtime.cli.options import (
-    AllowGaps,
-    EffectsFile,
-    Json,
-    Map,
-    ModelFile,
-    Recordings,
-    check_own,
-)
-from runtime.cli.output import NO, emit
+from runtime.cli.inputs import TypedInputs, check_own
+from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report
+from runtime.cli.output import NO, emit, write_page
 from runtime.documents.fits import IdentifyDocument, JudgedFitDocument
 from runtime.estimation.settings import SKEW_RANGE
 from symbolic.model_file.arm import ROTOR
@@ -29,13 +21,14 @@ app = typer.Typer()
 def identify(
     model: ModelFile,
     recordings: Recordings,
-    write: Annotated[bool, typer.Option("--write", help="Put the fitted values into the model file.")] = False,
+    write: Annotated[bool, typer.Option("--write", help="Write the fitted values into the model file.")] = False,
     skew: Annotated[
         float | None,
         typer.Option(
+            metavar="X",
             min=SKEW_RANGE[0],
             max=SKEW_RANGE[1],
-            help="Samples by which the torque leads the motion; estimated if not given.",
+            help="Offset between the clocks of torque and motion, in samples; estimated by default.",
         ),
     ] = None,
     maps: Map = None,
@@ -43,12 +36,14 @@ def identify(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Fit the parameters to recordings. Base inertial ones and those of the effects, with intervals."""
+    """Fit base inertial parameters and effects to recordings. With 95 % confidence intervals. Exit status 1 if the
+    fit is not to be believed."""
     from runtime.report.terminal import loop_pages, pages
 
     if write:
         check_own(model)
-    source, data, loaded = inputs(model, recordings, effects, maps, allow_gaps)
+    typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
+    source, data, loaded = typed.read()
     from runtime.diagnosis.credibility import judged
     from runtime.estimation.identify import identify as fit
 
@@ -70,7 +65,7 @@ def identify(
 
 
 def _written(document: JudgedFitDocument) -> list[str]:
-    """Names of the values that a model file gets: those that the recordings determine."""
+    """Names of the values that the recordings determine and that the model file gets."""
     inertial = [p.name if p.name != ROTOR else f"{ROTOR}@{p.joint}" for p in document.inertial if p.fit is not None]
     effects = [
         entry.name if entry.joint is None else f"{entry.name}@{entry.joint}"
@@ -78,3 +73,30 @@ def _written(document: JudgedFitDocument) -> list[str]:
         if any(p.value is not None for p in entry.parameters.values())
     ]
     return [*inertial, *effects]
+
+
+@app.command(epilog="Example: tendon compare drive.toml run1.csv")
+def compare(
+    model: ModelFile,
+    recordings: Recordings,
+    report: Report = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Show where the model fails. The residual torque of each joint after a fit, its noise floor, and the signals that
+    it follows."""
+    from runtime.report.terminal import loop_pages, pages
+
+    typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
+    source, data, loaded = typed.read()
+    from runtime.estimation.compare import compare as compared
+
+    with pages.working("comparing"):
+        result = compared(loaded, data)
+    from runtime.report.summary import ResultSummary
+
+    summary = ResultSummary(result, typed.invocation(source))
+    emit(json, summary.document, loop_pages.show)
+    write_page(report, summary, json)

@@ -1,27 +1,26 @@
-"""The verb that adds what is missing, as long as it helps: improve."""
+"""Verbs that add what is missing: improve, and demo on a simulated drive."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.loop import draw_page, improved_model, inputs, invocation_of
-from runtime.cli.options import (
-    AllowGaps,
-    EffectsFile,
-    Json,
-    Map,
-    ModelFile,
-    Recordings,
-    Report,
-    check_own,
-)
-from runtime.cli.output import NO, emit
-from runtime.cli.places import READ, WRITTEN
+from runtime import files
+from runtime.cli.inputs import TypedInputs, check_own
+from runtime.cli.options import AllowGaps, EffectsFile, HeldOut, Json, Map, ModelFile, Recordings, Report
+from runtime.cli.output import NO, emit, write_page
+from runtime.cli.places import FILLED, WRITTEN
 from runtime.workspace.names import UsageError
+from runtime.workspace.source import Source
+
+if TYPE_CHECKING:
+    from runtime.loop.improve import Improvement
+    from runtime.recordings.recording import Recording
+    from runtime.report.follow_up import Invocation
+    from runtime.report.summary import ResultSummary
 
 app = typer.Typer()
 
@@ -30,18 +29,19 @@ app = typer.Typer()
 def improve(
     model: ModelFile,
     recordings: Recordings,
-    held_out: Annotated[
-        list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted."), READ
+    held_out: HeldOut = None,
+    write: Annotated[bool, typer.Option("--write", help="Write the improved model into the model file.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the improved model into this file."), WRITTEN
     ] = None,
-    write: Annotated[bool, typer.Option("--write", help="Replace the model file by the improved one.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the improved model there."), WRITTEN] = None,
     report: Report = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Add what is missing, as long as it helps. Fits, diagnoses and adds; on a copy unless told to write."""
+    """Add missing effects until none improves the model. Fits, diagnoses, adds and fits again; nothing is written
+    without --write or --out. Exit status 1 if the data are refused."""
     from runtime.report.terminal import loop_pages
 
     if write and out:
@@ -51,17 +51,51 @@ def improve(
     for path in held_out or ():
         if path.resolve() in {p.resolve() for p in recordings}:
             raise UsageError(f"{path}: is fitted and held out; give it once")
-    source, data, _ = inputs(model, [*recordings, *(held_out or ())], effects, maps, allow_gaps)
-    improved = model if write else out
-    invocation = invocation_of(source, model, recordings, effects, maps, allow_gaps, tuple(held_out or ()), improved)
-    result, summary = improved_model(source, data[: len(recordings)], data[len(recordings) :], invocation)
+    typed = TypedInputs(model, recordings, held_out or (), effects=effects, maps=maps, allow_gaps=allow_gaps)
+    source, data, _ = typed.read()
+    invocation = typed.invocation(source, model if write else out)
+    result, summary = _improved(source, data[: len(recordings)], data[len(recordings) :], invocation)
     emit(json, summary.document, loop_pages.show)
     if write:
         replace(source.edits, text=result.model_text).write()
     elif out:
-        from runtime import files
-
         files.replace(out, result.model_text.encode())
-    draw_page(report, summary, json)
+    write_page(report, summary, json)
     if result.found.verdict == "refused":
         raise typer.Exit(NO)
+
+
+@app.command(epilog="Example: tendon demo")
+def demo(
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Directory for recordings, improved model and report."), FILLED
+    ] = Path("demo-report"),
+    json: Json = None,
+) -> None:
+    """Improve the model of a simulated drive that has a hidden effect. Two minutes, no hardware."""
+    from runtime.report.terminal import loop_pages, pages
+    from runtime.simulation.demo import record_files
+
+    out.mkdir(parents=True, exist_ok=True)
+    with pages.working("recording a drive with a hidden effect"):
+        paths = record_files(out)
+    source = Source(out / "drive.toml", Source.shipped("drive").text)
+    data = source.recordings(paths)
+    invocation = TypedInputs(Path("drive"), paths[:1], paths[1:]).invocation(source, source.path)
+    result, summary = _improved(source, data[:1], data[1:], invocation)
+    files.replace(source.path, result.model_text.encode())
+    emit(json, summary.document, loop_pages.show)
+    write_page(out, summary, json)
+
+
+def _improved(
+    source: Source, fitted: list[Recording], held_out: list[Recording], invocation: Invocation
+) -> tuple[Improvement, ResultSummary]:
+    from runtime.loop.held_out import floors
+    from runtime.loop.improve import improve as improved
+    from runtime.report.summary import ResultSummary
+    from runtime.report.terminal import pages
+
+    with pages.working("fitting and looking for missing effects") as tell:
+        result = improved(source, fitted, held_out, tell)
+        return result, ResultSummary(result, invocation, floors(result.steps[-1].identification, held_out))

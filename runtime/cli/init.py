@@ -1,4 +1,4 @@
-"""The verb that begins a model file: init. Options and answers are texts of one form, each checked when it is given."""
+"""The verb that makes a new model file: init. Options and answers have the same form."""
 
 from __future__ import annotations
 
@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli import schemas
-from runtime.cli.import_arm import ROOT_TO_END, ChainOptions
-from runtime.cli.opening import opened
-from runtime.cli.options import EffectsFile, Json
+from runtime.cli import schema as schemas
+from runtime.cli.exchange import ROOT_TO_END, ChainOptions
+from runtime.cli.inputs import opened
+from runtime.cli.options import EffectsFile, Json, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN, check_writable
-from runtime.cli.setting_options import with_settings
 from runtime.documents.models import InitDocument
 from runtime.setting import Checked, Setting
 from runtime.workspace.library import effects_described
@@ -34,11 +33,11 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_HELP = """Begin a model file for your own arm, from options and at most six questions, from a URDF, or as a copy.
+_HELP = """Make a model file for your own arm. From options and at most six questions, from a URDF, or as a copy.
 
-What no option states is asked for on the terminal, or read line by line from standard input. Enter takes the value in
-brackets, ? means unknown. Keys that remain unknown are in the file as comments, to be filled in."""
-_EACH = "one for all joints or one each, ? if unknown"
+Asks on the terminal for what no option states, or reads the answers from standard input, a line each. Enter takes the
+value in brackets; ? means unknown. Unknown keys are comments in the file, to be filled in."""
+_EACH = "one number for all joints or one for each, ? if unknown"
 _MOTOR: tuple[str, ...] = ("gear_ratio", "torque_constant", "rotor_inertia")
 _QUESTIONS = {
     "joints": ("Joints from the base outwards, r for revolute and p for prismatic, such as r,r,p", "r"),
@@ -53,39 +52,51 @@ _QUESTIONS = {
 
 @dataclass(frozen=True)
 class ArmOptions(Checked):
-    """What the command line states of a new arm, as text; motors on their own side of the gear."""
+    """What the command line states of a new arm, as text. Motors are stated on their own side of the gear."""
 
-    name: Annotated[str | None, Setting("A C identifier.")] = None
-    joints: Annotated[str | None, Setting("Revolute, prismatic, from the base.", metavar="r,p,...")] = None
-    gravity: Annotated[str | None, Setting("m/s^2.", metavar="X,Y[,Z]")] = None
-    gear_ratio: Annotated[str | None, Setting(f"{_EACH.capitalize()}.", metavar="N,...")] = None
-    torque_constant: Annotated[str | None, Setting(f"N m/A of the motors; {_EACH}.", metavar="KT,...")] = None
-    rotor_inertia: Annotated[str | None, Setting(f"kg m^2 of the motors; {_EACH}.", metavar="J,...")] = None
-    length: Annotated[str | None, Setting("m, of the links of a planar arm.", metavar="L,...")] = None
-    mass: Annotated[str | None, Setting(f"kg, of the links; {_EACH}.", metavar="M,...")] = None
+    name: Annotated[str | None, Setting("Name of the arm, a C identifier.", metavar="NAME")] = None
+    joints: Annotated[
+        str | None, Setting("Types of the joints from the base, revolute or prismatic.", metavar="r,p,...")
+    ] = None
+    gravity: Annotated[str | None, Setting("Gravity in base axes, m/s^2.", metavar="X,Y[,Z]")] = None
+    gear_ratio: Annotated[str | None, Setting(f"Gear ratios: {_EACH}.", metavar="N,...")] = None
+    torque_constant: Annotated[
+        str | None, Setting(f"Torque constants of the motors, N m/A: {_EACH}.", metavar="KT,...")
+    ] = None
+    rotor_inertia: Annotated[str | None, Setting(f"Inertias of the rotors, kg m^2: {_EACH}.", metavar="J,...")] = None
+    length: Annotated[str | None, Setting("Lengths of the links of a planar arm, m.", metavar="L,...")] = None
+    mass: Annotated[str | None, Setting(f"Masses of the links, kg: {_EACH}.", metavar="M,...")] = None
 
 
 @app.command(help=_HELP, epilog="Example: tendon init --joints r,r,p --gear-ratio 100 --out my_arm.toml")
 @with_settings
 def init(
-    out: Annotated[Path | None, typer.Option(metavar="MODEL", help="Default: NAME.toml."), WRITTEN] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="MODEL", help="File to write; default: NAME.toml."), WRITTEN
+    ] = None,
     like: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL", help="A copy of this: drive, vishard4, emps, ur10, panda, or a file."),
+        typer.Option(metavar="MODEL", help="Copy a model: a file, or one of drive, vishard4, emps, ur10, panda."),
         READ,
     ] = None,
     urdf: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Geometry and bodies from a URDF or MJCF; asks for motors."),
+        typer.Option(metavar="FILE", help="Take joints and links from a URDF or MJCF, and ask for the motors."),
         READ,
     ] = None,
     chain: ChainOptions = ROOT_TO_END,
     options: ArmOptions = ArmOptions(),
-    space: Annotated[bool | None, typer.Option("--space/--plane", help="Where it moves.", show_default=False)] = None,
+    space: Annotated[
+        bool | None,
+        typer.Option("--space/--plane", help="Whether the arm moves in space or in a plane.", show_default=False),
+    ] = None,
     friction: Annotated[
-        bool, typer.Option("--friction/--no-friction", help="Dry and viscous friction at every joint, values unknown.")
+        bool,
+        typer.Option("--friction/--no-friction", help="Add dry and viscous friction, values unknown, to every joint."),
     ] = True,
-    schema: Annotated[bool, typer.Option("--schema", help="Put the JSON schemas for editors beside it.")] = False,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Write the JSON schemas for editors beside the file.")
+    ] = False,
     questions: Annotated[
         bool, typer.Option("--questions/--no-questions", help="Ask for what no option states.")
     ] = True,
@@ -95,11 +106,11 @@ def init(
     stated = {key: value for key, value in asdict(options).items() if value is not None}
     stated |= {} if space is None else {"space": "space" if space else "plane"}
     if like is not None and (urdf is not None or stated):
-        raise UsageError("--like is a copy as it stands; leave the other options out, or --like")
+        raise UsageError("--like copies a model as it is; leave out the other options, or --like")
     if urdf is None and chain != ROOT_TO_END:
-        raise UsageError("--base, --tip and --lock are of a --urdf")
+        raise UsageError("--base, --tip and --lock need --urdf")
     if urdf is not None and stated.keys() - set(_MOTOR):
-        raise UsageError("--urdf states joints and links; only motors can be given beside it")
+        raise UsageError("--urdf states joints and links; only options of motors can stand beside it")
     if out is not None:
         _check_new(out)
     if like is not None:
@@ -122,7 +133,7 @@ def init(
 
 def _check_new(path: Path) -> None:
     if path.exists():
-        raise UsageError(f"{path}: is there already; choose another name")
+        raise UsageError(f"{path}: already exists; choose another name")
 
 
 def _interview(
@@ -132,10 +143,10 @@ def _interview(
     library: Mapping[str, AnyEffect],
     called: str,
 ) -> str:
-    """The model file, after asking for what no option states. Raises UsageError, ModelError.
+    """The text of the model file, after asking for what no option states. Raises UsageError, ModelError.
 
-    called  the name unless another is given
-    write   the model file by texts; an answer whose file the reader refuses is refused
+    called   default name
+    write    makes the text from what is stated; an answer is refused if the reader refuses the text
     """
     from symbolic.model_file import reader
 
@@ -155,9 +166,9 @@ def _interview(
 
 
 def _ask(question: str, default: str, accept: Callable[[str], None]) -> str | None:
-    """An answer that `accept` does not refuse with a ValueError; None at the end of the input.
+    """An answer that `accept` takes; None at the end of the input.
 
-    A refused answer is asked for again on a terminal, and is an error elsewhere.
+    Where it raises ValueError, the question is repeated on a terminal; elsewhere the error is raised.
     """
     interactive = sys.stdin.isatty()
     while True:
@@ -183,7 +194,7 @@ def _is_planar(stated: Mapping[str, str]) -> bool:
 
 
 def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str]) -> str:
-    """The model file of a new arm; called: its name if none is stated. Raises UsageError."""
+    """The text for a new arm; called: default name. Raises UsageError."""
     if "joints" not in stated:
         raise UsageError(f"{_QUESTIONS['joints'][0]}: an answer is needed, or --joints")
     letters = re.sub(r"[,\s]", "", stated["joints"].lower())
@@ -209,12 +220,12 @@ def _motors(stated: Mapping[str, str], count: int) -> list[Motor]:
 
 
 def _each(key: str, stated: Mapping[str, str], count: int) -> list[float | None]:
-    """A value of each joint, None where it is unknown. Raises UsageError."""
+    """A value for each joint, None where unknown. Raises UsageError."""
     return _numbers(key, stated.get(key, "?"), 1, count) * (1 if stated.get(key, "?").count(",") else count)
 
 
 def _numbers(key: str, stated: str, *counts: int) -> list[float | None]:
-    """Numbers with commas between them; None for ?. Raises UsageError."""
+    """Numbers separated by commas; None for ?. Raises UsageError."""
     option, values = f"--{key.replace('_', '-')}", list[float | None]()
     for part in stated.strip("[]() ").split(","):
         try:
@@ -234,7 +245,7 @@ def _numbers(key: str, stated: str, *counts: int) -> list[float | None]:
 def _write(
     text: str, out: Path | None, effects: Path | None, schema: bool, like: Path | None, json: str | None
 ) -> None:
-    """Write the file, once the reader accepts it, and the schemas beside it if wanted."""
+    """Check the text and write the file, and the schemas beside it if asked for."""
     from runtime import files
     from symbolic.model_file import reader
 
@@ -246,7 +257,7 @@ def _write(
     beside = {path.parent / name: data for name, data in schemas.shipped().items()} if schema else {}
     for place, data in beside.items():
         if place.exists() and place.read_bytes() != data:
-            raise UsageError(f"{place}: is there already and is another; move it away, or leave --schema out")
+            raise UsageError(f"{place}: already exists with other content; move it away, or leave out --schema")
     for place, data in {path: text.encode(), **beside}.items():
         files.replace(place, data)
     unknown = [list(joint.unknown) for joint in arm.joints]

@@ -1,4 +1,4 @@
-"""The verb that looks into a recording before anything is concluded from it: inspect."""
+"""The verb that checks a recording: inspect."""
 
 from __future__ import annotations
 
@@ -21,17 +21,22 @@ def inspect(
         Path, typer.Argument(metavar="RECORDING", help="CSV, MCAP, ROS 2 bag, MATLAB, HDF5, Parquet or NumPy."), READ
     ],
     model: Annotated[
-        Path | None, typer.Argument(metavar="[MODEL]", help="Model file (TOML), for what only a model can tell."), READ
+        Path | None,
+        typer.Argument(
+            metavar="[MODEL]",
+            help="Model file (TOML), for the checks that need a model.",
+        ),
+        READ,
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the signals over time: .svg, .png or .pdf."), DRAWN
+        Path | None, typer.Option(metavar="FILE", help="Draw the signals over time (.svg, .png or .pdf)."), DRAWN
     ] = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """What is in a file, and what looks wrong about it. Exit 1 if it cannot be used as it is."""
+    """Show what is in a recording and what looks wrong with it. Exit status 1 if it cannot be used as it is."""
     from runtime.inspection.inspection import inspect as inspected
     from runtime.inspection.inspection import with_model
     from runtime.report.terminal import pages, recording_pages
@@ -39,7 +44,7 @@ def inspect(
     columns = column_mapping(maps)
     source = None
     if model is not None:
-        from runtime.cli.opening import opened
+        from runtime.cli.inputs import opened
 
         source = opened(model, effects)
     found = inspected(recording, source.recorded_arm() if source else None, columns, allow_gaps)

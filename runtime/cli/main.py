@@ -1,4 +1,4 @@
-"""The command line: `tendon VERB ...`, a file a verb."""
+"""The command line: `tendon VERB ...`. Each module here declares a verb, or a few that belong together."""
 
 from __future__ import annotations
 
@@ -8,18 +8,14 @@ from typing import Annotated
 import typer
 
 from runtime.cli import (
-    add,
-    compare,
-    demo,
     diagnose,
     effects,
+    exchange,
     execute,
     experiment,
-    export_arm,
     firmware,
     generate,
     identify,
-    import_arm,
     improve,
     init,
     inspect_recording,
@@ -31,43 +27,37 @@ from runtime.cli import (
     simulate,
     studio,
     sweep,
-    verify,
 )
 
 app = typer.Typer(
-    help="Models of robot arms: derive and generate code, compare with recordings, find the missing effect, add it.",
+    help="Models of robot arms: derive them, generate code, fit them to recordings, find missing physical effects.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-for _verb in (
+for _verbs in (
     init,
-    import_arm,
+    exchange,
     inspect_recording,
     generate,
-    verify,
+    firmware,
     effects,
-    add,
     identify,
-    compare,
     diagnose,
     improve,
     simulate,
     experiment,
-    demo,
     studio,
     optimize,
     execute,
     sweep,
-    firmware,
-    export_arm,
     paper,
     schema,
 ):
-    for _command in _verb.app.registered_commands:
+    for _command in _verbs.app.registered_commands:
         if _command.callback is not None:
             _command.callback = places.guarded(_command.callback)
-    app.add_typer(_verb.app)
+    app.add_typer(_verbs.app)
 
 
 def _version(wanted: bool) -> None:
@@ -88,7 +78,7 @@ def of_all_verbs(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """What stands before a verb. The help is that of the program."""
+    """Options before a verb."""
 
 
 def main() -> None:

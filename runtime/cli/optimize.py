@@ -8,11 +8,10 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.opening import tell
-from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, nearby
+from runtime.cli.inputs import print_notes
+from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, with_settings
 from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import DRAWN, WRITTEN, keep
-from runtime.cli.setting_options import with_settings
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE, PlanningSettings
 from runtime.workspace.names import is_name, scenario_path
 from runtime.workspace.source import scenario_source
@@ -25,29 +24,38 @@ app = typer.Typer()
 def optimize(
     scenario: ScenarioFile,
     cycle_time: Annotated[
-        float | None, typer.Option(min=SHORTEST_CYCLE, max=LONGEST_CYCLE, help="s, in place of the file's.")
+        float | None,
+        typer.Option(
+            min=SHORTEST_CYCLE, max=LONGEST_CYCLE, metavar="S", help="Cycle time in s, in place of the file's."
+        ),
     ] = None,
     friction: Annotated[
-        bool | None, typer.Option("--friction/--no-friction", help="In place of the file's.", show_default=False)
+        bool | None,
+        typer.Option(
+            "--friction/--no-friction", help="Whether joints have friction, in place of the file's.", show_default=False
+        ),
     ] = None,
-    springs: Annotated[bool, typer.Option("--springs/--no-springs", help="With the file's springs, or bare.")] = True,
+    springs: Annotated[
+        bool, typer.Option("--springs/--no-springs", help="With the springs of the file, or without.")
+    ] = True,
     settings: PlanningSettings = PlanningSettings(),
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The trajectory, for tendon execute."), WRITTEN
+        Path | None, typer.Option(metavar="FILE", help="Write the trajectory, for tendon execute."), WRITTEN
     ] = None,
     model_out: Annotated[
         Path | None,
-        typer.Option("--model-out", metavar="FILE", help="The model with the plan's springs and contact."),
+        typer.Option("--model-out", metavar="FILE", help="Write the model with the planned springs and contact."),
         WRITTEN,
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Positions and torques (.png, .svg, .pdf)."), DRAWN
+        Path | None, typer.Option(metavar="FILE", help="Draw positions and torques (.png, .svg or .pdf)."), DRAWN
     ] = None,
     report: Report = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Plan motion and springs together. Exit 1 if no motion meets all constraints: which one, and by how much."""
+    """Plan motion and springs together. Exit status 1 if no motion meets all constraints; shows which fails, and by how
+    much."""
     from dataclasses import replace
 
     from runtime import files
@@ -58,7 +66,7 @@ def optimize(
     asked = scenario_file.read(scenario)
     source = scenario_source(asked.model, scenario, effects)
     keep([source.path], [Path(path) for path in (json, out, model_out, plot) if path])
-    tell(source)
+    print_notes(source)
     with pages.working("deriving and compiling the model"):
         model = source.compiled.model()
     case = scenario_file.fitted(asked, model, str(scenario))
@@ -90,10 +98,16 @@ def optimize(
     if report is not None:
         from runtime.report.page.planned_page import write_plan
 
-        arm = Path(asked.model) if is_name(Path(asked.model)) else nearby(source.path)
+        arm = Path(asked.model) if is_name(Path(asked.model)) else _as_typed(source.path)
         following = [] if out is None else [shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])]
         with costs_itself("the report"):
             with pages.working("drawing the report"):
                 page = write_plan(report, model, plan.trajectory, document, following)
             if json != "-":
                 pages.say(f"Report: {page}")
+
+
+def _as_typed(path: Path) -> Path:
+    """The path relative to the working directory, where it lies below."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path

@@ -1,39 +1,55 @@
-"""What several verbs are told in the same way: options, and the checks of what they name before any work is done."""
+"""Options that several verbs share, and options made from settings (runtime/setting.py)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from runtime.cli.places import READ, WRITTEN, Role, check_writable
+from runtime.cli.places import FILLED, READ, WRITTEN, Role
 from runtime.report import page
-from runtime.workspace.names import UsageError, is_name
+from runtime.setting import Checked, Setting, declared, split
 
 ModelFile = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="Model file (TOML), or drive, vishard4, emps, ur10, panda."), READ
+    Path,
+    typer.Argument(metavar="MODEL", help="Model file (TOML), or one of drive, vishard4, emps, ur10, panda."),
+    READ,
 ]
 ScenarioFile = Annotated[
     Path,
-    typer.Argument(metavar="SCENARIO", help="Points, phases, springs, objective (TOML); or scenario1, scenario2."),
+    typer.Argument(
+        metavar="SCENARIO", help="Scenario file (TOML: points, phases, springs, objective), or scenario1, scenario2."
+    ),
     READ,
 ]
 Recordings = Annotated[
     list[Path],
     typer.Argument(
         metavar="RECORDING...",
-        help="CSV, plain or gzip: t, q1, tau1, ... and, if measured, temperature1, q1_link, tau1_link, tau1_rigid, fx, "
-        "fy; the same in MCAP, ROS 2 bags, MATLAB, HDF5, Parquet, NumPy.",
+        help="CSV (plain or gzip), MCAP, ROS 2 bag, MATLAB, HDF5, Parquet or NumPy. Columns: t, q1, tau1, ... and, "
+        "where measured, temperature1, q1_link, tau1_link, tau1_rigid, fx, fy.",
+    ),
+    READ,
+]
+HeldOut = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--held-out", metavar="RECORDING", help="Recording that is not fitted and on which the model is judged."
     ),
     READ,
 ]
 Json = Annotated[
-    str | None, typer.Option("--json", metavar="FILE", help="Write every figure as JSON; - for stdout."), WRITTEN
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write all results as JSON; - for standard output."),
+    WRITTEN,
 ]
 EffectsFile = Annotated[
     Path | None,
-    typer.Option("--effects", metavar="FILE.py", help="Your own effects: Python that is run, so trust it."),
+    typer.Option("--effects", metavar="FILE.py", help="Python file with effects of your own. It is run: trust it."),
     READ,
 ]
 Map = Annotated[
@@ -42,29 +58,68 @@ Map = Annotated[
         "--map",
         "--columns",
         metavar='q1="Position1 [deg]"',
-        help="Read a signal from a column of another name, q=NAME those of all joints; --columns t,q1,tau1 names the "
+        help="Read a signal from a column of another name; q=NAME for all joints. --columns t,q1,tau1 names the "
         "columns of a file without a header.",
     ),
 ]
-AllowGaps = Annotated[bool, typer.Option("--allow-gaps", help="Split at gaps and drop NaN rows instead of refusing.")]
+AllowGaps = Annotated[
+    bool, typer.Option("--allow-gaps", help="Split a recording at gaps and drop rows with NaN instead of refusing it.")
+]
+GeneratedDir = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Output directory; default: ./generated/NAME."), FILLED
+]
+Check = Annotated[bool, typer.Option("--check", help="Write nothing; exit status 1 if files are out of date.")]
 Report = Annotated[
     Path | None,
-    typer.Option("--report", metavar="DIR", help="Write an HTML page with plots there."),
+    typer.Option("--report", metavar="DIR", help="Write an HTML page with plots into this directory."),
     Role(writes=True, names=(page.NAME,)),
 ]
 
 
-def check_own(model: Path) -> None:
-    """Refuse before any work is done to write into a model file that is not the user's or could not be written."""
-    if is_name(model):
-        raise UsageError(
-            f"{model}: comes with Tendon and is left as it is; first make a copy of it that is yours, with "
-            f"tendon init --like {model} --out {model}.toml"
-        )
-    check_writable(model)
+def with_settings(verb: Callable[..., None]) -> Callable[..., None]:
+    """The verb with options in place of its parameters that are settings.
+
+    A parameter whose type is a dataclass of settings becomes an option for each of its fields, and the verb gets the
+    dataclass; a parameter of type Annotated[type, Setting(...)] becomes one option.
+    """
+    hints = get_type_hints(verb, include_extras=True)
+    groups = {name: hint for name, hint in hints.items() if isinstance(hint, type) and issubclass(hint, Checked)}
+
+    @wraps(verb)
+    def called(**given: Any) -> None:
+        for name, group in groups.items():
+            given[name] = group(**{item.name: given.pop(item.name) for item in declared(group)})
+        verb(**given)
+
+    parameters = [option for p in signature(verb).parameters.values() for option in _options(p, hints[p.name])]
+    # typer reads both.
+    called.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {p.name: p.annotation for p in parameters}
+    return called
 
 
-def nearby(path: Path) -> Path:
-    """The path as one would type it from here, where it lies below."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
+def _options(parameter: Parameter, hint: Any) -> Iterator[Parameter]:
+    if isinstance(hint, type) and issubclass(hint, Checked):
+        for item in declared(hint):
+            yield _option(item.name, item.type, item.default, item.setting)
+        return
+    kind, setting = split(hint)
+    if setting is not None:
+        yield _option(parameter.name, kind, parameter.default, setting)
+    else:
+        yield parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=hint)
+
+
+def _option(name: str, kind: Any, default: Any, setting: Setting) -> Parameter:
+    # A flag that is off by default needs no option that turns it off.
+    flag = [f"--{name.replace('_', '-')}"] if default is False else []
+    kinds = get_args(kind) or (kind,)
+    option = typer.Option(
+        *flag,
+        min=setting.low,
+        max=setting.high,
+        help=setting.help,
+        metavar=setting.metavar or ("N" if int in kinds else "X" if float in kinds else None),
+        show_default=not (default is None or default is False or default == ""),
+    )
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, option])

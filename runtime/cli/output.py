@@ -10,12 +10,16 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from typing import NoReturn, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 import typer
 
 from runtime.documents.parts import Document
 from runtime.plain_json import plain
+
+if TYPE_CHECKING:
+    from runtime.report.summary import ResultSummary
 
 D = TypeVar("D")
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -138,6 +142,20 @@ def _shows(text: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
+
+
+def write_page(directory: Path | None, summary: ResultSummary, target: str | None) -> None:
+    """Write the page of a result that has been shown already, if --report asked for it; target: that of --json."""
+    if directory is None:
+        return
+    from runtime.report.page.html_page import write_report
+    from runtime.report.terminal.pages import say, working
+
+    with costs_itself("the report"):
+        with working("drawing the report"):
+            page = write_report(directory, summary)
+        if target != "-":
+            say(f"Report: {page}")
 
 
 @contextmanager

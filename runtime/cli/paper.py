@@ -1,4 +1,4 @@
-"""The verb `paper`: the study, table by table and figure by figure."""
+"""The verb that reproduces the paper's tables and figures: paper."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from runtime.cli.options import Json
+from runtime.cli.options import Json, with_settings
 from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import FILLED
-from runtime.cli.setting_options import with_settings
 from runtime.study.options import TRIALS, Trials
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
@@ -22,15 +21,18 @@ ARM = "vishard4"
 @app.command(epilog="Example: tendon paper table2 --trials 0")
 @with_settings
 def paper(
-    what: Annotated[str | None, typer.Argument(metavar="WHAT", help="table1 to table3, figure4 to figure8.")] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the figures go."), FILLED] = Path("paper-study"),
+    what: Annotated[
+        str | None, typer.Argument(metavar="WHAT", help="table1 to table3 or figure4 to figure8; default: all.")
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory for the figures."), FILLED] = Path("paper-study"),
     trials: Trials = TRIALS,
     keep: Annotated[
-        bool, typer.Option("--keep", help="Leave trajectories, recordings and models there, for tendon diagnose.")
+        bool, typer.Option("--keep", help="Also write trajectories, recordings and models into it.")
     ] = False,
     json: Json = None,
 ) -> None:
-    """Reproduce the paper. Its tables beside ours, its claims, its figures; exit 1 if what should come out does not."""
+    """Reproduce the tables and figures of the paper. Shows its numbers beside ours; exit status 1 if an expected
+    claim does not hold."""
     from runtime.report.terminal import pages
     from runtime.study import study, write
 

@@ -1,4 +1,4 @@
-"""The verb that records a model itself: simulate."""
+"""The verb that simulates a recording: simulate."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli.opening import check_hidden, opened
-from runtime.cli.options import EffectsFile, Json, ModelFile
+from runtime.cli.inputs import check_hidden, opened
+from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.cli.setting_options import with_settings
 from runtime.documents.recordings import SimulatedEffect, SimulateDocument
 from runtime.simulation.options import SimulationSettings
 
@@ -23,18 +22,18 @@ app = typer.Typer()
 def simulate(
     model: ModelFile,
     out: Annotated[
-        Path, typer.Option(metavar="FILE", help="Recording to write; compressed if it ends in .gz."), WRITTEN
+        Path, typer.Option(metavar="FILE", help="Recording to write; compressed if the name ends in .gz."), WRITTEN
     ],
     hide: Annotated[
         list[str] | None,
-        typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="An effect that the model file does not have."),
+        typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="Simulate an effect that the model file lacks."),
     ] = None,
-    motion: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV with t,q1,... to follow."), READ] = None,
+    motion: Annotated[Path | None, typer.Option(metavar="FILE", help="Motion to follow, CSV: t,q1,..."), READ] = None,
     settings: SimulationSettings = SimulationSettings(),
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Record the model itself. With a hidden effect if wanted, to try a diagnosis on."""
+    """Simulate a recording of an arm. With effects that the model file lacks, to try a diagnosis."""
     from runtime.report.terminal import pages, recording_pages
 
     source = opened(model, effects)

@@ -1,4 +1,4 @@
-"""The verb that opens the loop in a browser: studio."""
+"""The verb that serves the page for the loop: studio."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.options import AllowGaps, EffectsFile, Map
+from runtime.cli.options import AllowGaps, EffectsFile, HeldOut, Map
 from runtime.cli.places import FILLED, READ
 from runtime.workspace.names import UsageError, column_mapping, is_name
 
@@ -29,36 +29,36 @@ def studio(
         Path | None,
         typer.Argument(
             metavar="[MODEL]",
-            help="Model file (TOML), URDF or MJCF, or drive, vishard4, emps, ur10, panda; or the folder of a session.",
+            help="Model file (TOML), URDF, MJCF, one of drive, vishard4, emps, ur10, panda, or directory of a session.",
         ),
         READ,
     ] = None,
     recordings: Annotated[
-        list[Path] | None, typer.Argument(metavar="[RECORDING...]", help="As for diagnose."), READ
+        list[Path] | None, typer.Argument(metavar="[RECORDING...]", help="Recordings, as for tendon diagnose."), READ
     ] = None,
-    held_out: Annotated[
-        list[Path] | None, typer.Option("--held-out", metavar="RECORDING", help="Judge on this one, not fitted."), READ
-    ] = None,
+    held_out: HeldOut = None,
     plans: Annotated[
         list[Path] | None,
-        typer.Option("--plan", metavar="FILE", help="A trajectory of tendon optimize --out, to show."),
+        typer.Option("--plan", metavar="FILE", help="Show a trajectory that tendon optimize --out wrote."),
         READ,
     ] = None,
-    demo: Annotated[bool, typer.Option("--demo", help="A simulated drive with a hidden effect.")] = False,
+    demo: Annotated[bool, typer.Option("--demo", help="Open a simulated drive with a hidden effect.")] = False,
     session: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help=f"New folder for the session; default: ./{FOLDER}, or the next free."),
+        typer.Option(metavar="DIR", help=f"New directory for the session; default: ./{FOLDER}, or with a number."),
         FILLED,
     ] = None,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any that is free.")] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open it in the browser.")] = True,
+    port: Annotated[
+        int, typer.Option(metavar="N", min=0, max=65535, help="Port of the page; 0: any that is free.")
+    ] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
 ) -> None:
-    """The whole loop in the browser. Compare, see where it fails, name it, add it, watch the error fall.
+    """Work on a model in the browser: compare, diagnose, add effects, see the error fall.
 
-    Served on this machine alone; a session is a folder, and tendon studio FOLDER opens it again.
+    The page is served to this machine only. A session is a directory; tendon studio DIR opens it again.
     """
     from runtime.studio.server import bound, needed, serve
     from runtime.studio.studio import Studio
@@ -83,7 +83,7 @@ def studio(
 
 
 def _check_plans(plans: list[Path], recordings: bool) -> None:
-    """Refuse what would be worked on at the same time, and a file that nobody can open."""
+    """Refuse plans beside recordings, and files that are not plans. Raises UsageError."""
     from runtime.studio.studio import check_plan
 
     if plans and recordings:
@@ -93,13 +93,13 @@ def _check_plans(plans: list[Path], recordings: bool) -> None:
 
 
 def _reopened(folder: Path | None, more: bool) -> StudioSession | None:
-    """The session whose folder was given; None if a model was."""
+    """The session whose directory was given; None if a model was."""
     from runtime.studio.session import FILE, StudioSession
 
     if folder is None or not (folder / FILE).is_file():
         return None
     if more:
-        raise UsageError(f"{folder}: is a session and is opened as it is; give nothing else beside it")
+        raise UsageError(f"{folder}: is a session and is opened as it is; drop the other arguments")
     return StudioSession.open(folder)
 
 
@@ -116,7 +116,7 @@ def _new(wanted: Path | None) -> StudioSession:
 
 @contextmanager
 def _kept_whole(studio: Studio) -> Iterator[None]:
-    """A session that cannot be begun leaves no folder."""
+    """Remove the directory of a session that could not be started."""
     try:
         yield
     except BaseException:

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.opening import tell
-from runtime.cli.options import EffectsFile, Json, ScenarioFile
+from runtime.cli.inputs import print_notes
+from runtime.cli.options import EffectsFile, Json, ScenarioFile, with_settings
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN, keep
-from runtime.cli.setting_options import with_settings
 from runtime.planning.settings import Starts
 from runtime.workspace.library import effects_described
 from runtime.workspace.names import UsageError, scenario_path
@@ -30,20 +29,20 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_HELP = """Optimize many variations of a scenario: all combinations of the --over values; exit 1 if one has no plan.
+_HELP = """Optimize all combinations of the values of --over. Exit status 1 if a combination has no plan.
 
 \b
-cycle_time=1.0:3.0:0.2    s; or cycle_time=1.0,1.2
-case=A,B,C,D              bare, springs, friction, both
-stiffness=5100,5900       N/m, of all springs
-stiffness@4=5100,5900     of the one at joint 4, or @NAME of the joint
-offset=-0.5,0             rad or m, likewise
+cycle_time=1.0:3.0:0.2    cycle time, s; or a list: cycle_time=1.0,1.2
+case=A,B,C,D              A: neither springs nor friction, B: springs, C: friction, D: both
+stiffness=5100,5900       stiffness of all springs, N/m
+stiffness@4=5100,5900     stiffness of the spring at joint 4, or at a joint by its name
+offset=-0.5,0             offset of all springs, rad or m; offset@4 likewise
 plate.stiffness=600,1300  a parameter of the contact
-seed=0:99                 other first guesses
+seed=0:99                 seed of the first guesses
 
-Finished jobs are kept in FILE.journal. The same command continues a sweep that was interrupted or killed.
+Finished jobs are kept in FILE.journal; the same command continues an interrupted sweep.
 
-Dask workers (--scheduler) need tendon installed and the same kind of machine; the arm's code is sent to them."""
+Dask workers (--scheduler) need Tendon and the same kind of processor; the compiled code is sent to them."""
 
 
 @app.command(
@@ -53,13 +52,18 @@ Dask workers (--scheduler) need tendon installed and the same kind of machine; t
 @with_settings
 def sweep(
     scenario: ScenarioFile,
-    over: Annotated[list[str], typer.Option("--over", metavar="NAME=VALUES", help="What varies; see above.")],
+    over: Annotated[
+        list[str], typer.Option("--over", metavar="NAME=VALUES", help="What varies, as above; repeatable.")
+    ],
     table: Annotated[
-        Path, typer.Option(metavar="FILE", help="One row a job: .csv, or .parquet (needs pyarrow)."), WRITTEN
+        Path,
+        typer.Option(metavar="FILE", help="Write a table with a row for each job (.csv, or .parquet with pyarrow)."),
+        WRITTEN,
     ],
     starts: Starts = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, max=1024, help="Processes here; by default one a processor.")
+        int | None,
+        typer.Option(metavar="N", min=1, max=1024, help="Processes on this machine; default: one for each processor."),
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler instead.")
@@ -121,7 +125,7 @@ def _read(path: Path, effects: Path | None, written: Sequence[Path]) -> tuple[Sc
     asked = scenario_file.read(path)
     source = scenario_source(asked.model, path, effects)
     keep([path, source.path], written)
-    tell(source)
+    print_notes(source)
     return asked, source
 
 

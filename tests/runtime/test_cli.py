@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from codegen import disk
 from runtime import files
 from runtime.cli import generate, output
+from runtime.cli.generate import render_all
 from runtime.cli.main import app
-from runtime.cli.rendered import render_all
 from runtime.workspace.compiled import CompiledArm
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source, open_model
@@ -287,6 +287,7 @@ def test_generate_does_not_undo_an_add(run, here, monkeypatch):
 
     def meanwhile(*given):
         found = render_all(*given)
+        monkeypatch.setattr(generate, "render_all", render_all)
         assert run("add", "drive.toml", "stribeck", "--joint", "1")[0] == 0
         return found
 
@@ -533,7 +534,7 @@ def test_an_arm_of_tendon_is_known_by_its_name(run, here):
 def test_an_arm_of_tendon_is_not_written_to(run, here, arguments):
     verb, *rest = arguments
     line = refused(run, here, verb, "drive", *rest)
-    assert line.startswith("drive: comes with Tendon and is left as it is")
+    assert line.startswith("drive: comes with Tendon and is not changed")
     assert "tendon init --like drive --out drive.toml" in line
 
 
@@ -543,7 +544,7 @@ def test_init_makes_a_copy_to_edit(run, here):
     assert (status, (here / "mine.toml").read_text()) == (0, shipped.text)
     assert out.startswith("mine.toml: drive, 1 joint, as in drive")
     assert run("init", "--like", "mine.toml", "--out", "second.toml", "--json", "-")[0] == 0
-    assert "is there already" in refused(run, here, "init", "--like", "vishard4", "--out", "mine.toml")
+    assert "already exists" in refused(run, here, "init", "--like", "vishard4", "--out", "mine.toml")
     assert '"drone" is no model file' in refused(run, here, "init", "--like", "drone", "--out", "x.toml")
 
 

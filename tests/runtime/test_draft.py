@@ -98,7 +98,7 @@ def test_a_disturbance_from_outside_gets_no_guess(run):
 def test_files_of_others_are_not_overwritten(here, run):
     call = ["diagnose", "drive.toml", "absent.csv", "--effects", "mine.py", "--draft"]
     Path("notes.txt").write_text("mine")
-    assert run(*call, "notes.txt") == (2, {}, "notes.txt: is there already and is no draft; choose another name\n")
+    assert run(*call, "notes.txt") == (2, {}, "notes.txt: already exists and is not a draft; choose another name\n")
     assert run(*call, "mine.py")[2] == "mine.py: is read here; choose another name to write to\n"
     assert run(*call, here)[2] == f"{here}: is a directory; expected a file to write\n"
 

@@ -70,7 +70,7 @@ def test_figures_are_in_the_json_alone(run: Run) -> None:
 def test_nothing_is_written_over(run: Run, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("precious")
     status, out, err = run("import", UR10, "--out", "mine.toml")
-    assert (status, out, err) == (2, "", "mine.toml: is there already; choose another name\n")
+    assert (status, out, err) == (2, "", "mine.toml: already exists; choose another name\n")
     copy = tmp_path / "copy.urdf"
     copy.write_bytes(UR10.read_bytes())
     assert run("import", copy, "--out", copy)[0] == 2

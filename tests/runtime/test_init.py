@@ -13,7 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from runtime.cli import output, schemas
+from runtime.cli import output
+from runtime.cli import schema as schemas
 from runtime.cli.main import app
 from symbolic.model_file import reader
 
@@ -179,10 +180,10 @@ def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> 
         (("--joints", "r", "--space"), ("fast",), "--gear-ratio fast: expected a number, or ? where it is unknown"),
         (("--joints", "r", "--name", "for", "--no-questions"), (), "is a word of C, C++ or Python"),
         (("--joints", "r", "--space", "--mass", "-1"), (), "mass is -1; expected a number in kg >= 0"),
-        (("--tip", "hand", "--joints", "r"), (), "--base, --tip and --lock are of a --urdf"),
-        (("--like", "drive", "--joints", "r"), (), "--like is a copy as it stands"),
+        (("--tip", "hand", "--joints", "r"), (), "--base, --tip and --lock need --urdf"),
+        (("--like", "drive", "--joints", "r"), (), "--like copies a model as it is"),
         (("--urdf", "absent.urdf"), (), "absent.urdf"),
-        (("--urdf", "absent.urdf", "--length", "1"), (), "only motors can be given beside it"),
+        (("--urdf", "absent.urdf", "--length", "1"), (), "only options of motors can stand beside it"),
     ],
 )
 def test_what_is_no_answer_is_refused_in_one_line(
@@ -196,11 +197,11 @@ def test_what_is_no_answer_is_refused_in_one_line(
 
 def test_nothing_is_overwritten(init: Init) -> None:
     Path("arm.toml").write_text("mine")
-    assert init("--joints", "r", "--space")[::2] == (2, "arm.toml: is there already; choose another name\n")
+    assert init("--joints", "r", "--space")[::2] == (2, "arm.toml: already exists; choose another name\n")
     Path(schemas.MODEL).write_text("mine")
     status, _, err = init("--joints", "r", "--space", "--out", "new.toml", "--schema")
     assert status == 2
-    assert "is there already and is another" in err
+    assert "already exists with other content" in err
     assert not Path("new.toml").exists()
     assert Path("arm.toml").read_text() == Path(schemas.MODEL).read_text() == "mine"
 

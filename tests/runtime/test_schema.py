@@ -16,7 +16,7 @@ import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.cli import schemas
+from runtime.cli import schema as schemas
 from runtime.planning import scenario_file
 from runtime.workspace.names import ARMS, SCENARIOS
 from symbolic.model_file import reader
@@ -55,7 +55,7 @@ def refusal(name: str, document: dict[str, Any]) -> str | None:
 
 def test_they_are_up_to_date():
     assert {name: data.decode() for name, data in schemas.shipped().items()} == schemas.made(), (
-        "run python -m runtime.cli.schemas"
+        "run python -m runtime.cli.schema"
     )
     for name in schemas.made():
         jsonschema.Draft7Validator.check_schema(validator(name).schema)

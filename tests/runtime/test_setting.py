@@ -11,7 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from runtime.cli.setting_options import with_settings
+from runtime.cli.options import with_settings
 from runtime.execution.options import ExecutionSettings
 from runtime.experiments.options import ExperimentSettings
 from runtime.hardware.settings import TRACKING

@@ -1,18 +1,20 @@
-"""The verb that makes a model file out of a URDF or MJCF: import."""
+"""Verbs of other programs' model files: import and export."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.options import EffectsFile, Json
+from runtime import files
+from runtime.cli.inputs import opened
+from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.cli.setting_options import with_settings
 from runtime.documents.models import ImportDocument, ImportedJointEntry, LimitsEntry
 from runtime.setting import Checked, Setting
 from runtime.workspace.library import effects_described
@@ -26,12 +28,12 @@ app = typer.Typer()
 
 @dataclass(frozen=True)
 class ChainOptions(Checked):
-    """Which links of a URDF or MJCF the arm consists of."""
+    """The chain of a URDF or MJCF that is the arm."""
 
-    base: Annotated[str | None, Setting("Where the arm begins; default: the root.", metavar="LINK")] = None
-    tip: Annotated[str | None, Setting("Where it ends; default: the only end.", metavar="LINK")] = None
+    base: Annotated[str | None, Setting("First link of the arm; default: the root.", metavar="LINK")] = None
+    tip: Annotated[str | None, Setting("Last link of the arm; default: the only end.", metavar="LINK")] = None
     lock: Annotated[
-        list[str] | None, Setting("A joint that is held, at rad or m; repeatable.", metavar="JOINT=VALUE")
+        list[str] | None, Setting("Fix a joint at a position, rad or m; repeatable.", metavar="JOINT=VALUE")
     ] = None
 
     def locked(self) -> dict[str, float]:
@@ -58,26 +60,25 @@ ROOT_TO_END = ChainOptions()
 @app.command("import", epilog="Example: tendon import ur10.urdf --out ur10.toml")
 @with_settings
 def import_arm(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF, or MJCF (with the package mujoco)."), READ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="URDF, or MJCF (needs the package mujoco)."), READ],
     out: Annotated[Path, typer.Option(metavar="MODEL", help="The new model file."), WRITTEN],
     chain: ChainOptions = ROOT_TO_END,
     friction: Annotated[
         bool,
         typer.Option(
             "--friction/--no-friction",
-            help="Dry and viscous friction at every joint, unknown where the file states none.",
+            help="Add dry and viscous friction to every joint, unknown where the file states none.",
         ),
     ] = True,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Make a model file from a URDF or MJCF. What it does not state is unknown, to be identified."""
-    from runtime import files
+    """Make a model file from a URDF or MJCF. What the file does not state is unknown and can be identified."""
     from runtime.report.terminal import pages
     from symbolic.model_file.exchange.importing import imported
 
     if out.exists():
-        raise UsageError(f"{out}: is there already; choose another name")
+        raise UsageError(f"{out}: already exists; choose another name")
     made = imported(file, effects_described(effects, space=True), chain.base, chain.tip, chain.locked(), friction)
     files.replace(out, made.text.encode())
     emit(json, _document(out, made), pages.imported)
@@ -108,3 +109,35 @@ def _document(out: Path, made: ImportedArm) -> ImportDocument:
         held=list(made.chain.held),
         notes=list(made.notes),
     )
+
+
+class Format(StrEnum):
+    """File formats of simulators."""
+
+    URDF = "urdf"
+    MJCF = "mjcf"
+
+
+@app.command("export", epilog="Example: tendon export ur10.toml --to urdf --out ur10_identified.urdf")
+def export_arm(
+    model: ModelFile,
+    to: Annotated[Format, typer.Option(help="File format.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write."), WRITTEN],
+    onto: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="URDF of the arm: write a copy of it with the numbers of the model."),
+        READ,
+    ] = None,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """Write an arm as URDF or MJCF. With physically possible bodies and the effects that the format can state."""
+    from runtime.report.terminal import pages
+    from runtime.workspace.exporting import export
+
+    if onto is not None and to is not Format.URDF:
+        raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
+    source = opened(model, effects)
+    with pages.working("looking for physically possible bodies"):
+        document = export(source.compiled, to.value, out, onto)
+    emit(json, document, pages.exported)

@@ -1,0 +1,98 @@
+"""Model file and recordings of a verb, read and checked before any work that takes time."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from runtime.cli.places import check_writable
+from runtime.workspace.names import UsageError, column_mapping, is_name
+from runtime.workspace.source import Source
+
+if TYPE_CHECKING:
+    from runtime.model.loader import Model
+    from runtime.recordings.recording import Recording
+    from runtime.report.follow_up import Invocation
+
+
+def opened(model: Path, effects: Path | None) -> Source:
+    """A model file; its notes go to standard error. Raises ModelError, UsageError."""
+    source = Source.read(model, effects)
+    print_notes(source)
+    return source
+
+
+def print_notes(source: Source) -> None:
+    """Print the notes of a model file on standard error, because standard output may be JSON."""
+    for note in source.arm().notes:
+        print(note, file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class TypedInputs:
+    """Model file and recordings as they were typed.
+
+    held_out   recordings that are not fitted      maps   entries of --map and --columns
+    """
+
+    model: Path
+    recordings: Sequence[Path]
+    held_out: Sequence[Path] = ()
+    effects: Path | None = None
+    maps: Sequence[str] | None = None
+    allow_gaps: bool = False
+
+    def read(self) -> tuple[Source, list[Recording], Model]:
+        """Model file, recordings (those held out are last) and compiled model; notes go to standard error."""
+        from runtime.inspection.inspection import by_signals
+        from runtime.report.terminal.pages import working
+
+        columns = column_mapping(self.maps)
+        source = opened(self.model, self.effects)
+        data = source.recordings([*self.recordings, *self.held_out], columns, self.allow_gaps)
+        for recording in data:
+            for note in (*recording.notes, *map(str, by_signals(recording))):
+                print(f"{recording.path}: {note}", file=sys.stderr)
+        with working("deriving and compiling the model"):
+            return source, data, source.compiled.model()
+
+    def invocation(self, source: Source, improved: Path | None = None) -> Invocation:
+        """For the commands that a result proposes; improved: file of the improved model."""
+        from runtime.report.follow_up import Invocation, about
+
+        named = is_name(self.model)
+        return Invocation(
+            Path(f"{self.model}.toml") if named else self.model,
+            tuple(self.recordings),
+            tuple(self.held_out),
+            effects=self.effects,
+            maps=tuple(self.maps or ()),
+            allow_gaps=self.allow_gaps,
+            improved=improved,
+            about=about(source.text),
+            like=str(self.model) if named else None,
+        )
+
+
+def check_hidden(source: Source, option: str, texts: Sequence[str]) -> None:
+    """Check the values of --hide, --set or --between before the model is compiled. Raises SimulationError."""
+    if not texts:
+        return
+    from runtime.simulation.simulate import hidden_in
+
+    arm = source.arm()
+    for text in texts:
+        hidden_in(text, source.effects, [joint.name for joint in arm.joints], arm.name, option)
+
+
+def check_own(model: Path) -> None:
+    """Refuse to write into a model file that comes with Tendon or cannot be written. Raises UsageError."""
+    if is_name(model):
+        raise UsageError(
+            f"{model}: comes with Tendon and is not changed; make a copy of it first: "
+            f"tendon init --like {model} --out {model}.toml"
+        )
+    check_writable(model)
