@@ -48,7 +48,7 @@ def diagnose(
     json: Json = None,
 ) -> None:
     """Find the physical effects that the model lacks. Exit status 1 if the verdict is "unexplained" or "refused"."""
-    from runtime.report.terminal import loop_pages, pages
+    from runtime.report import loop, terminal
 
     if draft is not None:
         from symbolic.effects.source import BANNER
@@ -59,7 +59,7 @@ def diagnose(
     source, data, loaded = typed.read()
     from runtime.diagnosis.diagnose import diagnose as diagnosed
 
-    with pages.working("looking for missing effects"):
+    with terminal.working("looking for missing effects"):
         result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses)
     from runtime.report.summary import ResultSummary
 
@@ -71,7 +71,7 @@ def diagnose(
 
         reading = follow_up.reading(maps or (), allow_gaps)
         document = replace(document, **_drafted(source, result, draft, invocation, reading))
-    emit(json, document, loop_pages.show)
+    emit(json, document, terminal.printer(loop.sections))
     write_page(report, summary, json)
     if result.verdict in ("unexplained", "refused"):
         raise typer.Exit(NO)
@@ -86,12 +86,12 @@ def _drafted(
     """
     from runtime import files
     from runtime.loop import law_proposal
-    from runtime.report.terminal import pages
+    from runtime.report import terminal
     from symbolic.effects.source import python_source
 
     if result.verdict != "unexplained":
         return {"draft_reason": law_proposal.needless(result)}
-    with pages.working("trying guesses at what is missing"):
+    with terminal.working("trying guesses at what is missing"):
         wider = source.compiled.with_guesses()
         found = law_proposal.propose(result, *source.compiled.model_with_guesses())
     if found is None:

@@ -24,12 +24,12 @@ def show_effects(
 ) -> None:
     """List the physical effects of the library. With NAME: equation, parameters, trace in a residual, literature."""
     from codegen import metadata
-    from runtime.report.terminal import pages
+    from runtime.report import models, terminal
 
     library = effects_library(effects, space=True)
     document = convert(metadata.library(tuple(library.values())), EffectsDocument)
     if name is None:
-        emit(json, document, pages.effects)
+        emit(json, document, terminal.printer(models.effects))
         return
     if name not in library:
         from symbolic.model_file.checks import nearest, quote
@@ -37,4 +37,4 @@ def show_effects(
         close = nearest(name, library)
         hint = f'did you mean "{close}"? ' if close else ""
         raise UsageError(f"unknown effect {quote(name)}; {hint}(tendon effects lists them all)")
-    emit(json, next(effect for effect in document.effects if effect.name == name), pages.effect)
+    emit(json, next(effect for effect in document.effects if effect.name == name), terminal.printer(models.effect))

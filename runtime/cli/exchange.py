@@ -74,14 +74,14 @@ def import_arm(
     json: Json = None,
 ) -> None:
     """Make a model file from a URDF or MJCF. What the file does not state is unknown and can be identified."""
-    from runtime.report.terminal import pages
+    from runtime.report import models, terminal
     from symbolic.model_file.exchange.importing import imported
 
     if out.exists():
         raise UsageError(f"{out}: already exists; choose another name")
     made = imported(file, effects_described(effects, space=True), chain.base, chain.tip, chain.locked(), friction)
     files.replace(out, made.text.encode())
-    emit(json, _document(out, made), pages.imported)
+    emit(json, _document(out, made), terminal.printer(models.imported))
 
 
 def _document(out: Path, made: ImportedArm) -> ImportDocument:
@@ -132,12 +132,12 @@ def export_arm(
     json: Json = None,
 ) -> None:
     """Write an arm as URDF or MJCF. With physically possible bodies and the effects that the format can state."""
-    from runtime.report.terminal import pages
+    from runtime.report import models, terminal
     from runtime.workspace.exporting import export
 
     if onto is not None and to is not Format.URDF:
         raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
     source = opened(model, effects)
-    with pages.working("looking for physically possible bodies"):
+    with terminal.working("looking for physically possible bodies"):
         document = export(source.compiled, to.value, out, onto)
-    emit(json, document, pages.exported)
+    emit(json, document, terminal.printer(models.exported))

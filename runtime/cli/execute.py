@@ -93,7 +93,7 @@ def execute(
     status 1 after a safe stop."""
     from runtime import files
     from runtime.recordings import recording
-    from runtime.report.terminal import execution_pages
+    from runtime.report import executions, terminal
 
     asked = _Asked(on, settings, hide or (), change or (), arm, json != "-")
     is_real = _is_real(asked)
@@ -117,7 +117,7 @@ def execute(
         model_out=None if model_out is None else str(model_out),
         next=_next(same, out, effects),
     ).to_json()
-    emit(json, said, execution_pages.show)
+    emit(json, said, terminal.printer(executions.execution))
     if report is not None and result.recording is not None:
         _draw(report, result, said, json)
     if document.status != "done":
@@ -127,7 +127,7 @@ def execute(
 def _draw(directory: Path, result: Execution, document: dict[str, Any], json: str | None) -> None:
     """The page of an execution that has been said already."""
     from runtime.report.page.executed_page import write_execution
-    from runtime.report.terminal.pages import say, working
+    from runtime.report.terminal import say, working
 
     with costs_itself("the report"):
         with working("drawing the report"):
@@ -168,10 +168,10 @@ def _simulated(source: Source, path: Path, asked: _Asked) -> tuple[Execution, Ex
     """On the simulated arm, by a board of this computer or an emulated one."""
     from runtime.execution.execute import SIMULATED
     from runtime.planning.trajectory import read
-    from runtime.report.terminal import pages
+    from runtime.report import terminal
 
     target = SIMULATED[asked.on]
-    with pages.working("deriving and compiling the model and its controller"):
+    with terminal.working("deriving and compiling the model and its controller"):
         compiled = source.compiled
         model, controller = compiled.model(), compiled.controller(target.build)
     done = _run(_Arm(model, controller, read(path, model)), asked, target.board)
@@ -191,10 +191,10 @@ def _image(controller: Path) -> ImageEntry | None:
 def _run(arm: _Arm, asked: _Asked, board: Any) -> Execution:
     from runtime.execution.execute import execute as executed
     from runtime.interruption import listening
-    from runtime.report.terminal import pages
+    from runtime.report import terminal
     from runtime.simulation import simulate
 
-    with pages.working(f"executing {arm.plan.scenario} on the simulated arm"):
+    with terminal.working(f"executing {arm.plan.scenario} on the simulated arm"):
         return executed(
             *arm[:3],
             asked.settings,
@@ -211,9 +211,9 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, Execute
     from runtime.execution import execute, real
     from runtime.interruption import listening
     from runtime.planning.trajectory import read
-    from runtime.report.terminal import execution_pages, pages
+    from runtime.report import executions, terminal
 
-    with pages.working("deriving and compiling the model and its controller"):
+    with terminal.working("deriving and compiling the model and its controller"):
         model, controller = source.compiled.model(), source.compiled.controller()
     real.check_limits(model)
     line = real.LINES[real.scheme(asked.on)]
@@ -235,9 +235,9 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, Execute
 
     def ready() -> None:
         if asked.talks:
-            execution_pages.prediction(predicted.to_json())
+            terminal.show(executions.prediction(predicted.to_json()))
 
-    with pages.working(f"executing {arm.plan.scenario} on {asked.on}"), listening() as stop:
+    with terminal.working(f"executing {arm.plan.scenario} on {asked.on}"), listening() as stop:
         done, frames = real.execute_on(link, setup, ready, stop)
     found = msgspec.structs.replace(
         done.document(), prediction=predicted, every=setup.every, link=msgspec.convert(frames, LinkEntry)

@@ -39,22 +39,21 @@ def experiment(
 ) -> None:
     """Design a motion that separates rival effects. Within the limits of the joints and confirmed in simulation; exit
     status 1 if there is none."""
-    from runtime.report.terminal import pages
+    from runtime.report import recordings, terminal
 
     source = opened(model, effects)
     from runtime.experiments import design as experiments
-    from runtime.report.terminal import recording_pages
 
     check_hidden(source, "--between", experiments.rival_texts(",".join(between)))
-    with pages.working("deriving and compiling the model"):
+    with terminal.working("deriving and compiling the model"):
         loaded = source.compiled.model()
     rivals = experiments.parse_rivals(",".join(between), loaded)
-    with pages.working("looking for a motion") as tell:
+    with terminal.working("looking for a motion") as tell:
         proposal = experiments.propose(loaded, rivals, settings, tell)
     written = out if proposal.separated else None
     if written:
         experiments.write_motion(written, loaded, proposal.motion)
     document = proposal.document().as_part_of(ExperimentDocument, out=str(written) if written else None)
-    emit(json, document, recording_pages.experiment)
+    emit(json, document, terminal.printer(recordings.experiment))
     if not proposal.separated:
         raise typer.Exit(NO)

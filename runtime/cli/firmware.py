@@ -37,7 +37,7 @@ def firmware(
 ) -> None:
     """Generate the firmware of the controller and compile it. Files in the directory that were not generated are kept;
     exit status 1 if the stack does not suffice."""
-    from runtime.report.terminal.pages import working
+    from runtime.report.terminal import working
 
     source = opened(model, effects)
     name = source.arm().name
@@ -79,7 +79,7 @@ def _install(prepared: Path, place: Path) -> BuildEntry:
 
 
 def _show(document: FirmwareDocument) -> None:
-    from runtime.report.terminal.pages import say
+    from runtime.report.terminal import say
 
     build = given(document.build)
     if build is None:

@@ -42,7 +42,7 @@ def generate(
         rendered.write()
 
     def show(document: GenerateDocument) -> None:
-        from runtime.report.terminal.pages import say
+        from runtime.report.terminal import say
 
         if check:
             say(*(stale or [f"{rendered.directory}: up to date"]))
@@ -93,7 +93,7 @@ def add(
     )
 
     def show(_: AddDocument) -> None:
-        from runtime.report.terminal.pages import say
+        from runtime.report.terminal import say
 
         say(f"{model}: {added} added; {rendered.directory} regenerated")
 
@@ -109,16 +109,16 @@ def verify(
     json: Json = None,
 ) -> None:
     """Compare the generated code of an arm with SymPy. In C double, C float and CasADi; exit status 1 if it differs."""
-    from runtime.report.terminal import pages
+    from runtime.report import models, terminal
 
     source = opened(model, effects)
     arm = source.arm()
     from codegen.verify.verify import verify as verified
 
-    with pages.working(f"comparing SymPy, C and CasADi of {arm.name}"):
+    with terminal.working(f"comparing SymPy, C and CasADi of {arm.name}"):
         report = verified(arm, samples, seed, source.compiled.library.values(), partial(each, "functions"))
     document = convert(report.to_json(), VerifyDocument)
-    emit(json, document, pages.verify)
+    emit(json, document, terminal.printer(models.verification))
     if not document.equal:
         raise typer.Exit(NO)
 
@@ -186,7 +186,7 @@ def render_all(source: Source, out: Path | None, effects: Path | None) -> Render
     Raises UsageError where a generated file would replace one of the two files that are read.
     """
     from codegen import render
-    from runtime.report.terminal.pages import working
+    from runtime.report.terminal import working
     from symbolic.model import derive
 
     arm = source.arm()

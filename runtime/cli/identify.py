@@ -38,7 +38,7 @@ def identify(
 ) -> None:
     """Fit base inertial parameters and effects to recordings. With 95 % confidence intervals. Exit status 1 if the
     fit is not to be believed."""
-    from runtime.report.terminal import loop_pages, pages
+    from runtime.report import fits, terminal
 
     if write:
         check_own(model)
@@ -47,7 +47,7 @@ def identify(
     from runtime.diagnosis.credibility import judged
     from runtime.estimation.identify import identify as fit
 
-    with pages.working("fitting the model"):
+    with terminal.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
         document = found.document()
     written = []
@@ -55,12 +55,14 @@ def identify(
         source.edits.set(document).write()
         written = _written(document)
     origin = replace(document.skew, given=skew is not None)
-    emit(json, document.as_part_of(IdentifyDocument, skew=origin, written=written), loop_pages.identify)
+    emit(
+        json, document.as_part_of(IdentifyDocument, skew=origin, written=written), terminal.printer(fits.identification)
+    )
     if written and json != "-":
-        pages.say(f"Written to {source.path}: {', '.join(written)}.")
+        terminal.say(f"Written to {source.path}: {', '.join(written)}.")
     if found.verdict == "refused":
         if write and json != "-":
-            pages.say(f"Nothing written to {source.path}.")
+            terminal.say(f"Nothing written to {source.path}.")
         raise typer.Exit(NO)
 
 
@@ -87,16 +89,16 @@ def compare(
 ) -> None:
     """Show where the model fails. The residual torque of each joint after a fit, its noise floor, and the signals that
     it follows."""
-    from runtime.report.terminal import loop_pages, pages
+    from runtime.report import loop, terminal
 
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
     from runtime.estimation.compare import compare as compared
 
-    with pages.working("comparing"):
+    with terminal.working("comparing"):
         result = compared(loaded, data)
     from runtime.report.summary import ResultSummary
 
     summary = ResultSummary(result, typed.invocation(source))
-    emit(json, summary.document, loop_pages.show)
+    emit(json, summary.document, terminal.printer(loop.sections))
     write_page(report, summary, json)

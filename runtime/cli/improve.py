@@ -42,7 +42,7 @@ def improve(
 ) -> None:
     """Add missing effects until none improves the model. Fits, diagnoses, adds and fits again; nothing is written
     without --write or --out. Exit status 1 if the data are refused."""
-    from runtime.report.terminal import loop_pages
+    from runtime.report import loop, terminal
 
     if write and out:
         raise UsageError("--write and --out exclude each other: the model is written to one place")
@@ -55,7 +55,7 @@ def improve(
     source, data, _ = typed.read()
     invocation = typed.invocation(source, model if write else out)
     result, summary = _improved(source, data[: len(recordings)], data[len(recordings) :], invocation)
-    emit(json, summary.document, loop_pages.show)
+    emit(json, summary.document, terminal.printer(loop.sections))
     if write:
         replace(source.edits, text=result.model_text).write()
     elif out:
@@ -73,18 +73,18 @@ def demo(
     json: Json = None,
 ) -> None:
     """Improve the model of a simulated drive that has a hidden effect. Two minutes, no hardware."""
-    from runtime.report.terminal import loop_pages, pages
+    from runtime.report import loop, terminal
     from runtime.simulation.demo import record_files
 
     out.mkdir(parents=True, exist_ok=True)
-    with pages.working("recording a drive with a hidden effect"):
+    with terminal.working("recording a drive with a hidden effect"):
         paths = record_files(out)
     source = Source(out / "drive.toml", Source.shipped("drive").text)
     data = source.recordings(paths)
     invocation = TypedInputs(Path("drive"), paths[:1], paths[1:]).invocation(source, source.path)
     result, summary = _improved(source, data[:1], data[1:], invocation)
     files.replace(source.path, result.model_text.encode())
-    emit(json, summary.document, loop_pages.show)
+    emit(json, summary.document, terminal.printer(loop.sections))
     write_page(out, summary, json)
 
 
@@ -93,9 +93,9 @@ def _improved(
 ) -> tuple[Improvement, ResultSummary]:
     from runtime.loop.held_out import floors
     from runtime.loop.improve import improve as improved
+    from runtime.report import terminal
     from runtime.report.summary import ResultSummary
-    from runtime.report.terminal import pages
 
-    with pages.working("fitting and looking for missing effects") as tell:
+    with terminal.working("fitting and looking for missing effects") as tell:
         result = improved(source, fitted, held_out, tell)
         return result, ResultSummary(result, invocation, floors(result.steps[-1].identification, held_out))

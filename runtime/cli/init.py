@@ -271,7 +271,7 @@ def _write(
     )
 
     def show(_: InitDocument) -> None:
-        from runtime.report.terminal.pages import say
+        from runtime.report.terminal import say
 
         copy = f", as in {like}; change what differs on your arm" if like else ""
         say(f"{path}: {arm.name}, {len(unknown)} joint{'s' * (len(unknown) > 1)}{copy}")

@@ -48,7 +48,7 @@ class TypedInputs:
     def read(self) -> tuple[Source, list[Recording], Model]:
         """Model file, recordings (those held out are last) and compiled model; notes go to standard error."""
         from runtime.inspection.inspection import by_signals
-        from runtime.report.terminal.pages import working
+        from runtime.report.terminal import working
 
         columns = column_mapping(self.maps)
         source = opened(self.model, self.effects)

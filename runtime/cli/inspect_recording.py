@@ -39,7 +39,7 @@ def inspect(
     """Show what is in a recording and what looks wrong with it. Exit status 1 if it cannot be used as it is."""
     from runtime.inspection.inspection import inspect as inspected
     from runtime.inspection.inspection import with_model
-    from runtime.report.terminal import pages, recording_pages
+    from runtime.report import recordings, terminal
 
     columns = column_mapping(maps)
     source = None
@@ -49,11 +49,11 @@ def inspect(
         source = opened(model, effects)
     found = inspected(recording, source.recorded_arm() if source else None, columns, allow_gaps)
     if source is not None and found.recording is not None:
-        with pages.working("deriving and compiling the model"):
+        with terminal.working("deriving and compiling the model"):
             loaded = source.compiled.model()
-        with pages.working("fitting"):
+        with terminal.working("fitting"):
             found = with_model(found, loaded)
-    emit(json, found.document(), recording_pages.inspection)
+    emit(json, found.document(), terminal.printer(recordings.inspection))
     if picture is not None and found.recording is not None:
         from runtime.inspection.signals import complete_signals
         from runtime.report.plots.inspection_plots import signals_over_time
@@ -62,7 +62,7 @@ def inspect(
         read = found.recording
         save(signals_over_time(read.t, list(complete_signals(read)), read.segments, recording.name), picture)
         if json != "-":
-            from runtime.report.terminal.cells import say
+            from runtime.report.terminal import say
 
             say(f"Picture: {picture}")
     if found.problem is not None:

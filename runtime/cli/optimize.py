@@ -60,14 +60,14 @@ def optimize(
 
     from runtime import files
     from runtime.planning import scenario_file
-    from runtime.report.terminal import pages, plan_pages
+    from runtime.report import plans, terminal
 
     scenario = scenario_path(scenario)
     asked = scenario_file.read(scenario)
     source = scenario_source(asked.model, scenario, effects)
     keep([source.path], [Path(path) for path in (json, out, model_out, plot) if path])
     print_notes(source)
-    with pages.working("deriving and compiling the model"):
+    with terminal.working("deriving and compiling the model"):
         model = source.compiled.model()
     case = scenario_file.fitted(asked, model, str(scenario))
     case = replace(
@@ -79,17 +79,17 @@ def optimize(
     from runtime.planning import results
 
     try:
-        with pages.working(f"optimizing {case.name}"):
+        with terminal.working(f"optimizing {case.name}"):
             plan = optimizer.optimize(model, case, settings)
     except optimizer.Infeasible as error:
-        emit(json, results.refusal(model, case, error).to_json(), plan_pages.plan)
+        emit(json, results.refusal(model, case, error).to_json(), terminal.printer(plans.plan))
         raise typer.Exit(NO) from error
     document = results.document(model, plan).to_json()
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:
         files.replace(model_out, source.edits.mount(plan.trajectory).text.encode())
-    emit(json, document, plan_pages.plan)
+    emit(json, document, terminal.printer(plans.plan))
     if plot is not None:
         from runtime.report.plots import plan_plots, style
 
@@ -101,10 +101,10 @@ def optimize(
         arm = Path(asked.model) if is_name(Path(asked.model)) else _as_typed(source.path)
         following = [] if out is None else [shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])]
         with costs_itself("the report"):
-            with pages.working("drawing the report"):
+            with terminal.working("drawing the report"):
                 page = write_plan(report, model, plan.trajectory, document, following)
             if json != "-":
-                pages.say(f"Report: {page}")
+                terminal.say(f"Report: {page}")
 
 
 def _as_typed(path: Path) -> Path:

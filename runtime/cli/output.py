@@ -149,7 +149,7 @@ def write_page(directory: Path | None, summary: ResultSummary, target: str | Non
     if directory is None:
         return
     from runtime.report.page.html_page import write_report
-    from runtime.report.terminal.pages import say, working
+    from runtime.report.terminal import say, working
 
     with costs_itself("the report"):
         with working("drawing the report"):

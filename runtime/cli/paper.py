@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -33,8 +33,8 @@ def paper(
 ) -> None:
     """Reproduce the tables and figures of the paper. Shows its numbers beside ours; exit status 1 if an expected
     claim does not hold."""
-    from runtime.report.terminal import pages
-    from runtime.study import study, write
+    from runtime.report import terminal
+    from runtime.study import sections, study, write
 
     everything = (*study.TABLES, *study.FIGURES)
     if what is not None and what not in everything:
@@ -43,7 +43,7 @@ def paper(
         raise UsageError(f"{what or '--keep'} is nothing without the experiment; leave out --trials 0")
     wanted = [name for name in everything if trials or name not in study.EXECUTED] if what is None else [what]
     source = Source.shipped(ARM)
-    with pages.working("reproducing the study") as progress:
+    with terminal.working("reproducing the study") as progress:
         made = study.Study(source.compiled.model(), source.compiled.controller(), trials, progress)
         document = {name: made.table(name) for name in wanted if name in study.TABLES}
         drawn = write.figures(made, wanted)
@@ -51,15 +51,10 @@ def paper(
     held = [claim["holds"] or claim["unclaimed"] != "" for page in document.values() for claim in page["claims"]]
     spread = {"spread": made.spread} if "figure5" in wanted else {}
     paths = [str(out / f"{name}.png") for name in drawn]
-    emit(json, {**document, **spread, "figures": paths, "kept": kept, "holds": all(held)}, _show)
+    whole = {**document, **spread, "figures": paths, "kept": kept, "holds": all(held)}
+    emit(json, whole, terminal.printer(sections.study))
     if drawn:
         with costs_itself("the figures"):
             write.save(drawn, out)
     if not all(held):
         raise typer.Exit(NO)
-
-
-def _show(document: Any) -> None:
-    from runtime.study import terminal
-
-    terminal.study(document)

@@ -34,11 +34,11 @@ def simulate(
     json: Json = None,
 ) -> None:
     """Simulate a recording of an arm. With effects that the model file lacks, to try a diagnosis."""
-    from runtime.report.terminal import pages, recording_pages
+    from runtime.report import recordings, terminal
 
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
-    with pages.working("deriving and compiling the model"):
+    with terminal.working("deriving and compiling the model"):
         loaded = source.compiled.model()
     from runtime.model.terms import structure
     from runtime.recordings import recording
@@ -46,7 +46,7 @@ def simulate(
 
     hidden = [simulation.parse_hidden(text, loaded) for text in hide or ()]
     path = None if motion is None else simulation.read_motion(motion, loaded.n)
-    with pages.working("simulating"):
+    with terminal.working("simulating"):
         made, values = simulation.simulate(loaded, hidden, settings, path)
     recording.write(out, made)
     known = structure(loaded)
@@ -64,4 +64,4 @@ def simulate(
     document = SimulateDocument(
         out=str(out), samples=samples, seconds=samples * made.dt, seed=settings.seed, effects=present
     )
-    emit(json, document, recording_pages.simulation)
+    emit(json, document, terminal.printer(recordings.simulation))

@@ -72,7 +72,7 @@ def sweep(
     json: Json = None,
 ) -> None:
     from runtime.planning import scenario_file
-    from runtime.report.terminal import pages, plan_pages
+    from runtime.report import plans, terminal
     from runtime.sweep import grid, journal
     from runtime.sweep import table as tables
     from runtime.sweep.job import Code
@@ -86,7 +86,7 @@ def sweep(
     path, written = scenario_path(scenario), [table, diary, *([Path(json)] if json else [])]
     asked, source = _read(path, effects, written)
     axes = grid.parse(over, effects_described(effects, space=True), [joint.name for joint in source.arm().joints])
-    with pages.working("deriving and compiling the model"):
+    with terminal.working("deriving and compiling the model"):
         model = source.compiled.model()
     case = scenario_file.fitted(asked, model, str(path))
     code = Code(model.directory, model.library.directory)
@@ -113,7 +113,7 @@ def sweep(
         "journal": diary,
         "variations": variations,
     }
-    emit(json, document, plan_pages.sweep)
+    emit(json, document, terminal.printer(plans.sweep))
     if not all(variation["feasible"] for variation in variations):
         raise typer.Exit(NO)
 
@@ -146,11 +146,11 @@ def _pool(code: Code, workers: int | None, scheduler: str | None) -> AbstractCon
 
 def _run(jobs: Sequence[Job], pool: Pool, kept: Journal) -> dict[str, JobResult]:
     """All results by key, with progress; if it is interrupted, says how many are kept."""
-    from runtime.report.terminal import plan_pages
+    from runtime.report import terminal
     from runtime.sweep import journal
 
     try:
-        with plan_pages.sweep_progress(len(jobs), kept.finished(jobs)) as tell:
+        with terminal.sweep_progress(len(jobs), kept.finished(jobs)) as tell:
             return journal.run(jobs, pool, kept, lambda result: tell(result.feasible))
     except BaseException:
         done = kept.finished(jobs)

@@ -19,14 +19,14 @@ from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.plain_json import plain
 from runtime.planning.optimize import Plan
 from runtime.planning.results import document as plan_document
-from runtime.report import in_short
+from runtime.report import fits, loop, models, plans, terminal
 from runtime.report.page import page_figures
 from runtime.report.page.html_page import write_report
 from runtime.report.page.page_figures import Drawn
 from runtime.report.page.planned_page import write_plan
 from runtime.report.plots import plan_plots
+from runtime.report.sections import Section
 from runtime.report.summary import LoopDocument, ResultSummary
-from runtime.report.terminal import loop_pages, pages, plan_pages
 
 
 class ResultFigures(Sequence[Drawn]):
@@ -54,7 +54,7 @@ class ResultFigures(Sequence[Drawn]):
 class _Result(ABC):
     """What all results have in common: `result` says a few lines, `result.show()` what the terminal says."""
 
-    _page: Callable[[Any], None]
+    _sections: Callable[[Any], Sequence[Section]]
 
     @property
     @abstractmethod
@@ -67,11 +67,11 @@ class _Result(ABC):
         return plain(self.document)
 
     def __repr__(self) -> str:
-        return "\n".join(in_short.lines(self.document))
+        return "\n".join(loop.in_short(self.document))
 
     def show(self) -> None:
         """Print what the command line prints."""
-        type(self)._page(self.document)
+        terminal.show(type(self)._sections(self.document))
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,7 +81,7 @@ class IdentificationResult(_Result):
     judged: JudgedFit
     arm: LoadedArm
 
-    _page = staticmethod(loop_pages.identify)
+    _sections = staticmethod(fits.identification)
 
     @cached_property
     def document(self) -> JudgedFitDocument:
@@ -120,7 +120,7 @@ class ComparisonResult(_Loop):
     comparison: Comparison
     summary: ResultSummary
 
-    _page = staticmethod(loop_pages.compare)
+    _sections = staticmethod(fits.comparison)
 
 
 @dataclass(frozen=True, repr=False)
@@ -130,7 +130,7 @@ class DiagnosisResult(_Loop):
     diagnosis: Diagnosis
     summary: ResultSummary
 
-    _page = staticmethod(loop_pages.diagnosis)
+    _sections = staticmethod(loop.diagnosis)
 
     @property
     def verdict(self) -> str:
@@ -146,7 +146,7 @@ class ImprovementResult(_Loop):
     summary: ResultSummary
     arm: LoadedArm
 
-    _page = staticmethod(loop_pages.improvement)
+    _sections = staticmethod(loop.improvement)
 
     def save(self, path: PathOrText) -> None:
         """Write the improved model file. Raises OSError."""
@@ -160,12 +160,15 @@ class PlanResult(_Result):
     plan: Plan
     arm: LoadedArm
 
-    _page = staticmethod(plan_pages.plan)
+    _sections = staticmethod(plans.plan)
 
     @cached_property
     def document(self) -> Any:
         """As `tendon optimize --json`."""
         return plain(plan_document(self.arm.model, self.plan))
+
+    def __repr__(self) -> str:
+        return "\n".join([plans.headline(self.document), *plans.springs(self.document)])
 
     @cached_property
     def figures(self) -> ResultFigures:
@@ -188,7 +191,7 @@ class ExportResult(_Result):
 
     written: ExportDocument
 
-    _page = staticmethod(pages.exported)
+    _sections = staticmethod(models.exported)
 
     @property
     def document(self) -> ExportDocument:
@@ -196,6 +199,4 @@ class ExportResult(_Result):
         return self.written
 
     def __repr__(self) -> str:
-        left = (("not said", self.written.unsaid), ("kept as they were", self.written.kept))
-        lines = [f"{words}: {'; '.join(entries)}" for words, entries in left if entries]
-        return "\n".join([f"{self.written.out}: {self.written.name}", *lines])
+        return "\n".join([f"{self.written.out}: {self.written.name}", *models.export_notes(self.written)])

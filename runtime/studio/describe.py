@@ -15,7 +15,7 @@ from runtime.estimation.estimate import Estimate
 from runtime.estimation.suspicions import Suspicion
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
-from runtime.report import sensors_said
+from runtime.report import loop
 from runtime.report.page import page_findings as cards
 from runtime.report.page import page_parameters as parameters
 from runtime.report.page import recorded_motion
@@ -140,7 +140,7 @@ def verdict(summary: ResultSummary) -> VerdictShown:
         "left_over": cards.left_over(summary),
         "to_record": cards.to_record(summary),
         "experiments": [_experiment(row) for row in cards.experiments(summary)],
-        "sensors": sensors_said.sentences(summary.document),
+        "sensors": loop.sensors(summary.document),
         "warnings": list(summary.document.warnings),
         "commands": [command.document().to_json() for command in summary.commands],
     }

@@ -18,6 +18,7 @@ from runtime.inspection.inspection import Inspection
 from runtime.loop import held_out
 from runtime.plain_json import plain
 from runtime.planning import results, trajectory
+from runtime.report import plans
 from runtime.report.follow_up import about
 from runtime.report.page import planned_page
 from runtime.report.page.html_page import render
@@ -119,7 +120,7 @@ def open_plans(bench: Bench, tell: Tell, files: Sequence[Mapping[str, str]]) -> 
         document = plain(results.stated(model, planned))
         work = empty(opened.session.scratch / f"plan{k}")
         (work / "page.html").write_text(planned_page.render(model, planned, document), encoding="utf-8")
-        write(work / "plan.json", {"name": entry["name"], "headline": planned_page.headline(document)})
+        write(work / "plan.json", {"name": entry["name"], "headline": plans.headline(document)})
         made.append(work.name)
     return {"opened": made}
 

@@ -13,9 +13,9 @@ import pytest
 from runtime.diagnosis.diagnose import begin, conclude, diagnose
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording
+from runtime.report import loop, terminal
 from runtime.report.page.html_page import render
 from runtime.report.summary import ResultSummary
-from runtime.report.terminal import loop_pages
 
 from .bench import Setting, bench, specimen
 from .bodies import ARMS, BELIEVED, model_text
@@ -88,7 +88,7 @@ def test_page_and_terminal_show_both_tables(
     page = render(found)
     assert "Each recording alone" in page
     assert page.count("differs</span>") == len(found.document().to_json()["inconsistent"])
-    loop_pages.diagnosis(ResultSummary(found).document)
+    terminal.show(loop.diagnosis(ResultSummary(found).document))
     out = capsys.readouterr().out
     assert re.search(r"each recording alone +run1.csv +run2.csv", out)
     assert "They disagree on " in out

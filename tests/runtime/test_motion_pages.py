@@ -19,10 +19,10 @@ from runtime.plain_json import plain
 from runtime.planning import results
 from runtime.planning.optimize import optimize
 from runtime.planning.settings import PlanningSettings
+from runtime.report import plans, terminal
 from runtime.report.page import executed_page, planned_page
 from runtime.report.page.executed_page import ExecutedCycles
 from runtime.report.plots import plan_plots
-from runtime.report.terminal import plan_pages
 from runtime.workspace.source import Source
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import arm, there
@@ -118,17 +118,17 @@ def test_a_spring_that_is_there_for_nothing_is_said(library: Library, capsys: py
     scenario = there(model, 1.0, {"q1": 0.0}, {"q1": 1.0}, spring=spring)
     document = plain(results.document(model, optimize(model, scenario, PlanningSettings(starts=1))))
     assert "the spring at joint 1 is slack during the whole motion and saves nothing" in document["warnings"]
-    plan_pages.plan(document)
-    assert "spring at joint 1: 20050 N/m, taut below -4 rad" in capsys.readouterr().out
+    terminal.show(plans.plan(document))
+    assert "Spring at joint 1: 20050 N/m, taut below -4 rad" in capsys.readouterr().out
 
 
 def test_all_joints_go_by_one_word(planned, capsys: pytest.CaptureFixture[str]) -> None:
     *_, document = planned
-    plan_pages.plan(document)
-    assert "torque_squared of all joints " in capsys.readouterr().out
-    assert ", of all joints, is " in planned_page.headline(document)
+    terminal.show(plans.plan(document))
+    assert "the squared torque over a cycle of all joints is " in capsys.readouterr().out
+    assert " of all joints is " in plans.headline(document)
     one = {**document, "objective": {**document["objective"], "joints": [2]}}
-    assert ", of joint 2, is " in planned_page.headline(one)
+    assert " of joint 2 is " in plans.headline(one)
 
 
 def test_what_is_hidden_in_the_simulated_arm_stands_on_its_page(executed: Execution) -> None:

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from runtime.progress import Progress, each, heard_by, of_each, of_long, on_cores, steps
-from runtime.report.terminal import pages
+from runtime.report import terminal
 
 
 @given(st.lists(st.integers(0, 5), max_size=30))
@@ -48,8 +48,8 @@ def test_steps_are_told_and_what_they_tell_of_themselves_is_not() -> None:
 def test_where_no_line_can_be_written_over_one_comes_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(pages, "_EVERY", 0.1)
-    with pages.working("waiting"):
+    monkeypatch.setattr(terminal, "_EVERY", 0.1)
+    with terminal.working("waiting"):
         for _ in each("waits", range(30)):
             time.sleep(0.05)
     lines = capsys.readouterr().err.splitlines()

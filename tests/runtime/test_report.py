@@ -36,12 +36,11 @@ from runtime.loop.improve import Improvement
 from runtime.model.terms import Term, structure
 from runtime.motion import spectrum
 from runtime.recordings.recording import Recording
-from runtime.report import reasons, sensors_said
+from runtime.report import loop, reasons, terminal
 from runtime.report.follow_up import Invocation, about
 from runtime.report.page import html_page, page_figures, page_findings
 from runtime.report.plots import joint_plots, style, time_plots
 from runtime.report.summary import ResultSummary
-from runtime.report.terminal import loop_pages
 from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
@@ -318,8 +317,8 @@ def test_what_sensors_were_worth_is_on_the_page(improvement, page):
     summary = ResultSummary(improvement)
     document = msgspec.structs.replace(summary.document, sensors=[worth.document()])
     summary.__dict__["document"] = document
-    assert sensors_said.sentences(document) == ["Contribution of the sensors: q1_link: alone rules out elasticity@1."]
-    assert sensors_said.sentences(document)[0] in Reader(html_page.render(summary)).text
+    assert loop.sensors(document) == ["Contribution of the sensors: q1_link: alone rules out elasticity@1."]
+    assert loop.sensors(document)[0] in Reader(html_page.render(summary)).text
 
 
 def test_commands_can_be_copied(summary, story_text):
@@ -487,7 +486,7 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
     assert min(abs(f - 12.3) for f in peak.frequencies_hz) < 0.4
     page = Reader(html_page.render(summary)).text
     assert re.search(r"Its spectrum has peaks that hold little: joint 1 at .*12\.\d+ Hz", page)
-    loop_pages.diagnosis(summary.document)
+    terminal.show(loop.sections(summary.document))
     assert "Peaks in the spectrum of the residual" in capsys.readouterr().out
     more = replace(improvement, left=replace(improvement.left, verdict="unexplained", reason="something is left"))
     assert "effect found, more is left" in Reader(html_page.render(more)).text
@@ -523,15 +522,15 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
 
 
 def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
-    loop_pages.improvement(summary.document)
+    terminal.show(loop.sections(summary.document))
     out = capsys.readouterr().out
     assert "stribeck at joint 1" in out
     assert "What is left: CLEAN: the residual is noise" in out
     assert re.search(r"held out: joint 1 [\d.]+ \((repeats|spectrum)\)", out)
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in out
-    assert "stiffness < 4.2e+04 N m/rad" in out
+    assert "stiffness < 41800 N m/rad" in out
     assert len(out.splitlines()) < 70
-    loop_pages.diagnosis(ResultSummary(unexplained, ORIGIN).document)
+    terminal.show(loop.sections(ResultSummary(unexplained, ORIGIN).document))
     out = capsys.readouterr().out
     assert out.startswith("UNEXPLAINED: ")
     assert "--draft guess.py" in out
@@ -549,10 +548,10 @@ def test_joints_are_called_by_their_names_too(improvement, capsys):
     page = html_page.render(summary)
     assert "Joint 1 elbow: stribeck added" in page
     assert "stribeck at joint 1 elbow" in page
-    loop_pages.improvement(summary.document)
+    terminal.show(loop.sections(summary.document))
     printed = capsys.readouterr().out
     assert "stribeck at joint 1 (elbow): residual" in printed
-    assert "elasticity at joint 1 (elbow): its shape lies" in printed
+    assert "elasticity at joint 1 (elbow) is ruled out: its shape lies" in printed
     assert "1 elbow" in printed
 
 
@@ -602,7 +601,7 @@ def test_a_joint_that_never_moves_is_no_joint_at_its_floor(library, capsys):
     page = Reader(html_page.render(summary))
     assert page.text.count("it never moves, and nothing of it is compared") == 2
     assert not any(str(tag.get("id", "")).startswith("time1") for _, tag in page.tags)
-    loop_pages.compare(summary.document)
+    terminal.show(loop.sections(summary.document))
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     (row,) = (row for row in rows if row[:1] == ["1"])
     assert row[1:3] == ["–", "–"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -42,7 +41,8 @@ from runtime.documents.parts import DelayEntry, EffectAt, EstimateEntry
 from runtime.documents.recordings import ClockEntry, DeterminedParameter, InspectDocument
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.report.terminal import cells, loop_pages, pages, recording_pages
+from runtime.report import findings, fits, loop, models, recordings, terminal
+from runtime.report.sections import table, words
 from runtime.wording import fixed, told_apart
 
 
@@ -80,7 +80,7 @@ def delay(joint: int, value: float) -> DelayEntry:
 def test_joints_of_one_delay_share_a_line(
     values: list[float], places: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    cells.delay_lines([delay(i, value) for i, value in enumerate(values, 1)])
+    terminal.show(fits.delays([delay(i, value) for i, value in enumerate(values, 1)]))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split(" (")[0] for line in lines] == [f"Delay from torque to motion, {where}" for where in places]
 
@@ -94,13 +94,10 @@ def test_no_word_is_broken_however_narrow_the_terminal(rows: list[list[str]], wi
     """Every word stands whole, and no line is longer than the terminal, or than a word that is."""
     screen = io.StringIO()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cells, "console", lambda: Console(file=screen, width=width, markup=False, highlight=False))
+        patch.setattr(terminal, "_console", lambda: Console(file=screen, width=width, markup=False, highlight=False))
         patch.setattr("sys.stdout", type("Terminal", (), {"isatty": lambda _: True})())
-        table = cells.empty_table("first", "second heading", "third")
-        for row in rows:
-            table.add_row(*row)
-        cells.show_table(table)
-        cells.say(" ".join(rows[0]))
+        terminal.show([table(("first", "second heading", words("third")), rows)])
+        terminal.say(" ".join(rows[0]))
     given = {word for row in rows for cell in row for word in cell.split()}
     said = screen.getvalue()
     known = given | {"first", "first:", "second", "heading", "heading:", "third", "third:"}
@@ -108,12 +105,6 @@ def test_no_word_is_broken_however_narrow_the_terminal(rows: list[list[str]], wi
     assert given <= set(said.split())
     longest = max(map(len, known))
     assert all(len(line.rstrip()) <= max(width, longest + 6) for line in said.splitlines())
-
-
-def test_every_page_prints_through_the_cells_that_break_no_word() -> None:
-    pages = [path for path in Path(cells.__file__).parent.glob("*.py") if path.name != "cells.py"]
-    assert len(pages) > 5
-    assert [path.name for path in pages if re.search(r"\.print\(", path.read_text("utf-8"))] == []
 
 
 @pytest.mark.parametrize(
@@ -138,14 +129,14 @@ def test_what_is_known_of_an_effect_at_many_joints_is_said_once(capsys: pytest.C
         "plate stiffness",
     ]
     parameters = [made(DeterminedParameter, name=name, told="well") for name in known]
-    recording_pages.inspection(made(InspectDocument, clock=made(ClockEntry), parameters=parameters))
+    terminal.show(recordings.inspection(made(InspectDocument, clock=made(ClockEntry), parameters=parameters)))
     told = "ZZ1, I2; dry (up, down) at joints 1, 2; dry (up) at joint 3; plate (stiffness)"
     assert f"\nWell determined: {told}\n" in capsys.readouterr().out
 
 
 def test_long_inputs_of_a_comparison_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     case = made(ComparedFunction, equal=True, inputs={"parameters": [0.5] * 43, "q": [1.0, 2.0]})
-    pages.verify(made(VerifyDocument, cases=[case]))
+    terminal.show(models.verification(made(VerifyDocument, cases=[case])))
     assert "parameters=(43 numbers, with --json), q=[1 2]" in " ".join(capsys.readouterr().out.split())
 
 
@@ -181,7 +172,7 @@ def test_no_reason_says_that_a_number_is_not_itself(below: float, share: float) 
 def test_what_is_noise_is_not_said_to_come_back(capsys: pytest.CaptureFixture[str]) -> None:
     joint = {"joint": 1, "relative": 0.01, "floor": 0.1, "floor_source": "repeats", "repeatable": True}
     joints = [made(ComparedJoint, **joint, rms=rms, structure=[]) for rms in (0.102, 0.3)]
-    loop_pages.compare(made(CompareDocument, joints=joints))
+    terminal.show(loop.sections(made(CompareDocument, joints=joints)))
     assert [line.split()[-1] for line in capsys.readouterr().out.splitlines() if "repeats" in line] == ["noise", "yes"]
 
 
@@ -209,39 +200,40 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
     rivals = [EffectAt(effect="cable", joint=1)]
     evidence = ranking[0].evidence
     finding = made(FindingEntry, effect="stribeck", joint=1, evidence=evidence, ranking=ranking, rivals=rivals)
-    loop_pages.diagnosis(diagnosed(findings=[finding]))
+    terminal.show(loop.sections(diagnosed(findings=[finding])))
     out = capsys.readouterr().out
     assert "these data cannot separate it from cable at joint 1 (elbow)" in out
-    assert [line for line in out.splitlines() if "rather" in line] == [
-        "  rather than viscous_power at joint 1 (elbow), which by itself would explain 99.7 % of what was missing, "
-        "but BIC prefers stribeck by 200",
-        "  rather than friction_patch at joint 1 (elbow), which by itself would explain 90.0 % of what was missing, "
-        "but with it added and everything refitted, the error falls less",
-        "  rather than lugre at joint 1 (elbow), which by itself would explain 40.0 % of what was missing, "
-        "but held-out error does not fall by 0.3 %",
+    assert [line for line in out.splitlines() if "ruled out" in line] == [
+        "  viscous_power at joint 1 (elbow) is ruled out: it passes every gate by itself, but explains 100 % of what "
+        "is missing, stribeck 100 %. BIC prefers stribeck at joint 1 (elbow) by 200, and Vuong's test of the "
+        "likelihoods agrees",
+        "  friction_patch at joint 1 (elbow) is ruled out: it passes every gate by itself, but with it added and "
+        "everything refitted, the error falls less than with stribeck",
+        "  lugre at joint 1 (elbow) is ruled out: held-out error does not fall by 0.3 %; another",
     ]
 
 
 @pytest.mark.parametrize(
     ("delta_bic", "cv_gain", "said"),
     [
-        (812.0, 0.77, "BIC falls by 812, the cross-validated squared error falls by 77.0 %"),
-        (-2.2, -0.05, "BIC rises by 2, the cross-validated squared error rises by 5.00 %"),
+        (812.0, 0.77, "BIC falls by 812; cross-validated squared error falls by 77.00 %"),
+        (-2.2, -0.05, "BIC rises by 2; cross-validated squared error rises by 5.00 %"),
     ],
 )
 def test_a_rise_is_called_so(capsys: pytest.CaptureFixture[str], delta_bic: float, cv_gain: float, said: str) -> None:
     """An effect that another sensor shows may explain little of the torque."""
     evidence = weighed("elasticity", delta_bic, 1.0, [], cv_gain).evidence
     finding = made(FindingEntry, effect="elasticity", joint=1, evidence=evidence)
-    loop_pages.diagnosis(diagnosed(findings=[finding]))
+    terminal.show(loop.sections(diagnosed(findings=[finding])))
     assert said in capsys.readouterr().out
 
 
 def test_a_candidate_that_does_not_earn_its_parameters_is_said_so(capsys: pytest.CaptureFixture[str]) -> None:
     failed = ["whitened BIC falls by −2, not by 10", "its own torque is 0.1 of the noise floor, not more than 0.15"]
-    loop_pages.diagnosis(diagnosed(verdict="unexplained", ruled_out=[weighed("cable", -2.2, 0.2, failed)]))
-    assert "  cable at joint 1 (elbow): it does not earn its parameters: with it, BIC rises by 2\n" in (
-        capsys.readouterr().out
+    terminal.show(loop.sections(diagnosed(verdict="unexplained", ruled_out=[weighed("cable", -2.2, 0.2, failed)])))
+    assert (
+        "  cable at joint 1 (elbow) is ruled out: its parameters cost more than it explains; with it, BIC rises by 2\n"
+        in (capsys.readouterr().out)
     )
 
 
@@ -249,32 +241,31 @@ def test_a_candidate_that_does_not_earn_its_parameters_is_said_so(capsys: pytest
 def test_parameters_of_a_long_arm_fit_a_narrow_screen(
     columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where there is no room for the joints' names, their numbers stand alone; no number and no heading is broken."""
-    monkeypatch.setattr(cells.sys.stdout, "isatty", lambda: True)
+    """No number and no heading is broken."""
+    monkeypatch.setattr(terminal.sys.stdout, "isatty", lambda: True)
     monkeypatch.setenv("COLUMNS", str(columns))
     known = {"interval": (-0.0007479, 0.001908), "unit": "kg m^2", "model": -0.0002842}
     positive = FittedParameter(value=1.2345, **known)
     effect = made(FittedEffect, name="coulomb_asymmetric", joint=6, parameters={"positive": positive})
     inertial = InertialEntry(joint=6, name="YY6", fit=-0.0001335, **known)
     joints = [made(JointEntry, joint=6, name="shoulder_lift_joint")]
-    loop_pages.identify(made(JudgedFitDocument, inertial=[inertial], effects=[effect], joints=joints))
+    terminal.show(fits.identification(made(JudgedFitDocument, inertial=[inertial], effects=[effect], joints=joints)))
     out = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).split("residual")[0]
     out = out[out.index("parameter") :]
     assert max(map(len, out.splitlines())) <= columns
-    assert ("shoulder_lift_joint" in out) is (columns == 140)
-    assert len(out.splitlines()) < 10
-    for whole in ("parameter", "interval", "[-0.0007479,", "0.001908]", "-0.0001335", "kg"):
+    assert len(out.splitlines()) < 12
+    for whole in ("parameter", "shoulder_lift_joint", "-0.0001 ±", "1.2345 ±", "kg"):
         assert whole in out
 
 
 @pytest.mark.parametrize("known", [None, [0.5, 2.0]])
 @pytest.mark.parametrize("others", [[], ["offset"]])
 def test_what_is_said_behind_a_value_stands_off_from_its_unit(known: list[float] | None, others: list[str]) -> None:
-    parameter = made(EstimateEntry, interval=known, inseparable_from=others)
-    behind, cell = cells.interval(parameter), cells.interval(parameter, "")
-    assert behind.removeprefix(", ").removeprefix("95 % in ") == cell
-    assert behind.startswith(", ") if known or others else behind == ""
-    assert ("only together with offset" in cell) == bool(others)
+    parameter = made(EstimateEntry, value=1.0, unit="N m", interval=known, inseparable_from=others)
+    text = findings.valued("torque", parameter)
+    assert text == "torque = 1 N m" + (", 95 % in [0.5, 2]" if known else "") + (
+        ", only together with offset" if others else ""
+    )
 
 
 def long_arm(n: int) -> ImprovementDocument:
@@ -298,14 +289,14 @@ def long_arm(n: int) -> ImprovementDocument:
 
 
 def test_many_joints_have_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
-    loop_pages.improvement(long_arm(7))
+    terminal.show(loop.sections(long_arm(7)))
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert [x for x in lines if x.startswith("7 axis7")] == ["7 axis7 3.50 %, 3.5 1.75 %, 1.75 0.7 N m (repeats)"] * 2
     assert "cable: c1 >, N m/rad 1.5 3 4.5 6 7.5 9" in lines
 
 
-def test_few_joints_stand_abreast(capsys: pytest.CaptureFixture[str]) -> None:
-    loop_pages.improvement(long_arm(2))
+def test_few_joints_have_their_detection_limits_abreast(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.show(loop.sections(long_arm(2)))
     said = re.sub(" +", " ", capsys.readouterr().out)
-    assert "+ stribeck@2 0.25 %, 0.50 % 0.25, 0.5 0.25 %, 0.50 % 0.25, 0.5" in said
+    assert "2 axis2 1.00 %, 1 0.50 %, 0.5 0.2 N m (repeats)" in said
     assert "cable c1 > 1.5 N m/rad (c2 0.5)" in said

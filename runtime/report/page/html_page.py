@@ -11,7 +11,7 @@ from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.estimation.compare import JointSeries, as_written, structure_shares
 from runtime.loop.improve import Improvement
 from runtime.plain_json import plain
-from runtime.report import sensors_said
+from runtime.report import loop
 from runtime.report.page import page_figures as figures
 from runtime.report.page import page_findings as found
 from runtime.report.page import page_parameters as parameters
@@ -60,7 +60,7 @@ def _holes(summary: ResultSummary) -> dict[str, Any]:
         "about": summary.invocation.about,
         "recorded": [_recorded(summary, i) for i in joints],
         "band": {"cutoff": number(motion.band.cutoff), "reason": motion.band.explained},
-        "sensors": [] if summary.diagnosis is None else sensors_said.sentences(summary.document),
+        "sensors": [] if summary.diagnosis is None else loop.sensors(summary.document),
         "skew": parameters.skew(last.identification.inference),
         "warnings": summary.document.warnings,
         "document": embedded(plain(summary.document)),

@@ -12,11 +12,12 @@ from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, given
 from runtime.planning.evaluate import at_times, mounted
 from runtime.planning.trajectory import Trajectory
+from runtime.report import plans
 from runtime.report.page.arm_motion import MOST_FRAMES, ArmMotion, Course, SpringTorque, picture
 from runtime.report.page.filling import embedded, filled, written
 from runtime.report.page.page_figures import Drawn, drawn
 from runtime.report.plots import plan_plots
-from runtime.wording import joints_said, number, numbered, quantity
+from runtime.wording import number, numbered, quantity
 
 Document = Mapping[str, Any]
 
@@ -47,7 +48,7 @@ def render(model: Model, trajectory: Trajectory, document: Document, commands: S
             "title": f"{model.name}: {document['scenario']}",
             "model": model.name,
             "tag": {"kind": "clean", "text": "plan"},
-            "headline": headline(document),
+            "headline": plans.headline(document),
             "lines": spring_lines(document),
             "facts": [
                 {"name": f"cost of joint {j['joint']}", "value": quantity(j["cost"], f"({j['units']['force']})^2 s")}
@@ -63,24 +64,6 @@ def render(model: Model, trajectory: Trajectory, document: Document, commands: S
             "document": embedded(document),
         },
     )
-
-
-def headline(document: Document) -> str:
-    """What a plan came to; of one that was read from its file what all joints cost."""
-    friction = "with" if document["friction"] else "without"
-    begin = f"{document['scenario']} in {document['cycle_time']:.6g} s, {friction} friction: "
-    goal = document.get("objective")
-    if goal is None:
-        return f"{begin}{_all_cost(document['joints'])}"
-    joints = joints_said(goal["joints"], len(document["joints"]))
-    return f"{begin}{_GOALS[goal['goal']]}, of {joints}, is {quantity(goal['value'], goal['unit'])}"
-
-
-def _all_cost(joints: Sequence[Document]) -> str:
-    units = {joint["units"]["force"] for joint in joints}
-    total = sum(joint["cost"] for joint in joints)
-    said = quantity(total, f"({units.pop()})^2 s") if len(units) == 1 else f"{number(total)} in SI"
-    return f"the squared torque over a cycle, of all joints, is {said}"
 
 
 def spring_lines(document: Document) -> list[str]:
@@ -137,12 +120,6 @@ def _what(model: Model, trajectory: Trajectory) -> str:
     return f"The planned motion of {model.name}, {trajectory.duration:g} s, {kind}; the thin line is the tip's way."
 
 
-_GOALS = {
-    "torque_squared": "the squared torque over a cycle",
-    "peak_torque": "the largest torque over its limit",
-    "electrical_energy": "the electrical energy",
-    "positive_work": "the positive work",
-}
 _HEADS = ("joint", "cost", "peak torque", "its limit", "peak speed", "its limit", "range", "allowed")
 
 

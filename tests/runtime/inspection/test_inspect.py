@@ -162,7 +162,7 @@ def test_a_fit_that_may_not_be_believed(tmp_path, capsys):
     """As identify refuses it; nothing is then called right."""
     path = write(tmp_path / "run.csv", changed(tau1=np.cos(motion()["t"]), qd1=None))
     _, out, _ = run(capsys, "inspect", path, "drive")
-    assert out.splitlines()[-1].startswith("The fit is not to be believed: ")
+    assert out.splitlines()[-1].startswith("The fit is unreliable: ")
     assert run(capsys, "identify", "drive", path)[0] == 1
 
 

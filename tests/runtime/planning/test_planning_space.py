@@ -14,7 +14,7 @@ from runtime.planning.optimize import Plan, StartError, optimize
 from runtime.planning.physics import rotation, target_frame
 from runtime.planning.results import document
 from runtime.planning.scenario import Point
-from runtime.report.terminal import plan_pages
+from runtime.report import plans, terminal
 from symbolic.model_file.checks import ModelError
 from tests.runtime.planning.planning_cases import arm, there
 from tests.six_joints import START, six_joints
@@ -93,11 +93,11 @@ def test_the_terminal_names_the_joints_and_their_units(
 ) -> None:
     made = document(six, pointing)
     lift = {**made["joints"][1], "name": "lift", "units": {"position": "m", "force": "N"}}
-    plan_pages.plan({**made, "joints": [made["joints"][0], lift]})
+    terminal.show(plans.plan({**made, "joints": [made["joints"][0], lift]}))
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     (row,) = (row for row in rows if row.startswith("2 lift"))
-    figures = (f"{lift['cost']:.4g} (N)^2 s", f"{lift['peak_torque']:.4g} N {lift['peak_speed']:.4g} m/s")
-    assert row.startswith(f"2 lift {figures[0]} {figures[1]}")
+    assert row.startswith(f"2 lift {lift['cost']:.4g} (N)^2 s {lift['peak_torque']:.4g} N ")
+    assert f" {lift['peak_speed']:.4g} m/s " in row
     assert row.endswith(" m")
 
 

@@ -1,0 +1,204 @@
+"""Sections of execute, on the simulated arm and on a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from runtime.documents.diagnosis import CommandEntry
+from runtime.report.fits import at_named
+from runtime.report.sections import Bullets, Commands, Group, Paragraph, Section, TableSection, table, texts
+from runtime.wording import fixed, number, numbered, percent, quantity, unit
+
+Document = Mapping[str, Any]
+
+_SAME_RATE = 0.01
+
+
+def execution(document: Document) -> list[Section]:
+    """What ran, cost and tracking beside the plan's, the plate, why it stopped, and what to type next."""
+    if document["status"] == "refused" and document.get("reason") and not document["exceeded"]:
+        foreseen = prediction(document["prediction"]) if document.get("prediction") else []
+        board = _board(document["board"]) if document.get("board") else []
+        return [*foreseen, *board, Paragraph(f"REFUSED, nothing has moved: {document['reason']}.")]
+    return [*texts([headline(document), *_conditions(document)]), *results(document), *_end(document)]
+
+
+def headline(document: Document) -> str:
+    """What was executed, and how often."""
+    plan, count = document["plan"], len(document["trials"])
+    done = sum(len(trial["cycles"]) for trial in document["trials"])
+    cycles = f", {done} cycles of {quantity(plan['duration'], 's')}" if plan["periodic"] else ""
+    friction = "compensated" if document["friction_compensation"] else "not compensated"
+    trials = f"{count} trial{'' if count == 1 else 's'}{cycles}"
+    return f"{plan['scenario']} on {document['on']}: {trials}; friction {friction}."
+
+
+def results(document: Document) -> list[Section]:
+    """Planned and executed of every joint, the cost of a cycle, and the plate; nothing if no cycle was completed."""
+    if document["mean"] is None:
+        return []
+    return [_joints(document), *texts(costs(document))]
+
+
+def prediction(document: Document) -> list[Section]:
+    """What the simulated arm did, before a real one does it."""
+    rows = []
+    for joint in document["joints"]:
+        force, position = joint["force_unit"], joint["position_unit"]
+        rows.append(
+            (
+                numbered(joint["joint"], joint["name"]),
+                quantity(joint["torque"], force, 3),
+                quantity(joint["torque_limit"], force, 3),
+                quantity(joint["speed"], f"{position}/s", 3),
+                quantity(joint["speed_limit"], f"{position}/s", 3),
+                quantity(joint["room"], position, 3),
+            )
+        )
+    heads = ("joint", "peak torque", "limit", "speed", "limit", "room to the end of the range")
+    made: list[Section] = [Paragraph("The same on the simulated arm:"), table(heads, rows)]
+    distance = document["plate"]
+    if distance is not None:
+        pressed = f"presses the plate down by {-100 * distance:.2f} cm"
+        where = pressed if distance < 0 else f"stays {100 * distance:.2f} cm off the plate"
+        made.append(Paragraph(f"The end-effector {where}."))
+    return made
+
+
+def _board(document: Document) -> list[Section]:
+    """Where the arm stands, before it is asked to move."""
+    if document["standing"] is None:
+        return [Paragraph(f"The arm cannot be asked where it stands: {document['text']}.")]
+    stands = tuple(
+        f"joint {numbered(joint['joint'], joint['name'])}: stands at {joint['position']:.3f} {joint['position_unit']}, "
+        f"the motion starts at {joint['start']:.3f}"
+        for joint in document["standing"]
+    )
+    return [Paragraph("The board answers and takes the motion; the arm"), Bullets(stands)]
+
+
+def _conditions(document: Document) -> list[str]:
+    """How the arm differs from the model, and what firmware, board, link and drives did."""
+    lines = differences(document)
+    if image := document.get("image"):
+        lines.append(f"Firmware for {image['target']}, {image['text']} bytes, by {image['compiler']}.")
+    if document.get("every", 1) > 1:
+        lines.append(f"The line carries one record in {document['every']} control periods; the others are left out.")
+    period, measured = document["period"], document["period_measured"]
+    if measured is not None and abs(measured / period - 1.0) > _SAME_RATE:
+        lines.append(
+            f"The board's records are {1e3 * measured:.4g} ms apart, by the model file {1e3 * period:.4g} ms:"
+            " set its timer to the rate in [controller], or the rate to the timer's."
+        )
+    link = document.get("link") or {}
+    here, there = sum(link.get("damaged", {}).values()), link.get("board") or {}
+    lost = sum(there.get(kind, 0) for kind in ("bad_frame", "bad_crc", "bad_header"))
+    if here or lost:
+        lines.append(f"The link has damaged {lost} frames on their way to the board and {here} on their way back.")
+    if document.get("drives"):
+        lines += _drives(document)
+    return lines + uncompensated(document)
+
+
+def differences(document: Document) -> list[str]:
+    """How a simulated arm differs from its model."""
+    names = {joint["joint"]: joint.get("name") for joint in document["joints"]}
+    lines = []
+    for entry in document["effects"]:
+        if entry["hidden"] or entry["changed"]:
+            values = ", ".join(f"{name} {number(value)}" for name, value in entry["values"].items())
+            how = "hidden" if entry["hidden"] else "changed"
+            lines.append(f"{how}: {entry['effect']}{at_named(entry['joint'], names)}: {values}")
+    return lines
+
+
+def uncompensated(document: Document) -> list[str]:
+    """Effects of the model that the controller leaves out."""
+    names = ", ".join(document["uncompensated"])
+    return [f"The controller does not compensate: {names}."] if names else []
+
+
+def _drives(document: Document) -> list[str]:
+    """How punctual the control loop was, and what the drives made of its torques."""
+    drives = document["drives"]
+    lines = [
+        f"The drives' frames fill {percent(drives['load'])} of {drives['channel']}. Periods began late by "
+        f"{1e3 * drives['late_rms']:.2g} ms rms, {1e3 * drives['late_worst']:.2g} ms at worst; "
+        f"{drives['overruns']} left out, {drives['missed_answers']} answers late or missing."
+    ]
+    if drives["overruns"] and not drives["real_time"]:
+        lines.append("  Without real-time priority (ulimit -r 30, or as root) a busy computer is late.")
+    for joint, step, limited in zip(document["joints"], drives["resolution"], drives["limited_by_drive"], strict=True):
+        less = f"; its drive held back in {limited} periods" if limited else ""
+        called = numbered(joint["joint"], joint["name"])
+        lines.append(f"  joint {called}: torques are rounded to {quantity(step, joint['force_unit'])}{less}")
+    return lines
+
+
+def _joints(document: Document) -> TableSection:
+    plan, mean, spread = document["plan"], document["mean"], document["spread"]
+    rows = [
+        (
+            numbered(joint["joint"], joint["name"]),
+            number(plan["cost"][k]),
+            number(mean["cost"][k]),
+            "–" if spread is None else number(spread["cost"][k], 2),
+            number(mean["tracking_rms"][k], 3),
+            quantity(mean["tracking_max"][k], joint["position_unit"], 3),
+            _range(plan["q_min"][k], plan["q_max"][k]),
+            _range(mean["q_min"][k], mean["q_max"][k]),
+            quantity(mean["peak_torque"][k], joint["force_unit"], 3),
+        )
+        for k, joint in enumerate(document["joints"])
+    ]
+    heads = ("joint", "cost planned", "executed", "±", "tracking rms", "max", "range planned", "reached", "peak torque")
+    return table(heads, rows)
+
+
+def _range(low: float, high: float) -> str:
+    return f"{fixed(low)} … {fixed(high)}"
+
+
+def costs(document: Document) -> list[str]:
+    """The cost of a cycle beside the plan's, saturated torques, and how far the plate is pressed down."""
+    plan, mean, spread = document["plan"], document["mean"], document["spread"]
+    units = {joint["force_unit"] for joint in document["joints"]}
+    of = unit(f"({units.pop()})^2 s") if len(units) == 1 else "in SI"
+    scatter = "" if spread is None else f" ± {number(spread['total'], 2)}"
+    off = mean["total"] / plan["total"] - 1 if plan["total"] else None
+    more = "" if off is None else f", {percent(abs(off))} {'more' if off > 0 else 'less'} than that"
+    lines = [f"Cost of a cycle: {number(mean['total'])}{scatter} {of}; planned {number(plan['total'])}{more}."]
+    if not plan["friction"]:
+        modelled = number(plan["modelled"]["total"])
+        lines.append(f"  It was planned without friction; with the model's friction the plan itself costs {modelled}.")
+    if mean["saturated"]:
+        lines.append(f"Torques were at their limits for {percent(mean['saturated'])} of the time.")
+    planned, reached = plan["compression"], mean["compression"]
+    if reached or planned:
+        lines.append(f"Plate: pressed down by {100 * reached:.2f} cm, planned {100 * planned:.2f} cm.")
+    return lines
+
+
+def _end(document: Document) -> list[Section]:
+    made: list[Section] = []
+    if document["status"] == "refused":
+        exceeded = tuple(item["text"] for item in document["exceeded"])
+        made += [Paragraph("REFUSED before the motion, nothing was executed:"), Bullets(exceeded)]
+    if document["status"] == "stopped":
+        made.append(Paragraph(f"SAFE STOP: {document['reason']}."))
+    if document["recording"]:
+        made.append(Paragraph(f"Recording: {document['recording']}"))
+    elif document["trials"]:
+        made.append(Paragraph("With --out RUN.csv.gz the recording is kept."))
+    if document["model_out"]:
+        made.append(Paragraph(f"Model with the springs and contact of this motion: {document['model_out']}"))
+    if document["next"]:
+        made.append(Group("Next", (Commands(tuple(CommandEntry(**item) for item in document["next"])),)))
+    elif document["recording"]:
+        made.append(
+            Paragraph(
+                "The motion brings springs or a contact of its own: with --model-out FILE, compare against that model."
+            )
+        )
+    return made

@@ -1,0 +1,454 @@
+"""Sections of a diagnosis: its findings with their evidence, the candidates that were not named and why, what is left.
+
+A finding is shown on the terminal in a few lines (`brief`), and on a page in full (`card`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+from runtime.diagnosis.detection_limits import Limit
+from runtime.documents.diagnosis import (
+    CommandEntry,
+    DiagnosisBase,
+    DraftEntry,
+    EvidenceEntry,
+    FindingEntry,
+    LimitEntry,
+    RankedCandidate,
+)
+from runtime.documents.parts import EffectAt, EstimateEntry, given
+from runtime.model.catalogue import EffectInfo
+from runtime.model.loader import Model
+from runtime.report.fits import Names, at_named
+from runtime.report.sections import (
+    Bullets,
+    Cell,
+    Commands,
+    Facts,
+    Group,
+    Paragraph,
+    Plots,
+    Section,
+    TableColumn,
+    TableSection,
+    table,
+    texts,
+    words,
+)
+from runtime.wording import fall, number, percent, quantity, sentence, times_floor, told_apart, unit, whole
+from symbolic.model_file.checks import at_joint
+
+_NOTHING = 0.05
+"""Part of the noise floor below which a candidate's own torque is negligible, whatever its other figures."""
+_LEAST_SHARE = 0.05
+_MOST_CANDIDATES = 3
+"""Candidates listed on the terminal."""
+_MOST_COLUMNS = 3
+"""Joints side by side in a table of detection limits; with more, the parameter is named once a row."""
+
+
+Placed = EffectAt | FindingEntry | RankedCandidate
+"""An effect at a joint."""
+
+
+class JointScale(NamedTuple):
+    """What a residual is measured against at a joint."""
+
+    floor: float
+    unit: str
+
+
+class Context(NamedTuple):
+    """The joints of a result: their names, noise floors and units; `also`: all effects that were named."""
+
+    names: Names
+    places: Mapping[int, JointScale]
+    also: Collection[tuple[str, int | None]] = ()
+
+    def at(self, candidate: Placed, finding: Placed | None = None) -> JointScale:
+        """The joint at which a candidate is judged: its own, or that of the finding it competes with."""
+        joint = candidate.joint or (finding.joint if finding else None) or 1
+        return self.places[joint]
+
+    def called(self, effect: Placed) -> str:
+        """An effect with its joint."""
+        return f"{effect.effect}{at_named(effect.joint, self.names)}"
+
+
+def key(effect: Placed) -> tuple[str, int | None]:
+    """An effect and its joint, to compare."""
+    return effect.effect, effect.joint
+
+
+# --- findings ---
+
+
+def lead(finding: FindingEntry, context: Context) -> str:
+    """How far a finding lowers the residual."""
+    twist = given(finding.evidence.twist)
+    before, after = (finding.rms_before, finding.rms_after) if twist is None else (twist.rms_before, twist.rms_after)
+    what = "residual" if twist is None else f"twist by the link-side encoder, {unit(twist.unit)},"
+    return (
+        f"{context.called(finding)}: {what} {number(before)} → {number(after)}, "
+        f"{percent(finding.share)} of what was missing."
+    )
+
+
+def brief(finding: FindingEntry, context: Context) -> list[Section]:
+    """A finding in a few lines: its values and evidence, and the strongest candidates beside it."""
+    items = _held_out(finding) + [valued(name, p) for name, p in finding.parameters.items()]
+    rivals = {key(r) for r in finding.rivals}
+    others = [
+        e
+        for e in finding.ranking
+        if key(e) not in context.also
+        and key(e) not in rivals
+        and (e.joint in (None, finding.joint) or finding.joint is None)
+        and e.evidence.share_of_excess > _LEAST_SHARE
+    ]
+    why = [f"{context.called(e)} {in_place_of(e, finding, context)}" for e in others[:_MOST_CANDIDATES]]
+    left = [f"left over: {finding.remainder}"] if finding.remainder else []
+    return [
+        Paragraph(lead(finding, context)),
+        Bullets(tuple(items)),
+        evidence(finding.evidence, context.at(finding)),
+        Bullets((*why, *_rivals(finding, context), *left)),
+        Paragraph(""),
+    ]
+
+
+def card(finding: FindingEntry, context: Context, info: EffectInfo, figures: Sequence[str]) -> list[Section]:
+    """A finding in full: law, values, evidence, figures, rivals, and every candidate for its place."""
+    values = tuple(valued(name, p, info.parameter(name).meaning) for name, p in finding.parameters.items())
+    rivals = texts(map(sentence, _rivals(finding, context)))
+    none = Paragraph("No rival: no other candidate that passes the gates explains the data as well.")
+    return [
+        Paragraph(info.summary),
+        Paragraph(f"torque = {info.equation}", "code"),
+        Paragraph(lead(finding, context)),
+        *texts(map(sentence, _held_out(finding))),
+        Bullets(values),
+        evidence(finding.evidence, context.at(finding)),
+        *([Plots(tuple(figures))] if figures else []),
+        *(rivals or [none]),
+        *_candidates(finding, context),
+        *([Paragraph(f"What remains: {finding.remainder}.", "warning")] if finding.remainder else []),
+        Paragraph(f"Literature: {info.source}", "note"),
+    ]
+
+
+def _held_out(finding: FindingEntry) -> list[str]:
+    if finding.held_out_before is None:
+        return []
+    return [f"held out: {number(finding.held_out_before)} → {number(finding.held_out_after)}"]
+
+
+def _rivals(finding: FindingEntry, context: Context) -> list[str]:
+    """The effects that the data cannot separate from a finding, and what would."""
+    if not finding.rivals:
+        return []
+    lines = [
+        f"these data cannot separate it from {', '.join(map(context.called, finding.rivals))}",
+        f"motion that would: {finding.experiment}",
+    ]
+    signals = [f"{s.signal} (from {', '.join(s.rivals)})" for s in finding.missing_signals]
+    return lines + ([f"signals that would, if recorded: {', '.join(signals)}"] if signals else [])
+
+
+def valued(name: str, p: EstimateEntry, meaning: str = "") -> str:
+    """A parameter with its value and 95 % interval."""
+    text = f"{name} = {number(p.value)}{unit(p.unit, ' ')}{interval(p)}"
+    return f"{text}: {meaning}" if meaning else text
+
+
+def interval(p: EstimateEntry) -> str:
+    """A 95 % interval and the parameters from which a value is inseparable, to follow the value."""
+    text = f", 95 % in [{number(p.interval[0])}, {number(p.interval[1])}]" if p.interval else ""
+    others = given(p.inseparable_from)
+    return f"{text}, only together with {', '.join(others)}" if others else text
+
+
+def evidence(weighed: EvidenceEntry, place: JointScale) -> Facts:
+    """What speaks for a candidate."""
+    twist = given(weighed.twist)
+    own = _own(weighed, place) if twist is None else quantity(twist.eff, twist.unit, 3)
+    facts = [
+        ("torque" if twist is None else "twist", f"that only it explains: {own}"),
+        ("BIC", fall(weighed.delta_bic)),
+        ("cross-validated squared error", fall(weighed.cv_gain, percent)),
+    ]
+    gain = weighed.cv_log_likelihood_gain
+    if gain is not None:
+        facts.append(("cross-validated log-likelihood", fall(-gain)))
+    return Facts(tuple(facts))
+
+
+def _own(weighed: EvidenceEntry, place: JointScale) -> str:
+    parts = times_floor(weighed.eff, place.floor)
+    return "none" if parts < 0.005 else f"{quantity(weighed.eff, place.unit, 3)} ({number(parts, 3)} × noise floor)"
+
+
+# --- candidates ---
+
+
+def _candidates(finding: FindingEntry, context: Context) -> list[Section]:
+    """Everything that was weighed for a finding's place, itself first."""
+    named = RankedCandidate(effect=finding.effect, joint=finding.joint, evidence=finding.evidence)
+    also = {k for k in context.also if k != key(finding)}
+    rivals = {key(r): r for r in finding.rivals}
+    rows = [_row(named, "named", "Named: it passes every gate.", context.at(named, finding), context)]
+    rest = []
+    for e in finding.ranking:
+        if key(e) == key(finding):
+            continue
+        if _group(e, context.at(e, finding)) and key(e) not in also:
+            rest.append(e)
+            continue
+        why = _as_reason(in_place_of(e, finding, context))
+        rows.append(_row(e, "rival" if key(e) in rivals else "", why, context.at(e, finding), context))
+    weighed = {key(e) for e in finding.ranking}
+    pair = (
+        f"Not ruled out: in place of {finding.effect}, beside the other findings, it fits about as well; "
+        "BIC does not separate the two."
+    )
+    rows += [
+        (Cell(context.called(r), note="rival"), "–", "–", "–", "–", pair) for k, r in rivals.items() if k not in weighed
+    ]
+    shown = _table(rows, "missing", "Candidates for its place")
+    return [TableSection(shown.columns, shown.rows, shown.caption, bold=(0,)), *_rest(rest, context, finding)]
+
+
+def not_named(ranked: Iterable[RankedCandidate], held_out: bool, context: Context) -> list[Section]:
+    """The candidates at the end of the search, and why none of them was named."""
+    rows, rest = [], []
+    for e in ranked:
+        if _group(e, context.at(e)):
+            rest.append(e)
+        else:
+            rows.append(_row(e, "", _as_reason(why_not_named(e, context, held_out)), context.at(e), context))
+    table_ = [_table(rows, "left", "Candidates for what is left")] if rows else []
+    return [*table_, *_rest(rest, context, None)]
+
+
+def closest(document: DiagnosisBase, context: Context) -> list[Section]:
+    """The strongest candidates that were not named, a line each."""
+    sized = [(times_floor(e.evidence.eff, context.at(e).floor), e) for e in document.ruled_out]
+    entries = [e for size, e in sorted(sized, key=lambda item: -item[0]) if size > _NOTHING]
+    lines = [f"{context.called(e)} {why_not_named(e, context, held_out=False)}" for e in entries[:_MOST_CANDIDATES]]
+    return [Paragraph("Closest candidates:"), Bullets(tuple(lines)), Paragraph("")] if lines else []
+
+
+def _row(e: RankedCandidate, kind: str, why: str, place: JointScale, context: Context) -> tuple[str | Cell, ...]:
+    return (
+        Cell(context.called(e), note=kind),
+        _own(e.evidence, place),
+        percent(min(e.evidence.share_of_excess, 1.0), 0),
+        percent(e.evidence.cv_gain, 1),
+        whole(e.evidence.delta_bic),
+        why,
+    )
+
+
+def _table(rows: Iterable[Sequence[str | Cell]], left: str, caption: str) -> TableSection:
+    heads = ("torque that only it explains", f"of what is {left}", "cross-validated squared error falls by")
+    return table((words("candidate"), *heads, "BIC falls by", words("why, or why not")), rows, caption)
+
+
+def _rest(candidates: Sequence[RankedCandidate], context: Context, finding: FindingEntry | None) -> list[Section]:
+    """Candidates that need no row: those that explain next to nothing, and those whose parameters cost more."""
+    texts_ = []
+    for kind, what in (
+        ("unearned", "Ruled out because BIC rises with their parameters"),
+        ("nothing", "Ruled out because they explain next to nothing that the fitted model does not"),
+    ):
+        own = [context.called(e) for e in candidates if _group(e, context.at(e, finding)) == kind]
+        if own:
+            texts_.append(Paragraph(f"{what}: {', '.join(dict.fromkeys(own))}.", "note"))
+    return list(texts_)
+
+
+def _group(e: RankedCandidate, place: JointScale) -> str:
+    if not e.evidence.failed_gates:
+        return ""
+    if e.evidence.eff < _NOTHING * place.floor:
+        return "nothing"
+    return "unearned" if e.evidence.delta_bic <= 0 else ""
+
+
+def _failing(e: RankedCandidate, place: JointScale) -> str:
+    if _group(e, place) == "nothing":
+        return "is ruled out: it explains next to nothing that the fitted model does not"
+    if _group(e, place) == "unearned":
+        return f"is ruled out: its parameters cost more than it explains; with it, BIC {fall(e.evidence.delta_bic)}"
+    return f"is ruled out: {'; '.join(e.evidence.failed_gates)}"
+
+
+def why_not_named(e: RankedCandidate, context: Context, held_out: bool) -> str:
+    """Why a candidate was not added once the search had ended."""
+    if not e.evidence.failed_gates:
+        also = " or on the held-out recording" if held_out else ""
+        return f"passes every gate, but adding it does not lower the error of the fit{also}"
+    return _failing(e, context.at(e))
+
+
+def in_place_of(other: RankedCandidate, finding: FindingEntry, context: Context) -> str:
+    """Why a finding was named and not another candidate, both weighed on the same residual."""
+    named, weighed = finding.evidence, other.evidence
+    if key(other) in context.also and key(other) != key(finding):
+        return f"is named too: beside {finding.effect}, it is a finding of its own"
+    shares = f"explains {_share(weighed)} of what is missing, {finding.effect} {_share(named)}"
+    better = finding if named.delta_bic > weighed.delta_bic else other
+    apart = abs(named.delta_bic - weighed.delta_bic)
+    bic = "BIC is the same for both" if apart < 0.5 else f"BIC prefers {context.called(better)} by {whole(apart)}"
+    if key(other) in map(key, finding.rivals):
+        return (
+            f"is not ruled out: it passes every gate too and {shares}. {bic}; by Vuong's test of the likelihoods that "
+            "is not enough to separate the two"
+        )
+    if weighed.failed_gates:
+        return _failing(other, context.at(other, finding))
+    if None not in (other.joint, finding.joint) and other.joint != finding.joint:
+        return (
+            f"is set aside: it acts at another joint, and was weighed again with {context.called(finding)} in the model"
+        )
+    if weighed.delta_bic > named.delta_bic:
+        return (
+            "is ruled out: it passes every gate by itself, but with it added and everything refitted, the error falls "
+            f"less than with {finding.effect}"
+        )
+    less = "" if weighed.share_of_excess >= named.share_of_excess else f"{shares}. "
+    return f"is ruled out: it passes every gate by itself, but {less}{bic}, and Vuong's test of the likelihoods agrees"
+
+
+def _as_reason(why: str) -> str:
+    """A reason as a sentence of its own."""
+    return sentence(why.removeprefix("is "))
+
+
+def _share(weighed: EvidenceEntry) -> str:
+    return percent(min(weighed.share_of_excess, 1.0), 0)
+
+
+# --- a guess ---
+
+
+def draft(guess: DraftEntry, names: Names) -> list[Section]:
+    """A guess at what no effect of the library explains."""
+    return [
+        Paragraph(f"A guess{at_named(guess.joint, names)}, no law: {guess.effect} = {guess.equation}"),
+        Bullets(
+            (
+                f"residual {number(guess.rms_before)} → {quantity(guess.rms_after, guess.unit)} (noise floor "
+                f"{number(guess.floor)}), {percent(guess.share)} of what was missing.",
+                *(valued(name, p) for name, p in guess.parameters.items()),
+                f"written to {guess.file}; see whether the error falls with it, then add it:",
+                *(f"  {command}" for command in guess.next),
+            )
+        ),
+        Paragraph(""),
+    ]
+
+
+# --- detection limits ---
+
+
+def limits_table(document: DiagnosisBase) -> list[Section]:
+    """All detection limits in one table for a clean verdict, which is only as good as they are; else their number."""
+    limits = document.would_have_seen
+    if not limits:
+        return []
+    if document.verdict != "clean":
+        return [Paragraph(f"These recordings give {len(limits)} detection limits; --report and --json list them.")]
+    joints = sorted({s.joint for s in limits}, key=lambda joint: joint or len(limits))
+    rows: list[list[str]] = []
+    for effect in sorted({s.effect for s in limits}):
+        found = {s.joint: s for s in limits if s.effect == effect}
+        alike = {(s.parameter, _side(s)[0], s.unit) for s in found.values()}
+        if len(joints) > _MOST_COLUMNS and len(alike) == 1:
+            parameter, side, of = alike.pop()
+            label = f"{effect}: {parameter} {side}{unit(of, ', ')}"
+            rows.append([label, *(_amount(_side(found[j])[1]) if j in found else "–" for j in joints)])
+        else:
+            rows.append([effect, *(_limit(found.get(joint)) for joint in joints)])
+    heads = ("arm" if joint is None else f"joint {joint}" for joint in joints)
+    first, (side, value) = limits[0], _side(limits[0])
+    than = {"<": "less", ">": "more"}[side]
+    assumed = ", ".join(f"{name} {number(x)}" for name, x in first.assumed.items())
+    example = (
+        f"{first.effect}{at_joint(first.joint)} with {first.parameter} {than} than {_amount(value)}"
+        f"{unit(first.unit, ' ')}" + (f" (and {assumed}, in SI)" if assumed else "")
+    )
+    made: list[Section] = [
+        table(("detection limit", *heads), rows),
+        Paragraph(f"For example, {example} would have been found; a weaker effect may be present."),
+    ]
+    if len(joints) > _MOST_COLUMNS:
+        made.append(Paragraph("The values assumed for the other parameters are in --json and --report."))
+    return made
+
+
+def _side(limit: LimitEntry) -> tuple[str, float]:
+    below = given(limit.below)
+    return (">", given(limit.above) or 0.0) if below is None else ("<", below)
+
+
+def _amount(value: float) -> str:
+    """Two digits; of a factor as many as distinguish it from 1, at which there is no effect."""
+    return told_apart(value, 1.0) if number(value, 2) == "1" else number(value, 2)
+
+
+def _limit(limit: LimitEntry | None) -> str:
+    if limit is None:
+        return "–"
+    side, value = _side(limit)
+    assumed = ", ".join(f"{name} {number(x, 2)}" for name, x in limit.assumed.items() if x)
+    text = f"{limit.parameter} {side} {_amount(value)}{unit(limit.unit, ' ')}"
+    return text + (f" ({assumed})" if assumed else "")
+
+
+def limits_by_joint(seen: Sequence[Limit], model: Model, names: Names, quiet: Iterable[int]) -> list[Section]:
+    """Detection limits in full, a table a joint and one of the whole arm; quiet: joints that are folded away."""
+    effects = model.library.effects
+    ordered = sorted(seen, key=lambda limit: (effects[limit.term.effect].family, limit.term.effect))
+    places = sorted({limit.term.joint for limit in ordered}, key=lambda joint: joint or math.inf)
+    made: list[Section] = []
+    for joint in places:
+        rows = []
+        for limit in (limit for limit in ordered if limit.term.joint == joint):
+            info = effects[limit.term.effect]
+            meanings = {p.name: p.meaning for p in (*info.parameters, *info.coefficients)}
+            found = Cell(limit.words(model), note=meanings.get(limit.parameter, ""))
+            rows.append((limit.term.effect, found, info.summary))
+        columns = (words("effect"), TableColumn("would have been found with", "estimate"), words("what it is"))
+        closed = len(places) > 1 and (joint is None or joint in quiet)
+        title = (
+            "Whole arm"
+            if joint is None
+            else f"Joint {joint if names.get(joint) is None else f'{joint} {names[joint]}'}"
+        )
+        made.append(Group(title, (table(columns, rows),), folded=closed))
+    return made
+
+
+# --- what to do next ---
+
+
+def experiments(
+    findings: Sequence[FindingEntry],
+    effects: Mapping[str, EffectInfo],
+    separating: Sequence[Sequence[CommandEntry]],
+    context: Context,
+) -> list[Section]:
+    """For every finding, the motion that brings it and its rivals out; separating: commands that design it."""
+    made: list[Section] = []
+    for finding, commands in zip(findings, separating, strict=True):
+        terms: list[Placed] = [finding, *finding.rivals]
+        rows = [(context.called(t), effects[t.effect].trace, effects[t.effect].experiment) for t in terms]
+        columns = (words("effect"), words("its trace in a residual"), words("motion that brings it out"))
+        alone = Paragraph("It has no rival in these data; this motion would measure it best.", "note")
+        follow = Commands(tuple(commands)) if commands else alone
+        made.append(Group(" or ".join(map(context.called, terms)), (table(columns, rows), follow)))
+    return made

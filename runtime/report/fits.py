@@ -1,0 +1,372 @@
+"""Sections of a fit: band, offset between clocks, residuals, parameters; what identify, compare and others share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import inf, isfinite
+from typing import NamedTuple
+
+from runtime.diagnosis.consistency import contradict, deviation
+from runtime.documents.diagnosis import DiagnosisBase, HistoryEntry
+from runtime.documents.fits import (
+    CompareDocument,
+    FitDocument,
+    FitParameters,
+    InertialEntry,
+    JointEntry,
+    JudgedFitDocument,
+    RotorEntry,
+    StructureShare,
+)
+from runtime.documents.parts import BandEntry, DelayEntry, EstimateEntry, SkewEntry, given
+from runtime.estimation.covariance import estimate
+from runtime.estimation.estimate import Estimate
+from runtime.report.sections import Cell, Group, Paragraph, Section, TableColumn, TableSection, table, texts, words
+from runtime.wording import (
+    MORE_THAN_NOISE,
+    fixed,
+    joints_said,
+    milliseconds,
+    number,
+    numbered,
+    percent,
+    quantity,
+    sentence,
+    times_floor,
+    unit,
+)
+from symbolic.model_file.checks import at_joint
+
+Names = Mapping[int, str | None]
+Fit = FitDocument | FitParameters | JudgedFitDocument
+Meanings = Mapping[tuple[str, str], str]
+"""What a parameter means, by effect ("" for a base parameter) and name."""
+
+SOURCES = {"repeats": "repeated motion", "spectrum": "the spectra of torque and encoder"}
+_LEAST_STRUCTURE = 0.005
+"""Share of the residual's power below which a signal is not listed."""
+
+
+def names_of(joints: Iterable[JointEntry]) -> Names:
+    """Names of the joints by number; None for a joint without one."""
+    return {j.joint: given(j.name) for j in joints}
+
+
+def at_named(joint: int | None, names: Names) -> str:
+    """Where an effect acts, to follow its name: ` at joint 1 (elbow)`."""
+    name = None if joint is None else names.get(joint)
+    return at_joint(joint) if name is None else f"{at_joint(joint)} ({name})"
+
+
+def place(joint: int | None, names: Names) -> str:
+    """A joint in a column of joints."""
+    return "arm" if joint is None else numbered(joint, names.get(joint))
+
+
+# --- verbs ---
+
+
+def identification(document: JudgedFitDocument) -> list[Section]:
+    """Parameters with their 95 % intervals, the residuals, and whether the fit is credible."""
+    names = names_of(document.joints)
+    made: list[Section] = [*basis(document.band, document.skew), *delays(document.delay)]
+    made.append(parameters(document, None, names))
+    if document.uncorrected:
+        made += [Paragraph("Without skew correction:"), parameters(document.uncorrected, None, names)]
+    made += [residuals(document.joints), *texts(document.warnings, "warning")]
+    if document.verdict == "refused":
+        made.append(Group("", (Paragraph(f"REFUSED: {document.reason}"),)))
+    return made
+
+
+def comparison(document: CompareDocument) -> list[Section]:
+    """Where the model fails: the size of the residual, and the signals that it follows."""
+    follows = (structure(joint, joint.structure) for joint in document.joints)
+    return [
+        residuals(document.joints),
+        *texts(line for line in follows if line),
+        *texts(document.warnings, "warning"),
+    ]
+
+
+def judged_in_short(document: JudgedFitDocument) -> list[str]:
+    """The fitted base parameters in a line."""
+    refused = [verdict_line(document)] if document.verdict == "refused" else []
+    fitted = ", ".join(f"{p.name} {quantity(p.fit, p.unit)}" for p in document.inertial if p.fit is not None)
+    return [*refused, f"fitted: {fitted}"]
+
+
+def joint_in_short(joint: JointEntry) -> str:
+    """How far a joint's torque is missed."""
+    floors = number(joint.rms / joint.floor, 2) if joint.floor else "–"
+    return f"joint {joint.joint}: misses {percent(joint.relative)} of the torque, {floors} times the noise floor"
+
+
+def verdict_line(document: JudgedFitDocument | DiagnosisBase) -> str:
+    """The verdict and its reason."""
+    return f"{document.verdict.upper()}: {sentence(document.reason)}"
+
+
+# --- what they share ---
+
+
+def basis(band: BandEntry, skew: SkewEntry) -> list[Section]:
+    """The frequency band, and the offset between the clocks of torque and motion."""
+    origin = "estimated" if skew.estimated else "given" if given(skew.given) else "assumed"
+    low, high = skew.interval or (None, None)
+    within = "" if low is None or high is None else f", 95 % in [{number(low)}, {number(high)}]"
+    return texts(
+        [
+            f"Band up to {quantity(band.cutoff_hz, 'Hz')}: {band.reason}.",
+            f"Skew between torque and motion: {number(skew.value)} {skew.unit} ({origin}){within}.",
+        ]
+    )
+
+
+def delays(entries: Sequence[DelayEntry]) -> list[Section]:
+    """Delay from torque to motion and how much of it is assumed; joints that agree share a line."""
+    alike: dict[str, list[int]] = {}
+    for d in entries:
+        parts = [f"{milliseconds(d.assumed)} ms assumed, from a hold"] if d.assumed else []
+        parts += [f"{milliseconds(d.estimated)} ms estimated"] if d.estimated else []
+        low, high = d.interval or (None, None)
+        known = low is not None and high is not None and isfinite(low) and isfinite(high)
+        within = f", 95 % in [{milliseconds(low)}, {milliseconds(high)}]" if known else ""
+        alike.setdefault(f"{milliseconds(d.value)} ms{within} ({'; '.join(parts)})", []).append(d.joint)
+    return texts(
+        f"Delay from torque to motion, "
+        f"{'every joint' if 1 < len(joints) == len(entries) else joints_said(joints)}: {text}."
+        for text, joints in alike.items()
+    )
+
+
+def residuals(joints: Sequence[JointEntry]) -> TableSection:
+    """Residual of each joint beside its noise floor."""
+    rows = []
+    for j in joints:
+        repeats = {True: "yes", False: "no", None: "unknown"}[j.repeatable]
+        rows.append(
+            (
+                numbered(j.joint, given(j.name)),
+                number(j.rms or None),
+                percent(j.relative) if j.rms else "–",
+                number(j.floor),
+                j.floor_source,
+                (repeats if j.rms > MORE_THAN_NOISE * j.floor else "noise") if j.rms else "never moves",
+            )
+        )
+    return table(("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable"), rows)
+
+
+def structure(joint: JointEntry, shares: Sequence[StructureShare]) -> str:
+    """The signals that a joint's residual follows; empty if there are none."""
+    follows = [f"{s.signal} {percent(s.share, 1)}" for s in shares if s.share > _LEAST_STRUCTURE]
+    where = numbered(joint.joint, given(joint.name))
+    text = f"Joint {where}: share of the residual's power that each signal explains: {', '.join(follows)}."
+    return text if follows else ""
+
+
+def errors_of_joint(
+    history: Sequence[HistoryEntry], joint: JointEntry, written: tuple[float, float] | None
+) -> TableSection:
+    """Error of one joint after each step, fitted and held out.
+
+    written   rms and relative error with the values of the model file, if it states all
+    """
+    i, held = joint.joint - 1, any(step.held_out for step in history)
+    rows = [] if written is None else [["the file's own values", percent(written[1]), number(written[0])]]
+    for step in history:
+        row = [step_name(step), percent(step.relative[i]), number(step.rms[i])]
+        if step.held_out is not None and step.held_out_relative is not None:
+            row += [_percent(step.held_out_relative[i]), number(step.held_out[i])]
+        rows.append(row)
+    heads = ("model", "error", "rms", *(("held-out error", "held-out rms") if held else ()))
+    return table(heads, [row + ["–"] * (len(heads) - len(row)) for row in rows])
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else percent(value)
+
+
+class KnownFloor(NamedTuple):
+    """A noise floor, rms, and where it is from."""
+
+    rms: float
+    source: str
+
+
+def errors_by_joint(
+    history: Sequence[HistoryEntry], joints: Sequence[JointEntry], held_out_floors: Sequence[KnownFloor]
+) -> list[Section]:
+    """Error of every joint, a column a step; what was held out in a table of its own."""
+    names = names_of(joints)
+    floors = [KnownFloor(j.floor, j.floor_source) for j in joints]
+    fitted = [(step_name(s), s.relative, s.rms) for s in history]
+    held = [(step_name(s), s.held_out_relative, s.held_out) for s in history if s.held_out_relative and s.held_out]
+    made: list[Section] = []
+    for title, steps, least in (("error, rms", fitted, floors), ("held out", held, held_out_floors)):
+        if not least or not steps:
+            continue
+        rows = [
+            (
+                place(j.joint, names),
+                *(f"{_percent(relative[k])}, {number(rms[k])}" for _, relative, rms in steps),
+                f"{number(floor.rms)}{unit(j.unit, ' ')} ({floor.source})",
+            )
+            for k, (j, floor) in enumerate(zip(joints, least, strict=True))
+        ]
+        made.append(table((title, *(name for name, *_ in steps), "noise floor"), rows))
+    return made
+
+
+def step_name(step: HistoryEntry) -> str:
+    """What a step did to the model."""
+    return f"+ {step.added}" if step.added else "as in the file"
+
+
+def times_the_floor(rms: float, floor: float) -> str:
+    """A size in noise floors."""
+    return f"{number(times_floor(rms, floor), 3)} × noise floor"
+
+
+# --- parameters ---
+
+
+class _Fitted(NamedTuple):
+    """A parameter with its value in the model file, fitted before and after."""
+
+    joint: int | None
+    label: str
+    stated: float | None
+    before: Estimate | None
+    after: Estimate | None
+    meaning: str
+
+    def cells(self, names: Names, both: bool) -> list[str | Cell]:
+        some = self.after or self.before
+        assert some is not None
+        values = [self.before, self.after] if both else [self.after]
+        known = "–" if self.stated is None else number(self.stated)
+        return [
+            place(self.joint, names),
+            self.label,
+            Cell(known, flag="contradicts" if self.contradicts else ""),
+            *(estimate(e) or "–" for e in values),
+            unit(some.unit) or "1",
+        ]
+
+    @property
+    def difference(self) -> str:
+        """How far the fit is from the value of the model file, relative to it."""
+        if not self.stated or self.after is None or not isfinite(self.after.value):
+            return "–"
+        off = 100 * (self.after.value - self.stated) / abs(self.stated)
+        return f"{'+' if off > 0 else ''}{fixed(off, 1)} %".replace("-", "−")
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the value of the model file and the fit cannot both be right."""
+        e = self.after
+        return self.stated is not None and e is not None and contradict(self.stated, e.value, deviation(e))
+
+
+def parameters(after: Fit, before: Fit | None, names: Names) -> TableSection:
+    """All parameters in one table, with the joint in the first column."""
+    return _parameter_table(_pairs(after, before, {}), names, before is not None)
+
+
+def parameters_by_joint(
+    after: Fit, before: Fit | None, names: Names, meanings: Meanings, quiet: Iterable[int]
+) -> list[Section]:
+    """A table a joint, then one of the whole arm; quiet: joints whose tables are folded away."""
+    rows = _pairs(after, before, meanings)
+    places = sorted({row.joint for row in rows}, key=lambda joint: joint or inf)
+    made: list[Section] = []
+    for joint in places:
+        own = [row for row in rows if row.joint == joint]
+        wrong = sum(row.contradicts for row in own)
+        aside = f"{wrong} contradict{'s' if wrong == 1 else ''} the model file" if wrong else ""
+        title = "Whole arm" if joint is None else f"Joint {place(joint, names)}"
+        shown = _explained(own, names, before is not None)
+        closed = joint is None or joint in quiet
+        made.append(shown if len(places) == 1 else Group(title, (shown,), folded=closed, aside=aside))
+    return made
+
+
+def inertial_parameters(document: DiagnosisBase, names: Names) -> TableSection:
+    """Base inertial parameters and rotors of a diagnosis."""
+    fit = FitParameters(inertial=document.parameters, rotors=document.rotors, effects=[])
+    return parameters(fit, None, names)
+
+
+def _pairs(after: Fit, before: Fit | None, meanings: Meanings) -> list[_Fitted]:
+    """Every parameter of either fit, base parameters first."""
+    old = {} if before is None else {key: entry for key, (entry, _) in _entries(before).items()}
+    new = _entries(after)
+    made = []
+    for key in [*new, *(key for key in old if key not in new)]:
+        joint, effect, name = key
+        entry, stated = new.get(key, (None, None))
+        label = f"{effect}: {name}" if effect else name
+        made.append(_Fitted(joint, label, stated, old.get(key), entry, meanings.get((effect, name), "")))
+    return made
+
+
+def _entries(fit: Fit) -> dict[tuple[int | None, str, str], tuple[Estimate, float | None]]:
+    """Estimates with the values of the model file, by joint, effect and name."""
+    found: dict[tuple[int | None, str, str], tuple[Estimate, float | None]] = {}
+    for p in fit.inertial:
+        found[p.joint, "", p.name] = estimated(p), p.model
+    for r in fit.rotors:
+        found[r.joint, "", f"{r.name}, further"] = estimated(r), None
+    for e in fit.effects:
+        for name, v in e.parameters.items():
+            found[e.joint, e.name, name] = estimated(v), v.model
+    return found
+
+
+def estimated(entry: InertialEntry | RotorEntry | EstimateEntry) -> Estimate:
+    """An entry of a document as an estimate."""
+    value = entry.value if isinstance(entry, EstimateEntry) else entry.fit
+    return Estimate(
+        float("nan") if value is None else value, entry.interval, entry.unit, tuple(given(entry.inseparable_from) or ())
+    )
+
+
+def _parameter_table(rows: Sequence[_Fitted], names: Names, both: bool) -> TableSection:
+    fitted = ("before", "after") if both else ("fit",)
+    estimates = [TableColumn(name, "estimate") for name in fitted]
+    heads = [words("joint"), words("parameter"), TableColumn("file"), *estimates, TableColumn("unit")]
+    return table(heads, (row.cells(names, both) for row in rows))
+
+
+def _explained(rows: Sequence[_Fitted], names: Names, both: bool) -> TableSection:
+    """The same table with how far the fit is from the file, and what each parameter means."""
+    plain = _parameter_table(rows, names, both)
+    cells = [(*own, row.difference, row.meaning) for own, row in zip(plain.rows, rows, strict=True)]
+    return table((*plain.columns, "fit − file", words("meaning")), cells)
+
+
+def recordings_alone(document: DiagnosisBase | JudgedFitDocument) -> list[Section]:
+    """Base parameters of each recording alone, and the parameters on which recordings disagree."""
+    if not document.recordings:
+        return []
+    names = [r.recording for r in document.recordings]
+    apart = {p.name: p for p in document.inconsistent}
+    rows: list[list[str | Cell]] = []
+    for entries in zip(*(r.parameters for r in document.recordings), strict=True):
+        p = entries[0]
+        name = Cell(p.name, flag="differs" if p.name in apart else "")
+        rows.append([name, *(estimate(estimated(e)) for e in entries), unit(p.unit) or "1"])
+        apart.pop(p.name, None)
+    for c in apart.values():
+        known = {
+            name: estimate(Estimate(value, interval, c.unit))
+            for name, value, interval in zip(c.recordings, c.values, c.intervals, strict=True)
+        }
+        rows.append([Cell(c.name, flag="differs"), *(known.get(name, "–") for name in names), unit(c.unit) or "1"])
+    disagree = ", ".join(p.name for p in document.inconsistent)
+    return [
+        table(("each recording alone", *names, "unit"), rows),
+        Paragraph(f"They disagree on {disagree}." if disagree else "They agree."),
+    ]

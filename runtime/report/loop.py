@@ -1,0 +1,172 @@
+"""Sections of diagnose and improve on the terminal, and any result of the loop in a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from runtime.documents.diagnosis import (
+    DiagnosisBase,
+    DiagnosisDocument,
+    EncoderSkewEntry,
+    FindingEntry,
+    HistoryEntry,
+    ImprovementDocument,
+)
+from runtime.documents.fits import CompareDocument, JudgedFitDocument
+from runtime.documents.parts import given
+from runtime.report import findings, fits
+from runtime.report.findings import Context, JointScale
+from runtime.report.fits import KnownFloor, place
+from runtime.report.sections import Commands, Group, Paragraph, Section, texts
+from runtime.wording import milliseconds, number, percent, quantity
+from symbolic.model_file.checks import at_joint
+
+LoopDocument = CompareDocument | DiagnosisDocument | ImprovementDocument
+Judged = DiagnosisDocument | ImprovementDocument
+
+_MOST_LINES = 6
+"""Joints and findings of a result in a few lines."""
+
+
+def sections(document: LoopDocument) -> list[Section]:
+    """A result of compare, diagnose or improve, as the terminal prints it."""
+    if isinstance(document, CompareDocument):
+        return fits.comparison(document)
+    return diagnosis(document) if isinstance(document, DiagnosisDocument) else improvement(document)
+
+
+def diagnosis(document: DiagnosisDocument) -> list[Section]:
+    """The verdict in one sentence, its evidence, and what to type next."""
+    around = context(document, document.findings)
+    follows = (fits.structure(joint, given(joint.structure) or []) for joint in document.joints)
+    made: list[Section] = [
+        *texts([f"{document.verdict.upper()}: {document.reason}", ""]),
+        fits.residuals(document.joints),
+        *texts(line for line in follows if line),
+    ]
+    if document.draft is not None:
+        made += findings.draft(document.draft, around.names)
+    elif reason := given(document.draft_reason):
+        made.append(Paragraph(reason))
+    for finding in document.findings:
+        made += findings.brief(finding, around)
+    if document.verdict != "effect":
+        made += findings.closest(document, around)
+    return [
+        *made,
+        *texts([*peaks(document), *sensors(document)]),
+        *fits.delays(document.delay),
+        Paragraph("Base inertial parameters:"),
+        fits.inertial_parameters(document, around.names),
+        *fits.recordings_alone(document),
+        *findings.limits_table(document),
+        *texts(document.warnings, "warning"),
+        *follow_up(document),
+    ]
+
+
+def improvement(document: ImprovementDocument) -> list[Section]:
+    """The error after every step, fitted and held out, what was added, and the verdict on what is left."""
+    added = [finding for step in document.history if (finding := given(step.finding)) is not None]
+    around = context(document, added)
+    made = errors(document)
+    for finding in added:
+        made += findings.brief(finding, around)
+    before, after = document.identification.before, document.identification.after
+    return [
+        *made,
+        *texts(sensors(document)),
+        *fits.delays(document.delay),
+        fits.parameters(after, before, around.names),
+        *texts([f"What is left: {document.verdict.upper()}: {document.reason}", ""]),
+        *findings.closest(document, around),
+        *texts(peaks(document)),
+        *findings.limits_table(document),
+        *texts(document.warnings, "warning"),
+        *follow_up(document),
+    ]
+
+
+def errors(document: ImprovementDocument) -> list[Section]:
+    """Error after each step; of a single joint a row a step, of several a row a joint."""
+    held = [KnownFloor(f.floor, f.floor_source) for f in given(document.held_out_floors) or []]
+    if len(document.joints) > 1:
+        return fits.errors_by_joint(document.history, document.joints, held)
+    (joint,) = document.joints
+    lines = [f"Noise floor (rms): joint 1 {number(joint.floor)} ({joint.floor_source})."]
+    lines += [f"  held out: joint 1 {number(f.rms)} ({f.source})." for f in held]
+    return [fits.errors_of_joint(document.history, joint, None), *texts([*lines, ""])]
+
+
+def context(document: DiagnosisBase, named: Sequence[FindingEntry]) -> Context:
+    """The joints that findings and candidates refer to; named: all findings."""
+    places = {j.joint: JointScale(j.floor, j.unit) for j in document.joints}
+    return Context(fits.names_of(document.joints), places, {findings.key(f) for f in named})
+
+
+def peaks(document: Judged) -> list[str]:
+    """Peaks in the spectrum of a residual that counts as noise."""
+    if document.verdict != "clean" or not document.peaks:
+        return []
+    names = fits.names_of(document.joints)
+    found = [
+        f"joint {place(peak.joint, names)} at {', '.join(f'{f:.2f} Hz' for f in peak.frequencies_hz)}"
+        for peak in document.peaks
+    ]
+    return [f"Peaks in the spectrum of the residual, with little of its power: {'; '.join(found)}."]
+
+
+def sensors(document: LoopDocument) -> list[str]:
+    """Offset between motor and link-side encoders, and what further sensors contributed."""
+    if isinstance(document, CompareDocument):
+        return []
+    found = [_encoder_skew(e) for e in document.encoder_skew]
+    return [*found, *(f"Contribution of the sensors: {sensor.said}." for sensor in document.sensors)]
+
+
+def _encoder_skew(e: EncoderSkewEntry) -> str:
+    within = ""
+    if e.interval is not None:
+        within = f", 95 % in [{milliseconds(e.interval[0])}, {milliseconds(e.interval[1])}] ms"
+    return f"Joint {e.joint}: the link-side encoder is read {milliseconds(e.value)} ms later than the motor's{within}."
+
+
+def follow_up(document: Judged) -> list[Section]:
+    """Where the improved model is, and the commands to type next."""
+    made: list[Section] = []
+    if document.improved_model:
+        made.append(Group("", (Paragraph(f"The improved model is in {document.improved_model}."),)))
+    if document.commands:
+        made.append(Group("Next", (Commands(tuple(document.commands)),)))
+    return made
+
+
+def in_short(document: LoopDocument | JudgedFitDocument | Any) -> list[str]:
+    """At most a dozen lines: the verdict if there is one, the steps of a loop, and where each joint stands."""
+    if isinstance(document, JudgedFitDocument):
+        return fits.judged_in_short(document)
+    if isinstance(document, ImprovementDocument):
+        return [*map(_step, document.history), f"What is left: {fits.verdict_line(document)}"]
+    joints = [fits.joint_in_short(joint) for joint in document.joints[:_MOST_LINES]]
+    if isinstance(document, CompareDocument):
+        return joints
+    return [fits.verdict_line(document), *joints, *map(_finding, document.findings[:_MOST_LINES])]
+
+
+def _step(step: HistoryEntry) -> str:
+    def errors_of(values: Sequence[float | None]) -> str:
+        return ", ".join("–" if v is None else percent(v) for v in values)
+
+    name = "as in the file, fitted" if step.added is None else f"+ {step.added}"
+    held = step.held_out_relative
+    return f"{name}: {errors_of(step.relative)} of the torque" + (f", held out {errors_of(held)}" if held else "")
+
+
+def _finding(finding: FindingEntry) -> str:
+    values = ", ".join(
+        f"{name} {quantity(p.value, p.unit)}" for name, p in finding.parameters.items() if p.value is not None
+    )
+    rivals = ", ".join(f"{r.effect}{at_joint(r.joint)}" for r in finding.rivals)
+    text = f"{finding.effect}{at_joint(finding.joint)}: {values}"
+    return text + (f"; inseparable from {rivals}" if rivals else "")

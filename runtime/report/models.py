@@ -1,0 +1,181 @@
+"""Sections of effects, verify, import and export."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+
+from runtime.documents.diagnosis import CommandEntry
+from runtime.documents.generated import ComparedFunction, VerifyDocument
+from runtime.documents.models import (
+    EffectDocument,
+    EffectsDocument,
+    ExportDocument,
+    ImportDocument,
+    ImportedJointEntry,
+)
+from runtime.report.sections import Commands, Paragraph, Section, TableSection, table, texts, words
+from runtime.wording import number, percent
+
+_MOST_NUMBERS = 7
+"""Numbers of a vector that a cell of a table has room for."""
+_ROUNDING = 1e-9
+"""Part of the torque below which a difference is rounding."""
+
+
+def effects(document: EffectsDocument) -> list[Section]:
+    """The library of effects, a row an effect."""
+    rows = [
+        (
+            effect.name,
+            effect.scope,
+            ", ".join(f"{p.name}{' (in space)' if p.space else ''}" for p in effect.parameters),
+            effect.summary,
+        )
+        for effect in document.effects
+    ]
+    return [table(("effect", "scope", words("parameters"), words("what it is")), rows)]
+
+
+def effect(document: EffectDocument) -> list[Section]:
+    """One effect: its equation, parameters, and how it shows."""
+    rows = []
+    for p in document.parameters:
+        low, high = p.bounds
+        bounds = f"{'-∞' if low is None else f'{low:g}'} … {'∞' if high is None else f'{high:g}'}"
+        meaning = f"{p.meaning}; of an arm in space only" if p.space else p.meaning
+        rows.append((p.name, " or ".join(dict.fromkeys((p.unit.revolute, p.unit.prismatic))), p.role, bounds, meaning))
+    facts = {
+        "acts on": document.scope,
+        "family": document.family,
+        "memory": ", ".join(document.states),
+        "replaces": ", ".join(document.generalises),
+        "trace": document.trace,
+        "experiment": document.experiment,
+        "source": document.source,
+    }
+    return [
+        Paragraph(f"{document.name}: {document.summary}"),
+        Paragraph(document.equation, "code"),
+        table(("parameter", "unit", "role", "bounds", words("meaning")), rows),
+        *texts(f"{name + ':':12}{text}" for name, text in facts.items() if text),
+    ]
+
+
+def verification(document: VerifyDocument) -> list[Section]:
+    """The worst case of each target relative to its tolerance, and every case that is not equal."""
+    cases = document.cases
+    worst: dict[str, ComparedFunction] = {}
+    for case in cases:
+        if case.target not in worst or _ratio(case) > _ratio(worst[case.target]):
+            worst[case.target] = case
+    wrong = [case for case in cases if not case.equal]
+    rows = [
+        (
+            case.target,
+            str(sum(other.target == case.target for other in cases)),
+            f"{case.function}: {case.output}",
+            "–" if case.ratio is None else percent(case.ratio),
+            *("–" if value is None else f"{value:.9g}" for value in (case.expected, case.found)),
+            ", ".join(f"{name}={_short(value)}" for name, value in case.inputs.items()),
+        )
+        for case in [*worst.values(), *(case for case in wrong if case not in worst.values())]
+    ]
+    made: list[Section] = [
+        table(("target", "functions", "worst", "of its tolerance", "SymPy", "target's", words("at")), rows)
+    ]
+    proofs = document.proofs
+    differing = [proof for proof in proofs if not proof.equal]
+    made += texts(f"NOT the Lagrangian's: {proof.function}, {proof.differs}." for proof in differing)
+    if proofs and not differing:
+        points = proofs[-1].points
+        made.append(
+            Paragraph(f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {points} random points.")
+        )
+    vectors = f"{len(document.vectors)} test vectors with --json"
+    if wrong:
+        made.append(Paragraph(f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}."))
+    else:
+        made.append(Paragraph(f"Equal: {len(cases)} comparisons at {document.samples} points each; {vectors}."))
+    return made
+
+
+def _ratio(case: ComparedFunction) -> float:
+    return float("inf") if case.ratio is None else case.ratio
+
+
+def _short(values: Sequence[float]) -> str:
+    if len(values) > _MOST_NUMBERS:
+        return f"({len(values)} numbers, with --json)"
+    return "[" + " ".join(f"{value:.3g}" for value in values) + "]"
+
+
+def imported(document: ImportDocument) -> list[Section]:
+    """The joints of the new arm, notes about it, and what to type next."""
+    joints = document.joints
+    count = "1 joint" if len(joints) == 1 else f"{len(joints)} joints"
+    rows = [
+        (
+            str(joint.joint),
+            joint.name or "",
+            joint.type,
+            "" if joint.mass is None else number(joint.mass),
+            _range(joint),
+            ", ".join([*joint.unknown, *(name for name, values in joint.effects.items() if not values)]),
+        )
+        for joint in joints
+    ]
+    model = shlex.quote(document.out)
+    inspect = CommandEntry(
+        command=f"tendon inspect RECORDING {model}", what="shows what is in one and what looks wrong with it"
+    )
+    improve = CommandEntry(
+        command=f"tendon improve {model} RECORDING --held-out ANOTHER",
+        what="finds the unknown values and what the model lacks",
+    )
+    return [
+        Paragraph(f"{document.out}: {document.name}, {count} from {document.base} to {document.tip}"),
+        table(("joint", "name", "type", "mass [kg]", "range", words("unknown")), rows),
+        *texts([*document.notes, "", "Next, with recordings of the arm:"]),
+        Commands((inspect, improve)),
+    ]
+
+
+def _range(joint: ImportedJointEntry) -> str:
+    position = joint.limits.position
+    unit = "rad" if joint.type == "revolute" else "m"
+    return "" if position is None else f"{number(position[0])} to {number(position[1])} {unit}"
+
+
+def exported(document: ExportDocument) -> list[Section]:
+    """The bodies of the written arm, how well they stand for the model, and what the file cannot say."""
+    return [Paragraph(f"{document.out}: {document.name}"), _bodies(document), *texts(export_notes(document))]
+
+
+def export_notes(document: ExportDocument) -> list[str]:
+    """What the written file does not hold of the model."""
+    notes = []
+    if document.missing > _ROUNDING:
+        notes.append(
+            "No physically possible bodies have the model's base parameters: the exported ones miss "
+            f"{100 * document.missing:.2g} % of its torques."
+        )
+    if document.unsaid:
+        notes.append(f"The file does not say: {'; '.join(document.unsaid)}.")
+    if document.kept:
+        notes.append(f"The file into which it was written keeps its own: {'; '.join(document.kept)}.")
+    return notes
+
+
+def _bodies(document: ExportDocument) -> TableSection:
+    rows = [
+        (
+            str(joint.joint),
+            joint.name,
+            number(joint.mass),
+            ", ".join(number(value, 3) for value in joint.com),
+            *(number(value) for value in (joint.rotor_inertia or None, joint.damping, joint.friction)),
+        )
+        for joint in document.joints
+    ]
+    return table(("joint", "name", "mass [kg]", "centre [m]", "rotor", "damping", "friction"), rows)

@@ -1,0 +1,213 @@
+"""Sections of inspect, simulate and experiment."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+
+from runtime.documents.parts import EffectAt
+from runtime.documents.recordings import (
+    ClockEntry,
+    ExperimentDocument,
+    InspectDocument,
+    MovedJoint,
+    SeparationEntry,
+    SimulateDocument,
+    TrialDiagnosis,
+)
+from runtime.model.terms import Term
+from runtime.report.fits import delays
+from runtime.report.sections import Bullets, Group, Paragraph, Section, table, texts
+from runtime.wording import joints_said, number, numbered, percent, quantity, sentence
+from symbolic.model_file.checks import at_joint, quote
+
+_MOST_FIELDS = 24
+_DETERMINED = {
+    "well": "Well determined",
+    "hardly": "Poorly determined",
+    "together": "Determined only in combination",
+    "no": "Not determined",
+}
+
+
+def inspection(document: InspectDocument) -> list[Section]:
+    """A file's contents, its clock and signals, how well it determines the model, and what looks wrong."""
+    fields = len(document.fields)
+    heading = f"{document.file}: {document.format}, {fields} field{'s' if fields != 1 else ''}"
+    made: list[Section] = list(texts([heading, *document.notes]))
+    if document.clock is None:
+        families = Counter(re.sub(r"_?\d+$", "", f.name) for f in document.fields)
+        names = [quote(name) + (f" ({many})" if many > 1 else "") for name, many in families.items()]
+        more = f" and {len(names) - _MOST_FIELDS} more" if len(names) > _MOST_FIELDS else ""
+        made.append(Paragraph(f"Fields: {', '.join(names[:_MOST_FIELDS])}{more}"))
+    else:
+        made += _recorded(document, document.clock)
+        if not document.suspicions:  # a fit to wrong data determines nothing
+            made += texts(_fit(document))
+    return [*made, *texts(_wrong(document))]
+
+
+def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:
+    gaps = f"{clock.gaps} gap{'s' if clock.gaps != 1 else ''}"
+    runs = f", {clock.runs} runs" if clock.runs > 1 else ""
+    steps = "even steps"
+    if clock.jitter:
+        steps = f"jitter {quantity(clock.jitter, 's', 2)}, longest step {quantity(clock.longest_step, 's', 3)}"
+    rate = f"{quantity(clock.seconds, 's')} at {quantity(clock.rate_hz, 'Hz')}"
+    rows = [
+        (
+            s.signal,
+            "" if s.field == s.signal else s.field,
+            s.unit,
+            *(number(x) for x in (s.least, s.largest, s.resolution, s.noise)),
+        )
+        for s in document.signals
+    ]
+    lines = []
+    for j in document.joints:
+        text = "is held"
+        if j.moves:
+            far, fast = quantity(j.range, j.unit), quantity(j.top_speed, f"{j.unit}/s")
+            text = f"moves over {far}, up to {fast}" + ("" if j.powered else "; its torque never changes")
+        lines.append(f"Joint {numbered(j.joint, j.name)}: {text}")
+    for shift in document.shifts:
+        how = "later" if shift.value > 0 else "earlier"
+        lines.append(f"{shift.signal} is {quantity(abs(shift.value), 's', 3)} {how} than its position")
+    if document.repeats:
+        seconds = document.repeats.seconds
+        lines.append(f"Repeated motion: {quantity(seconds, 's', 3)}" if seconds else "No motion is repeated")
+    estimated = any(delay.estimated for delay in document.delay)
+    return [
+        Paragraph(f"{clock.samples} samples, {rate}; {steps}, {gaps}{runs}"),
+        table(("signal", "field", "unit", "least", "largest", "resolution", "noise"), rows),
+        *texts(lines),
+        *(delays(document.delay) if estimated else []),
+    ]
+
+
+def _fit(document: InspectDocument) -> list[str]:
+    lines = []
+    for kind, text in _DETERMINED.items():
+        names = [p.name for p in document.parameters if p.told == kind]
+        lines += [f"{text}: {_joined(names)}"] if names else []
+    if document.misses:
+        errors = [f"{percent(m.part)} at joint {m.joint}" for m in document.misses]
+        lines.append(f"Part of the torque that the model's best fit misses: {', '.join(errors)}")
+    if document.inertias:
+        found = [f"{quantity(j.value, j.unit, 3)} at joint {j.joint}" for j in document.inertias]
+        doubt = "if that is implausible, the torques are in another unit, or those of the motor before the gear"
+        lines.append(f"Fitted inertia, which the model file leaves open: {', '.join(found)}; {doubt}")
+    return lines
+
+
+def _joined(names: Sequence[str]) -> str:
+    """Names of parameters; those of an effect (`viscous@2 coefficient`) once for all joints that share them."""
+    own: dict[str, list[str]] = {}
+    for name in names:
+        term, _, parameter = name.partition(" ")
+        own.setdefault(term, []).append(parameter)
+    lumps = [name for name, parameters in own.items() if parameters == [""]]
+    alike: dict[str, list[int]] = {}
+    for term in (term for term in own if term not in lumps):
+        effect, _, joint = term.partition("@")
+        alike.setdefault(f"{effect} ({', '.join(own[term])})", []).extend([int(joint)] if joint else [])
+    return "; ".join([*([", ".join(lumps)] if lumps else []), *_at_joints(alike)])
+
+
+def _at_joints(joints: dict[str, list[int]]) -> list[str]:
+    return [text + (f" at {joints_said(own)}" if own else "") for text, own in joints.items()]
+
+
+def _wrong(document: InspectDocument) -> list[str]:
+    lines = []
+    if document.problem:
+        lines.append(f"Not usable as it is: {document.problem}")
+    if document.suggested:
+        lines.append(f"Perhaps: {' '.join(document.suggested)}")
+    if document.unfitted:
+        lines.append(f"No fit: {document.unfitted}")
+    lines += [f"Joint {s.joint}: {s.found}; {s.cure}" for s in document.suspicions]
+    if len(document.suspicions) > 1 and document.cures:
+        lines.append(f"All at once: {' '.join(document.cures)}")
+    if document.unreliable:
+        lines.append(f"The fit is unreliable: {document.unreliable}")
+    if not (document.problem or document.suspicions or document.unfitted or document.unreliable):
+        lines.append(
+            "Nothing looks wrong." if document.parameters else "Nothing looks wrong; with MODEL more can be checked."
+        )
+    return lines
+
+
+def simulation(document: SimulateDocument) -> list[Section]:
+    """What is in a simulated recording."""
+    lines = [f"{document.out}: {document.samples} samples, {quantity(document.seconds, 's')}"]
+    assumed: dict[str, list[int]] = {}
+    for entry in document.effects:
+        if entry.hidden:
+            values = ", ".join(f"{name} {number(value)}" for name, value in entry.values.items())
+            lines.append(f"hidden: {entry.effect}{at_joint(entry.joint)}: {values}")
+        if entry.assumed:
+            assumed.setdefault(entry.effect, []).extend([entry.joint] if entry.joint else [])
+    if assumed:
+        places = "; ".join(_at_joints(assumed))
+        lines.append(f"open in the model file, simulated with moderate values (see --json): {places}")
+    return list(texts(lines))
+
+
+def experiment(document: ExperimentDocument) -> list[Section]:
+    """The verdict, the motion and what it asks of the joints, what it separates, and what the diagnosis made of it."""
+    lines = [("SEPARATED: " if document.separated else "NOT SEPARATED: ") + sentence(document.reason), ""]
+    for rival in document.rivals:
+        values = ", ".join(f"{name} {number(value)}" for name, value in rival.values.items())
+        lines.append(f"{_name(rival)} was simulated with {values}")
+    motion = document.motion
+    moved = [*motion.pieces, *map(_joint, motion.joints)]
+    if not all(j.position_stated and j.speed_stated and j.torque_stated for j in motion.joints):
+        moved.append(
+            "assumed: limits that the model file does not state; the torque's is what the ordinary excitation needs"
+        )
+    after = [_trials("this motion", document.trials), _trials("the ordinary excitation", document.ordinary_trials)]
+    for change in document.relief:
+        enough = "enough" if change.enough else "not enough"
+        after.append(f"With {change.change}: {number(change.sigmas, 3)} standard deviations apart, {enough}.")
+    if document.out:
+        after.append(f"Written: {document.out}")
+    return [
+        *texts([*lines, f"Motion: {number(motion.seconds, 3)} s, {motion.times} times through"]),
+        Bullets(tuple(moved)),
+        Group(
+            "Residual torque of one effect when another is fitted instead, in noise floors",
+            (Bullets(tuple(map(_separation, document.separations))),),
+        ),
+        *texts(["", *after]),
+    ]
+
+
+def _name(place: EffectAt) -> str:
+    return str(Term(place.effect, place.joint))
+
+
+def _joint(j: MovedJoint) -> str:
+    low, high, least, most = (number(x, 3) for x in (*j.position, *j.position_limits))
+    stated = j.position_stated, j.speed_stated, j.torque_stated
+    position, speed, torque = ("" if known else " assumed" for known in stated)
+    force, with_rivals = number(j.torque, 3), number(j.torque_with_rivals, 3)
+    rivals = f", {with_rivals} with a rival" if with_rivals != force else ""
+    return (
+        f"joint {numbered(j.joint, j.name)}: {low} to {high} {j.position_unit} (of {least} to {most}{position}), "
+        f"up to {number(j.speed, 3)} {j.position_unit}/s (of {number(j.speed_limit, 3)}{speed}) "
+        f"and {force} {j.force_unit}{rivals} (of {number(j.torque_limit, 3)}{torque})"
+    )
+
+
+def _separation(s: SeparationEntry) -> str:
+    other = "the model as it is" if s.explained_by is None else _name(s.explained_by)
+    return f"{_name(s.hidden)} by {other}: {number(s.after, 3)}, with the ordinary excitation {number(s.before, 3)}"
+
+
+def _trials(motion: str, trials: Sequence[TrialDiagnosis]) -> str:
+    wrong = dict.fromkeys(str(t.problem) for t in trials if not t.right)
+    return f"Diagnosed with {motion}: " + (
+        f"{'; '.join(wrong)}." if wrong else f"right in all {len(trials)} recordings."
+    )

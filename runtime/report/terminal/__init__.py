@@ -1,1 +1,0 @@
-"""Results on the terminal, from the same dictionaries that --json writes."""
