@@ -93,7 +93,7 @@ def test_a_plan(tmp_path: Path) -> None:
     assert plan.json["feasible"]
     plan.save(tmp_path / "plan.json")
     assert json.loads((tmp_path / "plan.json").read_text())["phases"]
-    assert repr(plan).startswith("scenario1 in 1.2 s: ")
+    assert repr(plan).startswith("scenario1 in 1.2 s, without friction: ")
     assert len(plan.figures) == 1
 
 
