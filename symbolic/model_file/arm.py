@@ -7,20 +7,20 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 ROTOR = "rotor_inertia"
-"""The key of the model file under which a rotor's inertia stands."""
+"""The model file's key for a rotor's inertia."""
 
 Vector = tuple[float, float, float]
 
 Values = dict[str, float]
-"""Parameter values of one active effect; parameters that are not yet known are absent."""
+"""Parameter values of one active effect; unknown parameters are absent."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a frame stands in another, as URDF says it.
+    """The pose of a frame in another one, as in URDF.
 
-    xyz   (3,) m, of its origin
-    rpy   (3,) rad, turned about the other's x, then its y, then its z: R = Rz(yaw) Ry(pitch) Rx(roll)
+    xyz   (3,) m, the origin
+    rpy   (3,) rad, rotations about the fixed axes x, then y, then z: R = Rz(yaw) Ry(pitch) Rx(roll)
     """
 
     xyz: Vector = (0.0, 0.0, 0.0)
@@ -29,7 +29,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Link:
-    """A body in the frame of the joint that moves it. None: not known.
+    """A body, in the frame of the joint that moves it; None where unknown.
 
     mass      kg
     com       (3,) m, centre of mass
@@ -43,7 +43,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Limits:
-    """Range of position (rad or m), largest speed (rad/s or m/s) and torque (N m or N); None: not stated."""
+    """Position range (rad or m), maximum speed (rad/s or m/s) and torque (N m or N); None where not stated."""
 
     position: tuple[float, float] | None = None
     speed: float | None = None
@@ -52,7 +52,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Gains:
-    """Of a joint's controller: kp in N m/rad (N/m), kd in N m s/rad (N s/m)."""
+    """Gains of a joint's controller: kp in N m/rad (N/m), kd in N m s/rad (N s/m)."""
 
     kp: float
     kd: float
@@ -60,12 +60,12 @@ class Gains:
 
 @dataclass(frozen=True)
 class Control:
-    """What the joints' controllers share.
+    """Settings that all joint controllers share.
 
     rate              of the control step, Hz
     velocity_cutoff   of the low-pass on the differentiated encoder, Hz
-    friction_scale    c_u of (7)
-    friction_slope    c_e of (7), s/rad (s/m)
+    friction_scale    c_u of equation (7)
+    friction_slope    c_e of equation (7), s/rad (s/m)
     """
 
     rate: float
@@ -78,9 +78,9 @@ class Control:
 class Drive:
     """The servo drive of a joint on a CAN bus.
 
-    node           its CANopen node id
-    direction      1; −1 where the motor's positive direction is the joint's negative one
-    rated_torque   of the motor, N m; None: as the drive itself says
+    node           CANopen node id
+    direction      1, or −1 where the motor's positive direction is the joint's negative one
+    rated_torque   of the motor, N m; None: read from the drive
     """
 
     node: int
@@ -90,11 +90,12 @@ class Drive:
 
 @dataclass(frozen=True)
 class DescribedJoint:
-    """A joint without its link: what the generated metadata says of it.
+    """A joint without its link, as in the generated metadata.
 
-    rotor_inertia    at the joint's output (kg m² or kg), None: not known; torque_constant at the joint (N m/A or N/A)
-    encoder_counts   per turn of the motor; encoder_zero: of them where the position is 0
-    name             shown beside the number; None: it has none
+    rotor_inertia     at the joint's output (kg m² or kg); None where unknown
+    torque_constant   at the joint's output (N m/A or N/A)
+    encoder_counts    per motor revolution; encoder_zero: the count at joint position 0
+    name              shown beside the number, or None
     """
 
     type: Literal["revolute", "prismatic"]
@@ -112,10 +113,10 @@ class DescribedJoint:
 
 @dataclass(frozen=True)
 class Joint(DescribedJoint):
-    """A joint with its place in the chain and the link that it moves.
+    """A joint, its pose in the chain and the link that it moves.
 
-    origin   of the joint's frame in that of the joint before (the first: in the base's), where q = 0
-    axis     (3,) in the joint's frame, of any length but zero: it turns about it, or slides along it
+    origin   of the joint's frame in the previous joint's frame (the first: in the base frame) at q = 0
+    axis     (3,) of rotation or translation in the joint's frame, of any length but zero
     """
 
     axis: Vector = (0.0, 0.0, 1.0)
@@ -124,14 +125,14 @@ class Joint(DescribedJoint):
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Keys of the model file that give the inertia of rotor and link, and are left out."""
+        """Keys for the inertia of rotor and link that the model file omits."""
         stated = {"mass": self.link.mass, "com": self.link.com, "inertia": self.link.inertia}
         return tuple(key for key, value in {**stated, ROTOR: self.rotor_inertia}.items() if value is None)
 
 
 @dataclass(frozen=True)
 class Contact:
-    """The plate at the end-effector: x_p of (12) in m; its effects carry (3)."""
+    """The plate at the end-effector: x_p of equation (12) in m; its effects model equation (3)."""
 
     x: float
     effects: dict[str, Values] = field(default_factory=dict)
@@ -139,15 +140,14 @@ class Contact:
 
 @dataclass(frozen=True)
 class Arm:
-    """A serial chain.
+    """A serial chain, planar or spatial.
 
-    gravity    (3,) m/s², the acceleration vector in the base
-    tip        the flange or tool, in the last joint's frame
-    effects    those of the whole arm
-    inertial   base inertial parameters that an identification has put into the file; they override what follows from
-               the links
+    gravity    (3,) m/s², acceleration vector in the base frame
+    tip        flange or tool, in the last joint's frame
+    effects    of the whole arm
+    inertial   identified base inertial parameters; they override the values computed from the links
     space      False: the arm moves in the plane of x and y, and its file states lengths (see `planar`)
-    notes      warnings of the file's reader, a line each; no part of the arm
+    notes      warnings of the file's reader, a line each; not compared
     """
 
     name: str
@@ -163,17 +163,17 @@ class Arm:
 
     @property
     def lengths(self) -> tuple[float, ...]:
-        """(n,) m, of the links of a planar arm: how far the next joint or the tip lies along x."""
+        """(n,) m, link lengths of a planar arm: the distance along x to the next joint or the tip."""
         return tuple(frame.xyz[0] for frame in (*(joint.origin for joint in self.joints[1:]), self.tip))
 
     @property
     def stated_gravity(self) -> tuple[float, ...]:
-        """Gravity with as many components as its file has: (3,) in space, (2,) in the plane."""
+        """Gravity with the components that the file has: (3,) of a spatial arm, (2,) of a planar one."""
         return self.gravity if self.space else self.gravity[:2]
 
 
 def planar(arm: Arm, lengths: Sequence[float]) -> Arm:
-    """The arm in the plane of x and y: joints turn about z or slide along x, each link's length m along x apart."""
+    """A planar arm: joints turn about z or slide along x and are `lengths` (n,) m apart along x at q = 0."""
     before = (0.0, *lengths)
     joints = tuple(
         replace(
@@ -187,7 +187,7 @@ def planar(arm: Arm, lengths: Sequence[float]) -> Arm:
 
 
 def planar_link(mass: float | None, com: tuple[float, float] | None, inertia: float | None) -> Link:
-    """A link that moves in the plane; its inertia about x and y is set equal to that about z, kg m²."""
+    """A link of a planar arm; its inertias about x and y, which have no effect, equal that about z (kg m²)."""
     return Link(
         mass,
         None if com is None else (*com, 0.0),

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn
 
 MAX_NAME, MAX_LABEL = 40, 60
-# A float in the controller holds 1e-38 to 1e38; products of a few parameters must stay inside.
+# The controller's floats range from 1e-38 to 1e38, and products of a few parameters must not leave that range.
 LARGEST, SMALLEST = 1e12, 1e-15
 
 _RESERVED = """
@@ -38,43 +38,43 @@ _LABEL = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ .:/()-]*", re.ASCII)
 
 
 class ModelError(ValueError):
-    """A model file that cannot be used; the message is one line for the person who wrote the file."""
+    """An unusable model file; the message is one line for the file's author."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where in the file something stands; `inside` descends."""
+    """A location in a file, for messages."""
 
     file: str
     path: str = ""
 
     def inside(self, name: str) -> Place:
-        """A table or key within this place."""
+        """The location of a table or key within this one."""
         return Place(self.file, f"{self.path}: {name}" if self.path else name)
 
     def fail(self, message: str) -> NoReturn:
-        """Raise ModelError: file, place and message in one line."""
+        """Raise ModelError with file, location and message in one line."""
         raise ModelError(f"{self.file}: {self.path}: {message}" if self.path else f"{self.file}: {message}")
 
 
 def printable(text: str) -> str:
-    """`text` with everything that would break the line or the terminal escaped."""
+    """`text` with unprintable characters escaped, so that it stays on one line and cannot control the terminal."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def quote(value: str) -> str:
-    """A user's text in ASCII and quotes, so that look-alike letters show; but the signs of units stand as they are."""
+    """A user's text in quotes and ASCII, so that look-alike letters are visible; signs of units are kept."""
     shown = value if len(value) <= 60 else value[:57] + "..."
     return "".join(c if c in _SIGNS else json.dumps(c)[1:-1] for c in shown).join('""')
 
 
 def at_joint(joint: int | None) -> str:
-    """Where an effect acts, after its name; nothing for the whole arm or the contact."""
+    """ " at joint N", to follow an effect's name; empty for effects of the arm or the contact."""
     return "" if joint is None else f" at joint {joint}"
 
 
 def found(value: Any) -> str:
-    """What stands in the file, in a few words."""
+    """A value from a file, described in a few words."""
     if isinstance(value, bool):
         return f"the boolean {str(value).lower()}"
     if isinstance(value, (int, float)):
@@ -89,15 +89,15 @@ def found(value: Any) -> str:
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that a mistyped one most likely means, or None."""
+    """The known name closest to a mistyped one, or None."""
     close = difflib.get_close_matches(name[:100], list(known), n=1, cutoff=0.6)
     return close[0] if close else None
 
 
 def check_stated(name: str, open_lumps: Sequence[str], unknown_keys: Sequence[Sequence[str]]) -> None:
-    """Raise ModelError where the file of an arm leaves base inertial parameters open.
+    """Raise ModelError where base inertial parameters are unknown because the model file omits numbers.
 
-    open_lumps     their names     unknown_keys   of each joint, those that the file leaves out
+    open_lumps     names of the unknown base parameters     unknown_keys   omitted keys, by joint
     """
     if not open_lumps:
         return
@@ -108,29 +108,29 @@ def check_stated(name: str, open_lumps: Sequence[str], unknown_keys: Sequence[Se
     places = ((f"joint{'s' if len(at) > 1 else ''} {', '.join(at)}", keys) for keys, at in lacking.items())
     left_out = "; ".join(f"{place}: {', '.join(keys)}" for place, keys in places)
     raise ModelError(
-        f"{name}: this needs numbers that the model file leaves out ({left_out}), and so does not tell "
-        f"{', '.join(open_lumps)}; state them, or let tendon identify MODEL RECORDING --write find what they come to"
+        f"{name}: this needs numbers that the model file leaves out ({left_out}); base parameters that depend on them: "
+        f"{', '.join(open_lumps)}; state them, or identify them: tendon identify MODEL RECORDING --write"
     )
 
 
 def unknown(place: Place, what: str, key: str, known: tuple[str, ...]) -> NoReturn:
-    """Fail for a key (or whatever else it is) that is none of the known ones."""
-    place.fail(f"unknown {what} {quote(key)}; {did_you_mean(key, known) if known else 'there is none here'}")
+    """Raise ModelError for a key (or whatever `what` says) that is not one of the known ones."""
+    place.fail(f"unknown {what} {quote(key)}; {did_you_mean(key, known) if known else 'no keys are allowed here'}")
 
 
 def did_you_mean(key: str, known: tuple[str, ...]) -> str:
-    """A half sentence with the known name that a mistyped one most likely means."""
+    """A clause that suggests the known name closest to a mistyped one."""
     if not known:
-        return "there is none to name"
+        return "there are none"
     close = nearest(key, known)
     if close:
         return f'did you mean "{close}"?'
     closest = max(known, key=lambda k: difflib.SequenceMatcher(None, key[:100], k).ratio())
-    return f'the nearest known one is "{closest}" (known here: {", ".join(known)})'
+    return f'the closest known one is "{closest}" (known: {", ".join(known)})'
 
 
 def table_at(place: Place, value: Any, example: str) -> dict[str, Any]:
-    """The value where it is a table. Raises ModelError. example: what was expected, as a person would write it."""
+    """The value, if it is a table. Raises ModelError otherwise. example: the expected table, for the message."""
     if not isinstance(value, dict):
         place.fail(f"found {found(value)}; expected a table {example}")
     return value
@@ -173,7 +173,7 @@ def number(
     high: float = math.inf,
     positive: bool = False,
 ) -> float:
-    """The same of a magnitude that a float in the controller can hold."""
+    """As `real`, within the magnitudes that the controller's floats can represent."""
     x = real(place, key, value, unit, low, high, positive)
     if abs(x) > LARGEST or 0 < abs(x) < SMALLEST:
         place.fail(f"{key} is {x:.6g}; expected 0 or a magnitude between {SMALLEST:g} and {LARGEST:g}")
@@ -181,7 +181,7 @@ def number(
 
 
 def pair(place: Place, key: str, value: Any, unit: str) -> tuple[float, float]:
-    """Two numbers, in `unit`, of a list of two. Raises ModelError."""
+    """A list of two numbers in `unit`. Raises ModelError."""
     if not isinstance(value, list) or len(value) != 2:
         place.fail(f"{key} is {found(value)}; expected a list of two numbers in {unit}, such as [0.0, 0.0]")
     return number(place, f"{key}[0]", value[0], unit), number(place, f"{key}[1]", value[1], unit)
@@ -190,7 +190,7 @@ def pair(place: Place, key: str, value: Any, unit: str) -> tuple[float, float]:
 def vector(
     place: Place, key: str, value: Any, unit: str, names: Sequence[str], one: Callable[..., float]
 ) -> tuple[float, ...]:
-    """A number under each of the names, in their order; one: how each is checked, `number` or `real`."""
+    """A list of numbers, one for each name. one: the check of each, `number` or `real`."""
     if not isinstance(value, list) or len(value) != len(names):
         inside = f" in {unit}" if unit else ""
         place.fail(f"{key} is {found(value)}; expected a list of {len(names)} numbers{inside}: {', '.join(names)}")
@@ -198,7 +198,7 @@ def vector(
 
 
 def label(place: Place, key: str, value: Any) -> str:
-    """A name that people read: printable, and nothing that could end a comment or a text of C."""
+    """A display name: printable, without characters that could end a C comment or string."""
     if not isinstance(value, str):
         place.fail(f"{key} is {found(value)}; expected a text")
     if not _LABEL.fullmatch(value):
@@ -211,7 +211,7 @@ def label(place: Place, key: str, value: Any) -> str:
 
 
 def identifier(place: Place, what: str, value: Any) -> str:
-    """A name that C, C++ and Python accept, also as part of a file name."""
+    """A name that is valid in C, C++, Python and file names."""
     if not isinstance(value, str):
         place.fail(f"{what} is {found(value)}; expected a C identifier")
     if not _NAME.fullmatch(value):
@@ -226,17 +226,17 @@ def identifier(place: Place, what: str, value: Any) -> str:
 
 
 def is_taken(name: str) -> bool:
-    """Whether the generated files of the toolkit have an arm's name for themselves."""
+    """Whether an arm's name collides with the toolkit's own generated files."""
     return name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_")
 
 
 Names = Sequence[str | None]
-"""Of an arm's joints from the base outwards; None: the file gives none."""
+"""Joint names from the base outwards; None where the file gives none."""
 
 
 @dataclass(frozen=True)
 class EffectTerm:
-    """`EFFECT@JOINT[:REST]` in its parts, as they were written; joint: None without an @."""
+    """The parts of `EFFECT@JOINT[:REST]` as written; joint: None without an @."""
 
     effect: str
     joint: str | None
@@ -244,7 +244,7 @@ class EffectTerm:
 
 
 def effect_term(text: str, names: Names) -> EffectTerm:
-    """The parts of a term. A name may have colons of its own: the longest that is a joint's is taken."""
+    """Split a term into its parts. Joint names may contain colons: the longest matching name is taken."""
     head, colon, behind = text.partition(":")
     if "@" not in head:
         return EffectTerm(head, None, behind)
@@ -258,15 +258,14 @@ def effect_term(text: str, names: Names) -> EffectTerm:
 
 
 def joint_number(said: str, names: Names) -> int | None:
-    """The joint that is meant, from 1; None where it is none of these. What looks like a number is one, whatever the
-    joints are called."""
+    """The joint's number, from 1, or None where there is no such joint. Digits mean a number, never a name."""
     if _is_number(said):
         return int(said) if len(said) < _MOST_DIGITS and 1 <= int(said) <= len(names) else None
     return names.index(said) + 1 if said in names else None
 
 
 def known_joints(names: Names) -> str:
-    """What `joint_number` takes, for a message."""
+    """The joints that `joint_number` accepts, for a message."""
     called = ", ".join(name for name in names if name and not _is_number(name))
     return f"1 to {len(names)}" + (f" or a name: {called}" if called else "")
 
@@ -276,18 +275,18 @@ def _is_number(said: str) -> bool:
 
 
 _MOST_DIGITS = 10
-"""Of a number that no joint has; Python refuses to read thousands of them."""
+"""Digits of a number that no joint has; Python refuses to convert thousands of digits."""
 
 
 LONGEST_WAIT: Final = 10.0
-"""s; a program that writes into a pipe has begun by then, or nobody is there; a choice."""
+"""s until a pipe or device must have delivered its first byte; a choice."""
 
 MAX_BYTES: Final = 1_000_000
-"""length in bytes; of a model file or a scenario, of which the largest that ship have 5000; a choice."""
+"""bytes of a model file or scenario; the largest that ship have 5000; a choice."""
 
 
 def opened(path: Path | str) -> BinaryIO:
-    """A file, opened for reading; of a pipe or a device, once something can be read from it. Raises OSError."""
+    """Open a file for reading; wait until a pipe or device has data, at most LONGEST_WAIT. Raises OSError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         kind = os.fstat(descriptor).st_mode
@@ -297,7 +296,7 @@ def opened(path: Path | str) -> BinaryIO:
             waiting = select.poll()
             waiting.register(descriptor, select.POLLIN)
             if not waiting.poll(1e3 * LONGEST_WAIT):
-                raise TimeoutError(110, f"nothing came out of it in {LONGEST_WAIT:g} s; expected a file", str(path))
+                raise TimeoutError(110, f"delivered nothing within {LONGEST_WAIT:g} s; expected a file", str(path))
             os.set_blocking(descriptor, True)
         return open(descriptor, "rb")
     except BaseException:
@@ -306,7 +305,7 @@ def opened(path: Path | str) -> BinaryIO:
 
 
 def read_bytes(path: Path | str, most: int, expected: str) -> bytes:
-    """The whole file, of `most` bytes. expected: what it should have been, for messages. Raises ModelError."""
+    """The whole file, at most `most` bytes. expected: what the file should be, for messages. Raises ModelError."""
     place = Place(printable(str(path)))
     try:
         with opened(path) as file:
@@ -323,7 +322,7 @@ def read_bytes(path: Path | str, most: int, expected: str) -> bytes:
 
 
 def read_text(path: Path | str, most: int, expected: str) -> str:
-    """The same as text in UTF-8, with its own line ends. Raises ModelError."""
+    """The file as UTF-8 text with its line ends unchanged. Raises ModelError."""
     data = read_bytes(path, most, expected)
     try:
         return data.decode("utf-8")

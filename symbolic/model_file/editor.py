@@ -40,11 +40,12 @@ def add_effect(
     joint: int | None = None,
     values: Mapping[str, float] | None = None,
 ) -> str:
-    """`text` with the effect active, its `values` written where known, in place of those it generalises.
+    """Add an effect with its known `values`; it replaces the effects that it generalises.
 
-    effect  one of which a joint may have several is added beside those that are there, under the next free name
-    joint   counted from 1; None for effects of the arm and the contact
-    Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, already there, bad value.
+    effect   one that a joint may have several of is added under the next free name
+    joint    counted from 1; None for effects of the arm and the contact
+    Returns the new text. Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, already
+    active, value out of bounds.
     """
     arm = parse(text, where, library)
     place = Place(printable(where))
@@ -67,7 +68,7 @@ def add_effect(
 
 
 def name_of_next(text: str, where: str, library: Mapping[str, AnyEffect], effect: str, joint: int | None = None) -> str:
-    """The name under which `add_effect` would put the effect: with a number, where the joint has others of it.
+    """The name that `add_effect` would use: with a number, where the joint has others of this effect.
 
     Raises ModelError: not a model file, unknown effect, no such joint, wrong scope.
     """
@@ -85,10 +86,10 @@ def _free_name(library: Mapping[str, AnyEffect], effect: str, active: Container[
 def remove_effect(
     text: str, where: str, library: Mapping[str, AnyEffect], effect: str, joint: int | None = None
 ) -> str:
-    """`text` without the effect and what the file says of it.
+    """Remove an effect and its values.
 
     joint   counted from 1; None for effects of the arm and the contact
-    Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, not there.
+    Returns the new text. Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, not active.
     """
     arm = parse(text, where, library)
     place = Place(printable(where))
@@ -113,10 +114,7 @@ def place_effect(
     joint: int | None,
     values: Mapping[str, float] | None,
 ) -> str:
-    """`text` with the effect at these values, whether it was there or not; None: without it.
-
-    Raises ModelError, as the edit does that this asks for.
-    """
+    """Add the effect, or set its values if it is active; values None: remove it. Raises ModelError."""
     arm = parse(text, where, library)
     there = effect in _active(arm, _owner(Place(printable(where)), arm, library, effect, joint))
     if values is None:
@@ -134,12 +132,12 @@ def set_values(
     inertial: Mapping[str, float] | None = None,
     rotors: Mapping[int, float] | None = None,
 ) -> str:
-    """`text` with new parameter values of active effects and of [inertial], and new inertias of rotors.
+    """Set parameter values of active effects and of [inertial], and rotor inertias.
 
     effects    (effect, joint or None) -> parameter -> value in SI
     inertial   base inertial parameter -> value in SI
     rotors     joint, counted from 1 -> kg m² (kg) at its output
-    Raises ModelError: an effect that is not active, no such parameter, a value out of its bounds.
+    Returns the new text. Raises ModelError: effect not active, no such parameter, value out of bounds.
     """
     arm = parse(text, where, library)
     place = Place(printable(where))
@@ -205,14 +203,14 @@ def _prefix(owner: Owner) -> tuple[str, ...]:
 
 
 def _home_of(document: Any, owner: Owner) -> Any:
-    """The table that has the owner's effects in it."""
+    """The table that contains the owner's `effects`."""
     scope, joint = owner
     table = document if scope == "arm" else document[scope]
     return table if joint is None else table[joint - 1]
 
 
 def _rounded(value: float) -> float:
-    """As it will stand in the file: more digits than any fit determines, few enough to read; 0 for next to nothing."""
+    """Rounded for the file: more digits than a fit determines, few enough to read; tiny values are 0."""
     return 0.0 if abs(value) < SMALLEST else float(f"{float(value):.{DIGITS}g}")
 
 

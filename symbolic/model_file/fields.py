@@ -35,7 +35,7 @@ Schema = dict[str, Any]
 
 
 class _Required:
-    """Of a key that must be there."""
+    """The default of a key that must be present."""
 
     def __repr__(self) -> str:
         return "required"
@@ -46,7 +46,7 @@ REQUIRED = _Required()
 
 @dataclass(frozen=True)
 class FieldRow:
-    """A key as a guide shows it: `joint.link.mass`; unit, of a revolute (prismatic) joint; default as text."""
+    """A key as guides show it: `joint.link.mass`; the unit of a revolute (prismatic) joint; the default as text."""
 
     key: str
     unit: str
@@ -58,9 +58,9 @@ class FieldRow:
 class Field(ABC):
     """One key of a table.
 
-    meaning   for a person, with the side of the gear where there are two
-    unit      as text, or of a revolute and of a prismatic joint
-    default   of a key that may be left out
+    meaning   for guides; says which side of the gear, where that matters
+    unit      as text, or one for revolute and one for prismatic joints
+    default   of an optional key
     """
 
     key: str
@@ -70,16 +70,16 @@ class Field(ABC):
     default: Any = REQUIRED
 
     def unit_of(self, joint: JointType) -> str:
-        """Its unit at a joint of this type."""
+        """The unit at a joint of this type."""
         return self.unit if isinstance(self.unit, str) else self.unit[joint == "prismatic"]
 
     def takes(self, key: str) -> bool:
-        """Whether a key of a table is this field's."""
+        """Whether a key of a table belongs to this field."""
         return key == self.key
 
     @abstractmethod
     def of(self, place: Place, table: Table, joint: JointType) -> Any:
-        """What the table says of this field, checked, or the default. Raises ModelError."""
+        """The checked value of this field in a table, or the default. Raises ModelError."""
 
     def schema(self) -> Schema:
         """JSON schema of the value under this key."""
@@ -96,32 +96,32 @@ class Field(ABC):
 
 @dataclass(frozen=True)
 class SingleField(Field):
-    """What stands under one key."""
+    """A field with one key."""
 
     def of(self, place: Place, table: Table, joint: JointType) -> Any:
-        """The field's value in a table, or its default where the key is not there. Raises ModelError."""
+        """The checked value, or the default where the key is missing. Raises ModelError."""
         return self.read(place, table[self.key], joint) if self.key in table else self.default
 
     @abstractmethod
     def read(self, place: Place, value: Any, joint: JointType) -> Any:
-        """The value checked. Raises ModelError."""
+        """Check and convert a value. Raises ModelError."""
 
 
 @dataclass(frozen=True)
 class Misplaced(Field):
-    """A key that belongs to another kind of file; meaning: what it belongs to and what to do, after its name."""
+    """A key of another kind of file. meaning: where it belongs and what to do, to follow the key's name."""
 
     default: Any = None
 
     def of(self, place: Place, table: Table, joint: JointType) -> None:
-        """Nothing is ever read from it."""
+        """Nothing: such a key is an error."""
 
     def rows(self, _: str) -> Iterator[FieldRow]:
         yield from ()
 
 
 def _default(value: Any) -> str:
-    """As it would stand in the file; empty for nothing."""
+    """The default as it would appear in the file; empty for None."""
     if value is None or value in ({}, ()):
         return ""
     if isinstance(value, tuple):
@@ -130,10 +130,10 @@ def _default(value: Any) -> str:
 
 
 def read(place: Place, table: Table, fields: Sequence[Field], joint: JointType = "revolute") -> dict[str, Any]:
-    """Every field of the table by its key, those left out by default.
+    """All fields of a table by key, with defaults for omitted keys.
 
-    joint   type of the joint that the table is about, for units
-    Raises ModelError: an unknown key, a missing one, or the first value that is none.
+    joint   type of the joint that the table describes, for units
+    Raises ModelError: unknown key, missing key, or the first invalid value.
     """
     own = [field for field in fields if not isinstance(field, Misplaced)]
     for field in fields:
@@ -150,7 +150,7 @@ def read(place: Place, table: Table, fields: Sequence[Field], joint: JointType =
 
 
 def rows(fields: Sequence[Field], prefix: str = "") -> list[FieldRow]:
-    """All keys, those of tables within tables included, in the order of declaration."""
+    """All keys, including those of nested tables, in the order of declaration."""
     return [row for field in fields for row in field.rows(prefix)]
 
 
@@ -176,7 +176,7 @@ class Real(SingleField):
 
 @dataclass(frozen=True)
 class Number(Real):
-    """The same of a magnitude that a float in the controller can hold."""
+    """As Real, within the magnitudes that the controller's floats can represent."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> float:
         return number(place, self.key, value, self.unit_of(joint), self.low, self.high, self.positive)
@@ -184,7 +184,7 @@ class Number(Real):
 
 @dataclass(frozen=True)
 class WholeNumber(Number):
-    """A number that is whole, as 7 or 7.0."""
+    """A whole number, written as 7 or 7.0."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> int:
         x = super().read(place, value, joint)
@@ -199,7 +199,7 @@ class WholeNumber(Number):
 
 @dataclass(frozen=True)
 class Whole(SingleField):
-    """A whole number from low to high, which is no float; expected: in words, for messages."""
+    """An integer from low to high. expected: in words, for messages."""
 
     low: int
     high: int
@@ -216,7 +216,7 @@ class Whole(SingleField):
 
 @dataclass(frozen=True)
 class Choice(SingleField):
-    """One of some values; expected: in words, for messages."""
+    """One of the listed values. expected: in words, for messages."""
 
     values: tuple[Any, ...]
     expected: str
@@ -254,7 +254,7 @@ class Text(SingleField):
 
 @dataclass(frozen=True)
 class Name(SingleField):
-    """A name that C, C++ and Python accept."""
+    """A name that is valid in C, C++ and Python."""
 
     def read(self, place: Place, value: Any, _: JointType) -> str:
         return identifier(place, self.key, value)
@@ -265,7 +265,7 @@ class Name(SingleField):
 
 @dataclass(frozen=True)
 class Label(SingleField):
-    """A name that people read, and no language."""
+    """A display name."""
 
     def read(self, place: Place, value: Any, _: JointType) -> str:
         return label(place, self.key, value)
@@ -290,7 +290,7 @@ class Pair(SingleField):
 
 @dataclass(frozen=True)
 class NumberRow(SingleField):
-    """As many numbers as there are names; tiny: what rounding leaves of a zero is a number, too."""
+    """A list with one number for each name. tiny: rounding errors of a zero are accepted."""
 
     names: tuple[str, ...]
     tiny: bool = False
@@ -304,7 +304,7 @@ class NumberRow(SingleField):
 
 @dataclass(frozen=True)
 class Interval(Pair):
-    """Two numbers, the smaller first."""
+    """Two numbers, the smaller one first."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
         low, high = super().read(place, value, joint)
@@ -315,7 +315,7 @@ class Interval(Pair):
 
 @dataclass(frozen=True)
 class Bounds(Pair):
-    """Two bounds from `low` on, or one number that is both."""
+    """Two bounds of at least `low`, or one number for both."""
 
     low: float = -math.inf
 
@@ -348,7 +348,7 @@ class Numbers(Number):
 
 @dataclass(frozen=True)
 class JointNumbers(SingleField):
-    """Joints, counted from 1, each once; sorted."""
+    """Joint numbers from 1, without duplicates; sorted."""
 
     def read(self, place: Place, value: Any, _: JointType) -> tuple[int, ...]:
         items = list_at(place, self.key, value)
@@ -364,7 +364,7 @@ class JointNumbers(SingleField):
 
 
 def list_at(place: Place, key: str, value: Any) -> list[Any]:
-    """The value where it is a list. Raises ModelError."""
+    """The value, if it is a list. Raises ModelError otherwise."""
     if not isinstance(value, list):
         place.fail(f"{key} is {found(value)}; expected a list")
     return value
@@ -412,7 +412,7 @@ def _described(field: Field, schema: Schema) -> Schema:
 
 @dataclass(frozen=True)
 class OpenTable(SingleField):
-    """A table into which its reader looks; inside: what a guide calls its keys; example: for messages."""
+    """A table that its reader checks. inside: what guides call its keys; example: for messages."""
 
     inside: str
     example: str
@@ -429,7 +429,7 @@ class OpenTable(SingleField):
 
 @dataclass(frozen=True)
 class NamedNumbers(SingleField):
-    """A table of numbers under names that are not known here; each a C identifier."""
+    """A table of numbers with free names, each a C identifier."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> dict[str, float]:
         place, unit = place.inside(self.key), self.unit_of(joint)
@@ -445,7 +445,7 @@ class NamedNumbers(SingleField):
 
 @dataclass(frozen=True)
 class PerJoint(Field):
-    """Keys of joints, `q1`, `q2`, ...: what each says, read as a field of that kind, by joint, counted from 1."""
+    """The keys `q1`, `q2`, ..., each read as a field of `kind`; the value is a dict by joint, from 1."""
 
     kind: type[Field]
 
@@ -459,8 +459,7 @@ class PerJoint(Field):
 
 @dataclass(frozen=True)
 class Others(Field):
-    """All keys beside the declared ones, parameters whose names a library gives: what each says, read as a field of
-    that kind, by its name."""
+    """All undeclared keys (such as an effect's parameters), each read as a field of `kind`; a dict by name."""
 
     kind: type[Field]
     besides: tuple[str, ...]
@@ -475,7 +474,7 @@ class Others(Field):
 
 @dataclass(frozen=True)
 class Inner(SingleField):
-    """A table within this one; where it is left out and the default is {}, as if it were there and empty."""
+    """A nested table; if it is omitted and the default is {}, it is read as an empty table."""
 
     fields: tuple[Field, ...]
 
@@ -495,7 +494,7 @@ class Inner(SingleField):
 
 @dataclass(frozen=True)
 class Named(Inner):
-    """Tables within this one under names of the user's, each a C identifier."""
+    """Nested tables with names chosen by the user, each a C identifier."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> dict[str, Any]:
         made = {}
@@ -514,7 +513,7 @@ class Named(Inner):
 
 @dataclass(frozen=True)
 class Several(Inner):
-    """[[key]] tables, one after another; one: what each is called in messages, the key if not said."""
+    """An array of [[key]] tables. one: what messages call each, by default the key."""
 
     one: str = ""
 

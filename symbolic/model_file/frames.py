@@ -14,17 +14,17 @@ from symbolic.model_file.checks import Place
 
 Vector = tuple[float, float, float]
 Rotation = tuple[Vector, Vector, Vector]
-"""(3, 3), by rows: what stands in the turned frame, in the other."""
+"""(3, 3), by rows: maps components in the turned frame to components in the other."""
 
 QUARTER = math.pi / 2
 IDENTITY: Rotation = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _SINES = (0.0, 1.0, 0.0, -1.0)
 _LOCKED = 1e-12
-"""Cosine of the pitch below which roll and yaw turn about one axis."""
+"""Cosine of the pitch below which roll and yaw have the same axis (gimbal lock)."""
 
 
 def cos_sin(angle: float) -> tuple[float, float]:
-    """Of an angle in rad; exact at quarter turns."""
+    """Cosine and sine of an angle in rad; exact at quarter turns."""
     turns = round(angle / QUARTER)
     if angle == turns * QUARTER:
         return _SINES[(turns + 1) % 4], _SINES[turns % 4]
@@ -42,10 +42,10 @@ def rotation(rpy: Sequence[float]) -> Rotation:
 
 
 def angles(turned: Rotation) -> Vector:
-    """rpy (3,) in rad of a rotation, pitch within ±π/2; where roll and yaw are one, it is all roll.
+    """rpy (3,) in rad of a rotation, pitch within ±π/2; in gimbal lock, yaw is 0.
 
-    The roll is what is left when yaw is turned back: next to such a place, where rounding decides the yaw, the roll
-    follows it, and the three of them are the rotation to the last digit.
+    Roll is computed after yaw has been turned back, so that near gimbal lock, where rounding decides the yaw, the three
+    angles still reproduce the rotation to the last digit.
     """
     level = math.hypot(turned[0][0], turned[1][0])
     pitch = math.atan2(-turned[2][0], level)
@@ -112,7 +112,7 @@ def cross(left: Sequence[float], right: Sequence[float]) -> Vector:
 
 
 def composed(outer: Frame, inner: Frame) -> Frame:
-    """The frame that stands at `inner` in the frame that stands at `outer`; angles of one that alone turns stay."""
+    """The composition of two frames; if only one of them is rotated, its angles are kept exactly."""
     turned = rotation(outer.rpy)
     xyz = added(outer.xyz, applied(turned, inner.xyz))
     if not any(outer.rpy) or not any(inner.rpy):
@@ -121,7 +121,7 @@ def composed(outer: Frame, inner: Frame) -> Frame:
 
 
 def symmetric(inertia: Sequence[float]) -> Rotation:
-    """(ixx, ixy, ixz, iyy, iyz, izz) as a (3, 3)."""
+    """The symmetric matrix (3, 3) of ixx, ixy, ixz, iyy, iyz, izz."""
     xx, xy, xz, yy, yz, zz = inertia
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
@@ -143,28 +143,27 @@ def principal_moments(inertia: Sequence[float]) -> Vector:
 
 
 SLACK = 1e-3
-"""Part of the largest principal moment; published inertias have three or four digits, and miss what holds exactly by
-so much."""
+"""Relative to the largest principal moment: published inertias have three or four digits."""
 ROUNDED = 1e-12
-"""kg m²; a gram at 30 micrometres from the axis. Files computed by programs have as much beside a 0, of either sign."""
+"""kg m²; rounding errors of this size, of either sign, stand for 0 in files written by programs."""
 
 
 def impossible_moment(inertia: Sequence[float]) -> float | None:
-    """The principal moment below 0, which no mass has, by more than digits and rounding explain; None without any."""
+    """A negative principal moment beyond rounding, which no body can have; None if there is none."""
     small, _, large = principal_moments(inertia)
     return small if small < -max(SLACK * large, ROUNDED) else None
 
 
 CLOSE = 1e-5
-"""rad; off a quarter turn by less, an angle was rounded when it was written: URDFs in the wild are off by 4.9e-12 to
-3.7e-6, while the smallest angle that was meant is 0.049."""
+"""rad; an angle closer than this to a quarter turn is one that was rounded when written. Published URDFs are off by
+4.9e-12 to 3.7e-6; the smallest intended deviation among them is 0.049."""
 UNREPORTED = 4e-15
-"""Off by less, it is the quarter turn in the digits of a double: nothing to report."""
+"""rad; a smaller deviation is the rounding of a double and is not reported."""
 
 
 @dataclass
 class Snapping:
-    """What was snapped in a file, place by place."""
+    """Angles and axes of a file that were rounded to exact quarter turns, with their locations and deviations."""
 
     turned: list[tuple[str, float]] = field(default_factory=list)
     directed: list[tuple[str, float]] = field(default_factory=list)
@@ -179,7 +178,7 @@ class Snapping:
         return Frame(frame.xyz, (roll, pitch, yaw))
 
     def axis(self, place: Place, where: str, axis: Sequence[float]) -> Vector:
-        """The axis without components that rounding has left, of length 1 along an axis of the frame.
+        """The axis without components that are rounding errors; a unit vector if it is along an axis of the frame.
 
         Raises ModelError for one without a direction.
         """
@@ -193,31 +192,31 @@ class Snapping:
         return snapped
 
     def only(self, places: Set[str]) -> None:
-        """Forget the other places."""
+        """Keep only the entries of these places."""
         self.turned = [entry for entry in self.turned if entry[0] in places]
         self.directed = [entry for entry in self.directed if entry[0] in places]
 
     def notes(self) -> list[str]:
-        """A line for a person, or none."""
+        """A warning, or an empty list."""
         kinds = (("the angles", " rad", self.turned), ("the axis", "", self.directed))
         parts = [_snapped_text(what, unit, places) for what, unit, places in kinds if places]
         return [f"taken as exact quarter turns: {'; '.join(parts)}"] if parts else []
 
 
 LISTED = 8
-"""Joints in a line; of more, the number is said."""
+"""Joints listed in a message; of further ones, only the count is given."""
 SHORTEST = 1e-6
-"""Length of an axis below which its direction is rounding; and its inverse, above which it is no direction."""
+"""Minimum length of an axis, below which rounding decides its direction; the inverse is the maximum."""
 
 
 def snapped_angle(angle: float) -> float:
-    """In rad; the quarter turn if it is next to one."""
+    """The angle in rad, or the quarter turn that it is close to."""
     nearest = round(angle / QUARTER) * QUARTER
     return nearest if abs(angle - nearest) < CLOSE else angle
 
 
 def snapped_axis(axis: Sequence[float]) -> Vector:
-    """Components within CLOSE of 0, of an axis of length 1, are 0; a single one that is left is ±1."""
+    """The axis with components below CLOSE (relative) set to 0; a single remaining component becomes ±1."""
     length = math.hypot(*axis)
     x, y, z = (0.0 if abs(a / length) < CLOSE else a for a in axis)
     if sum(component != 0.0 for component in (x, y, z)) > 1:
@@ -233,7 +232,7 @@ def _snapped_text(what: str, unit: str, places: Sequence[tuple[str, float]]) -> 
 
 
 def listed(places: Sequence[str]) -> str:
-    """joints 1, 2 and the tip."""
+    """Places as text: joints 1, 2 and the tip."""
     joints = [place.removeprefix("joint ") for place in places if place.startswith("joint ")]
     others = [place for place in places if not place.startswith("joint ")]
     shown = [*joints[:LISTED], *([f"{len(joints) - LISTED} more"] if len(joints) > LISTED else [])]

@@ -38,12 +38,12 @@ if TYPE_CHECKING:
 
 MAX_JOINTS = 7
 MAX_NODE = 126
-"""Node ids on a CAN bus end at 127, which is left to the computer."""
+"""Largest CANopen node id of a drive; 127 is left to the computer."""
 
 
 @dataclass(frozen=True)
 class Joints(Several):
-    """[[joint]] tables, each with units of its type."""
+    """The [[joint]] tables, each with the units of its joint type."""
 
     def read(self, place: Place, value: Any, _: JointType) -> tuple[dict[str, Any], ...]:
         if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
@@ -59,7 +59,7 @@ class Joints(Several):
 
 
 def _joint_type(table: Table) -> JointType:
-    """For units; what else stands there is refused before there are any."""
+    """The type that decides the units; invalid types are refused when the key is read."""
     return "prismatic" if table.get("type") == "prismatic" else "revolute"
 
 
@@ -238,8 +238,7 @@ SPATIAL = _model(
 
 
 def fields_of(place: Place, table: Table) -> tuple[Field, ...]:
-    """The keys that a model file may have: SPATIAL if its gravity has three numbers. Raises ModelError for another
-    number of them."""
+    """The keys of a model file: SPATIAL if gravity has three numbers, PLANAR if two. Raises ModelError otherwise."""
     gravity = table.get("gravity", [])
     if "gravity" in table and (not isinstance(gravity, list) or len(gravity) not in (2, 3)):
         place.fail(
@@ -250,12 +249,12 @@ def fields_of(place: Place, table: Table) -> tuple[Field, ...]:
 
 
 def model_file_rows() -> list[FieldRow]:
-    """Every key of the model file of a planar arm, with unit, meaning and default, for a guide."""
+    """All keys of a planar arm's model file, with unit, meaning and default, for the guide."""
     return rows(PLANAR)
 
 
 def spatial_file_rows() -> list[FieldRow]:
-    """Those keys of an arm in space that a planar one has not, or that say something else there."""
+    """The keys of a spatial arm's model file that differ from a planar arm's, for the guide."""
     planar = rows(PLANAR)
     return [row for row in rows(SPATIAL) if row not in planar]
 
@@ -264,12 +263,12 @@ def spatial_file_rows() -> list[FieldRow]:
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
 _LINES = r"(_([2-9]|[1-9][0-9]+))?$"
-"""Follows the name of an effect that a joint may have several of."""
+"""Suffix of an effect that a joint may have several of."""
 
 
 def model_schema(planar: Mapping[str, Effect], spatial: Mapping[str, Effect]) -> Schema:
-    """Of model files; with the effects by name of an arm in the plane, and of one in space. A name that none of them
-    has may be one of the user's own, and stands for a table of numbers."""
+    """JSON schema of model files, from the effects of planar and of spatial arms by name. An unknown effect may be a
+    user's own and is accepted as a table of numbers."""
     kinds = {"planar": _arm_schema(PLANAR, planar.values()), "spatial": _arm_schema(SPATIAL, spatial.values())}
     refer = {kind: {"$ref": f"#/definitions/{kind}"} for kind in kinds}
     in_space = {"properties": {"gravity": {"type": "array", "minItems": 3}}, "required": ["gravity"]}
@@ -279,14 +278,14 @@ def model_schema(planar: Mapping[str, Effect], spatial: Mapping[str, Effect]) ->
         "if": in_space,
         "then": refer["spatial"],
         "else": refer["planar"],
-        # Forbids nothing: where editors look for keys to propose, which do not follow the condition.
+        # Accepts everything; editors that do not evaluate "if" take their proposals from here.
         "anyOf": [*refer.values(), True],
         "definitions": kinds,
     }
 
 
 def file_schema(title: str, fields: Sequence[Field]) -> Schema:
-    """Of a file whose keys do not depend on each other."""
+    """JSON schema of a file whose keys do not depend on each other."""
     return {"$schema": DRAFT, "title": title, **table_schema(fields)}
 
 
@@ -302,7 +301,7 @@ def _arm_schema(fields: Sequence[Field], effects: Iterable[Effect]) -> Schema:
 
 
 def _effects_schema(known: Sequence[Effect], scopes: Sequence[str]) -> Schema:
-    """The effects that may stand in a table; each with its parameters, all of which may be left out."""
+    """Schema of an `effects` table for these scopes; all parameters are optional."""
     here = [effect for effect in known if effect.scope in scopes]
     elsewhere = "|".join(effect.name for effect in known if effect.scope not in scopes)
     made: Schema = {

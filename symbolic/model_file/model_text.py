@@ -12,16 +12,16 @@ from symbolic.model_file.fields import JointType
 from symbolic.model_file.frames import QUARTER
 
 DIGITS = 12
-"""Of a number that was computed: what rounding adds is behind them."""
+"""Significant digits of computed numbers, so that rounding errors do not appear."""
 COLUMN = 32
-"""Where a comment begins, if there is room."""
+"""Column at which comments begin, if there is room."""
 
 
 def text(arm: Arm, head: Sequence[str], gravity: str, gears: Sequence[str]) -> str:
-    """A model file that says what the arm does.
+    """The model file of a spatial arm.
 
-    head     lines of the comment at its top
-    gravity, gears   what is said beside gravity and each joint's gear ratio; may be empty
+    head             lines of the comment at the top
+    gravity, gears   comments beside gravity and each joint's gear ratio; may be empty
     """
     lines = [*(f"# {line}".rstrip() for line in head), f'name = "{arm.name}"']
     lines += [_line("gravity", row(arm.gravity), gravity)]
@@ -32,14 +32,14 @@ def text(arm: Arm, head: Sequence[str], gravity: str, gears: Sequence[str]) -> s
 
 
 def tidy(value: float) -> float:
-    """Without what rounding leaves: quarter turns as they are, next to nothing as 0, else DIGITS digits."""
+    """A number without rounding errors: quarter turns unchanged, tiny values 0, otherwise DIGITS digits."""
     if value == round(value / QUARTER) * QUARTER:
         return value + 0.0
     return 0.0 if abs(value) < SMALLEST else float(f"{value:.{DIGITS}g}")
 
 
 def row(values: Sequence[float]) -> str:
-    """A list of numbers; what is rounding beside the largest of them is 0."""
+    """A list of numbers; entries that are rounding errors beside the largest one are 0."""
     largest = max(map(abs, values), default=0.0)
     kept = (0.0 if abs(value) < 10.0**-DIGITS * largest else tidy(value) for value in values)
     return f"[{', '.join(map(repr, kept))}]"
@@ -112,8 +112,11 @@ FRAME = "{ xyz = [0.0, 0.0, 0.0], rpy = [0.0, 0.0, 0.0] }"
 
 @dataclass(frozen=True)
 class Motor:
-    """gear_ratio: motor turns per turn of the joint, or motor rad per metre, None: as it is, or 1; torque_constant:
-    N m/A of the motor; inertia: kg m² of the rotor. None: unknown."""
+    """A motor's data on its own side of the gear; None where unknown.
+
+    gear_ratio        motor turns per joint turn, or motor rad per metre
+    torque_constant   N m/A     inertia   of the rotor, kg m²
+    """
 
     gear_ratio: float | None = None
     torque_constant: float | None = None
@@ -122,7 +125,7 @@ class Motor:
 
 @dataclass(frozen=True)
 class NewJoint:
-    """length: m, to the next joint or the tip, of a planar arm; mass: kg of the link. None: unknown."""
+    """length: m, to the next joint or the tip, planar arms only; mass: of the link, kg. None where unknown."""
 
     type: JointType
     motor: Motor
@@ -148,7 +151,7 @@ def new_text(name: str, gravity: Sequence[float], joints: Sequence[NewJoint], ef
 
 
 def with_motors(text: str, arm: Arm, motors: Sequence[Motor]) -> str:
-    """The imported model file `text` of `arm`, its motors' values filled in."""
+    """The text of an imported arm's model file with the motors' data filled in."""
     made, joints = list[str](), iter(zip(arm.joints, motors, strict=True))
     for line in text.splitlines():
         if not line.startswith("gear_ratio = "):
@@ -164,7 +167,7 @@ def with_motors(text: str, arm: Arm, motors: Sequence[Motor]) -> str:
 
 
 def _motor(motor: Motor, kind: JointType, stated: float = 1.0) -> tuple[str, str, str]:
-    """The lines of gear_ratio, rotor_inertia and torque_constant; stated: the ratio that holds unless the motor's."""
+    """The lines of gear_ratio, rotor_inertia and torque_constant; stated: the ratio if the motor has none."""
     ratio = stated if motor.gear_ratio is None else motor.gear_ratio
     inertia = None if motor.inertia is None else motor.inertia * ratio**2
     constant = None if motor.torque_constant is None else motor.torque_constant * ratio
@@ -199,7 +202,7 @@ def _new_joint(joint: NewJoint, spatial: bool) -> Iterator[str]:
 
 
 def _line(key: str, value: str | float | None, comment: str = "") -> str:
-    """A key with its unit; commented, without a value, where that is unknown."""
+    """A line with a key, its value and a comment; the key is commented out where the value is unknown (None)."""
     shown = repr(tidy(value)) if isinstance(value, float) else value
     entry = f"# {key} =" if shown is None else f"{key} = {shown}"
     return f"{entry:<{COLUMN - 1}} # {comment}" if comment and len(entry) < COLUMN else _beside(entry, comment)

@@ -66,7 +66,7 @@ __all__ = ["ModelError", "check_effect", "is_spatial", "load", "parse", "read_te
 
 
 def load(path: Path | str, effects: Mapping[str, AnyEffect] | None = None) -> Arm:
-    """The arm in the TOML file at `path`; `effects`: the library by name (None: the built-in one).
+    """The arm in the TOML file at `path`. effects: the library by name (None: the built-in one).
 
     Raises ModelError.
     """
@@ -74,12 +74,12 @@ def load(path: Path | str, effects: Mapping[str, AnyEffect] | None = None) -> Ar
 
 
 def read_text(path: Path | str) -> str:
-    """The file's text with its own line ends, decoded from UTF-8. Raises ModelError."""
+    """The file as UTF-8 text with its line ends unchanged. Raises ModelError."""
     return checks.read_text(path, checks.MAX_BYTES, "a model file in TOML")
 
 
 def is_spatial(text: str) -> bool:
-    """Whether a model file is one of an arm in space: its gravity has three components."""
+    """Whether a model file describes a spatial arm, whose gravity has three components."""
     try:
         return fields_of(Place(""), tomllib.loads(text.removeprefix("\ufeff"))) is SPATIAL
     except (ValueError, RecursionError):
@@ -87,10 +87,11 @@ def is_spatial(text: str) -> bool:
 
 
 def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None) -> Arm:
-    """The arm described by `text`; `where` names the file in messages.
+    """The arm described by `text`.
 
+    where     the file's name, for messages
     effects   the library by name (None: the built-in one)
-    Raises ModelError for the first thing that is wrong.
+    Raises ModelError for the first error found.
     """
     if effects is None:
         from symbolic.effects import shipped
@@ -119,7 +120,7 @@ def _arm_in_plane(top: Place, said: Mapping[str, Any], effects: Mapping[str, Any
 
 
 def _arm_in_space(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> Arm:
-    """With angles and axes snapped to quarter turns and bodies checked; the arm's notes say what was found."""
+    """Angles and axes close to quarter turns are made exact; the arm's notes list these and doubtful inertias."""
     made, snapping, notes = [], Snapping(), []
     for k, (one, common) in enumerate(_joints(top, said["joint"], effects), 1):
         place = top.inside(f"joint {k}")
@@ -149,17 +150,17 @@ def _toml(text: str, top: Place) -> dict[str, Any]:
         raise ModelError(f"{top.file} {where}: not valid TOML{at}: {printable(what)}") from None
     except RecursionError:
         top.fail("not valid TOML: nested too deeply")
-    except ValueError as error:  # a date that does not exist, a number of thousands of digits
+    except ValueError as error:  # an invalid date, a number of thousands of digits
         top.fail(f"not valid TOML: {printable(str(error)).split(';')[0][:120]}")
 
 
 def _name(top: Place, name: str) -> str:
     if is_taken(name):
-        top.fail(f"name {quote(name)} is taken by the generated files of the toolkit; choose another name")
+        top.fail(f"name {quote(name)} is reserved for the toolkit's own generated files; choose another name")
     return name
 
 
-# --- what all arms have ---
+# --- common to planar and spatial arms ---
 
 
 def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> dict[str, Any]:
@@ -174,7 +175,7 @@ def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect
 def _joints(
     top: Place, said: Sequence[Mapping[str, Any]], effects: Mapping[str, AnyEffect]
 ) -> Iterator[tuple[Mapping[str, Any], dict[str, Any]]]:
-    """Of each joint, what its table says, and of that what every joint has."""
+    """Each joint's table, and the arguments of Joint that planar and spatial joints share."""
     for k, one in enumerate(said, 1):
         yield one, _joint(top.inside(f"joint {k}"), one, effects, k == len(said))
 
@@ -228,7 +229,7 @@ def _effects(
     kind: str = "revolute",
     last: bool = False,
 ) -> dict[str, Values]:
-    """The active effects under `place`, in the file's order; `last`: the joint has none after it."""
+    """The active effects of a table, in the file's order. last: the joint is the outermost one."""
     return {name: _effect(place, name, values, scope, library, kind, last) for name, values in table.items()}
 
 
@@ -239,7 +240,7 @@ def _effect(
     effect = declared(name, library)
     place = place.inside(name)
     known = {p.name: p for p in effect.parameters}
-    table = table_at(place, value, f"with {', '.join(known) or 'nothing in it'}, or an empty one: values unknown")
+    table = table_at(place, value, f"with {', '.join(known) or 'no keys'}, or an empty one if the values are unknown")
     for key in table:
         if key not in known:
             unknown(place, "parameter", key, tuple(known))
@@ -249,7 +250,7 @@ def _effect(
 
 
 def check_effect(place: Place, name: str, scope: str, library: Mapping[str, AnyEffect], last: bool = False) -> None:
-    """Raise ModelError unless `name` is an effect that may stand in a table of this scope.
+    """Raise ModelError unless `name` is an effect that is allowed in a table of this scope.
 
     scope   "joint", "arm" or "contact"; last: the joint is the outermost one
     """
@@ -266,31 +267,28 @@ def check_effect(place: Place, name: str, scope: str, library: Mapping[str, AnyE
 
 
 SOMEWHERE = 0.7
-"""rad, m; how far each joint, times its number, stands from 0 where inertia is looked for: no angle of a drawing."""
+"""rad, m; joint k is at k times this where inertia is checked: a posture without special alignments."""
 
 
 def check_distinct(top: Place, joints: Sequence[Joint]) -> None:
-    """Every drive answers to an id of its own, and every name means one joint. Raises ModelError."""
+    """Drive ids and joint names must be unique. Raises ModelError."""
     nodes: dict[int, int] = {}
     names: dict[str, int] = {}
     for i, joint in enumerate(joints, 1):
         place = top.inside(f"joint {i}")
         if joint.drive is not None and (first := nodes.setdefault(joint.drive.node, i)) != i:
             place.inside("drive").fail(
-                f"node {joint.drive.node} is the drive of joint {first} already; expected an id of its own"
+                f"node {joint.drive.node} is already the drive of joint {first}; expected another id"
             )
         if joint.name is not None and (first := names.setdefault(joint.name, i)) != i:
-            place.fail(f'name "{joint.name}" is that of joint {first} already; expected one of its own')
+            place.fail(f'name "{joint.name}" is already that of joint {first}; expected another name')
 
 
 # --- bodies in space ---
 
 
 def body_notes(place: Place, link: Link) -> list[str]:
-    """What is doubtful about a body, a line each.
-
-    Raises ModelError for an inertia that no mass has: one with a negative principal moment.
-    """
+    """Warnings about a body's inertia, a line each. Raises ModelError for a negative principal moment."""
     if link.inertia is None:
         return []
     small, middle, large = principal_moments(link.inertia)
@@ -301,8 +299,8 @@ def body_notes(place: Place, link: Link) -> list[str]:
         )
     if small + middle < large - max(SLACK * large, ROUNDED):
         return [
-            f"{place.file}: {place.path}: the inertia is that of no body: its principal moments {small:.3g}, "
-            f"{middle:.3g}, {large:.3g} kg m^2 break the rule that two of them come to the third at least"
+            f"{place.file}: {place.path}: no rigid body has this inertia: its principal moments {small:.3g}, "
+            f"{middle:.3g}, {large:.3g} kg m^2 violate the triangle inequality; it is used as it is"
         ]
     return []
 
@@ -311,18 +309,17 @@ def body_notes(place: Place, link: Link) -> list[str]:
 
 
 def check_inertia_seen(top: Place, arm: Arm) -> None:
-    """Every joint must move some inertia, or D is singular and the arm cannot be simulated or identified; what is not
-    known may be there. Raises ModelError."""
+    """Every joint must move some inertia, otherwise D is singular; unknown inertias are accepted. Raises ModelError."""
     for i in range(len(arm.joints)):
         if not any(value is None or value > 0 for value in _moments_seen(arm.joints[i:])):
             top.inside(f"joint {i + 1}").fail(
-                "moves no inertia at all; expected a rotor_inertia, or a mass or inertia on this link or further out"
+                "moves no inertia; expected a rotor_inertia, or a mass or inertia of this link or one further out"
             )
 
 
 def _moments_seen(joints: Sequence[Joint]) -> Iterator[float | None]:
-    """Inertias about (along) the first joint of its rotor and of each link outwards, at some configuration; None: not
-    known. A link of unknown mass on the axis has its own inertia alone."""
+    """Inertias about (along) the first joint's axis of its rotor and of each link outwards, at one configuration; None
+    where unknown. A link of unknown mass on the axis has its own inertia only."""
     first = joints[0]
     yield first.rotor_inertia
     turned, origin = IDENTITY, (0.0, 0.0, 0.0)
@@ -342,7 +339,7 @@ def _moments_seen(joints: Sequence[Joint]) -> Iterator[float | None]:
 
 
 def _moved(joint: Joint, turned: Rotation, origin: Vector, q: float) -> tuple[Rotation, Vector]:
-    """The joint's own frame at q, from the one before it."""
+    """The joint's frame at q, from the previous one."""
     origin = added(origin, applied(turned, joint.origin.xyz))
     turned = product(turned, rotation(joint.origin.rpy))
     if joint.type == "revolute":
@@ -351,7 +348,7 @@ def _moved(joint: Joint, turned: Rotation, origin: Vector, q: float) -> tuple[Ro
 
 
 def _moment(axis: Vector, turned: Rotation, com: Vector, mass: float, inertia: Sequence[float]) -> float:
-    """About an axis through the origin; what rounding leaves of points on the axis counts as nothing."""
+    """Moment of inertia about an axis through the origin; rounding errors count as 0."""
     along = scaled(1 / math.hypot(*axis), axis)
     off = cross(along, com)
     own = applied(transposed(turned), along)

@@ -33,7 +33,7 @@ def test_a_pipe_into_which_nobody_writes(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(checks, "LONGEST_WAIT", 0.05)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    with pytest.raises(ModelError, match=r"pipe: cannot be read: nothing came out of it in 0\.05 s; expected a file"):
+    with pytest.raises(ModelError, match=r"pipe: cannot be read: delivered nothing within 0\.05 s; expected a file"):
         reader.read_text(pipe)
     with pytest.raises(
         RecordingError, match=r"pipe: is a pipe or a device, which can be read only once; save it to a file first"

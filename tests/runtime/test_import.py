@@ -80,7 +80,10 @@ def test_nothing_is_written_over(run: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((PANDA,), 'from "panda_link0" one comes to 3 ends: panda_hand_tcp, panda_leftfinger, panda_rightfinger; say'),
+        (
+            (PANDA,),
+            '3 links end the chains from "panda_link0": panda_hand_tcp, panda_leftfinger, panda_rightfinger; choose',
+        ),
         ((UR10, "--lock", "elbow_joint"), "--lock elbow_joint: expected JOINT=VALUE with a number in rad or m"),
         ((UR10, "--lock", "elbow_joint=inf"), "--lock elbow_joint=inf: expected JOINT=VALUE with a number"),
         ((UR10, "--lock", "elbow_joint=1", "--lock", "elbow_joint=2"), "--lock elbow_joint: given twice"),

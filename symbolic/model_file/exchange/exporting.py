@@ -21,22 +21,22 @@ WORDS: Mapping[Language, tuple[str, ...]] = {
     "urdf": ("damping", "friction"),
     "mjcf": ("damping", "friction", "stiffness", "rest"),
 }
-"""What a file can say of a joint's effects; see DescribedParameter.abroad."""
+"""The words of each format for a joint's effects; see DescribedParameter.abroad."""
 GRAVITY = ("gravity x", "gravity y", "gravity z")
-"""What of an effect of the arm is gravity beside the model's own, along the base's axes."""
+"""Words of parameters that add to the model's gravity, along the base axes."""
 DOWN = (0.0, 0.0, -9.81)
-"""m/s²; where a URDF is loaded, gravity is this."""
+"""m/s²; the gravity that programs assume when they load a URDF."""
 SLENDER, LEAST_RADIUS, USUAL_MASS = 8.0, 0.04, 1.0
-"""A body of which nothing is known: a cylinder from its joint to the next, that many times as long as its radius in m,
-of the other bodies' usual mass in kg."""
+"""An unknown body is a cylinder from its joint to the next: length over radius, minimum radius in m, and mass in kg
+where no other body has one."""
 
 ROUNDING = 1e-12
-"""Part of a body's size, or of its inertia; less is left of a zero by the search for bodies that can be."""
+"""Relative to a body's size or inertia: smaller values are rounding errors of the search for possible bodies."""
 
 
 @dataclass(frozen=True)
 class ExportedJoint:
-    """A joint as it is written; dynamics: by the words of the format; unknown: of these, what has no value yet."""
+    """A joint to be written. dynamics: values by the format's words; unknown: words whose values are unknown."""
 
     name: str
     joint: Joint
@@ -48,7 +48,7 @@ class ExportedJoint:
 
 @dataclass(frozen=True)
 class ExportedArm:
-    """unsaid: what the format has no words for, or the model no value, an item each."""
+    """An arm to be written. unsaid: what the format cannot express or the model does not know, an item each."""
 
     arm: Arm
     joints: tuple[ExportedJoint, ...]
@@ -56,7 +56,7 @@ class ExportedArm:
 
 
 class _Unsaid:
-    """What a file does not say of effects, the n joints of an arm together."""
+    """Collects the effects that a file cannot express, over the n joints of an arm."""
 
     def __init__(self, n: int) -> None:
         self._n = n
@@ -76,9 +76,9 @@ def exported(
     bodies: Sequence[StatedBody],
     rotors: Sequence[float],
 ) -> ExportedArm:
-    """The arm with full bodies, and its effects as far as the format goes.
+    """The arm with complete bodies and the effects that the format can express.
 
-    bodies   in their joints' frames, possible ones     rotors   inertias at the output
+    bodies   possible bodies, in their joints' frames     rotors   inertias at the output
     """
     missing = _Unsaid(len(arm.joints))
     joints = []
@@ -97,7 +97,7 @@ def exported(
 
 
 def _with_gravity(arm: Arm, library: Mapping[str, Effect]) -> tuple[Arm, list[str]]:
-    """The arm with what its own effects add to gravity, and those that do something else, or nobody knows how much."""
+    """The arm with its gravity effects added to gravity, and a list of its other or unknown effects."""
     gravity, unsaid = list(arm.gravity), []
     for name, values in arm.effects.items():
         own = [p for p in library[name].parameters if arm.space or not p.space] if name in library else []
@@ -113,7 +113,7 @@ def _with_gravity(arm: Arm, library: Mapping[str, Effect]) -> tuple[Arm, list[st
 
 
 def _keys_unsaid(arm: Arm, language: Language) -> Iterator[str]:
-    """What the model file states of drives and controllers, which neither format has words for, and of speeds."""
+    """Stated data of drives and controllers, which neither format can express, and speed limits in MJCF."""
     stated: dict[str, list[bool]] = {
         "torque_constant": [joint.torque_constant is not None for joint in arm.joints],
         "encoder": [joint.encoder_counts is not None for joint in arm.joints],
@@ -130,8 +130,7 @@ def _keys_unsaid(arm: Arm, language: Language) -> Iterator[str]:
 def _dynamics(
     effects: Mapping[str, Values], library: Mapping[str, Effect], language: Language, joint: int, unsaid: _Unsaid
 ) -> tuple[dict[str, float], frozenset[str]]:
-    """What the format says of a joint's effects, by its words, and of which of them the values are not known; the rest
-    is told to `unsaid`."""
+    """A joint's effects by the format's words, and the words whose values are unknown; the rest goes into `unsaid`."""
     said: dict[str, float] = {}
     unknown: set[str] = set()
     for name, values in effects.items():
@@ -155,7 +154,7 @@ def _dynamics(
 
 
 def reference(arm: Arm) -> tuple[list[StatedBody], list[float]]:
-    """Every body and rotor as the file has it, and a likely one where it says nothing."""
+    """The stated bodies and rotors, with plausible ones where they are unknown."""
     masses = [joint.link.mass for joint in arm.joints if joint.link.mass]
     usual = median(masses) if masses else USUAL_MASS
     ends = [*(joint.origin.xyz for joint in arm.joints[1:]), arm.tip.xyz]
@@ -168,14 +167,14 @@ def reference(arm: Arm) -> tuple[list[StatedBody], list[float]]:
 
 
 def _likely(link: Link, end: Vector, usual: float) -> StatedBody:
-    """The body of a link that reaches to `end`."""
+    """The link's body; unknown parts are those of a cylinder that reaches to `end`."""
     mass = usual if link.mass is None else link.mass
     com = scaled(0.5, end) if link.com is None else link.com
     return StatedBody(mass, com, _cylinder(mass, end) if link.inertia is None else link.inertia)
 
 
 def _cylinder(mass: float, end: Vector) -> Inertia:
-    """A solid one along the vector from the joint to `end`, about its centre."""
+    """Inertia of a solid cylinder from the joint to `end`, about its centre, kg m²."""
     length = math.hypot(*end)
     radius = max(LEAST_RADIUS, length / SLENDER)
     along, across = mass * radius**2 / 2, mass * (3 * radius**2 + length**2) / 12
@@ -185,7 +184,7 @@ def _cylinder(mass: float, end: Vector) -> Inertia:
 
 
 def _turning(body: StatedBody, joint: Joint) -> float:
-    """An inertia like that of the body that the rotor moves: gears are chosen so (Pasch & Seering 1984)."""
+    """A rotor inertia equal to that of the moved body, for which gears are usually chosen (Pasch & Seering 1984)."""
     if joint.type == "prismatic":
         return body.mass or USUAL_MASS
     moments = about_point(body, (0.0, 0.0, 0.0))
@@ -193,12 +192,12 @@ def _turning(body: StatedBody, joint: Joint) -> float:
 
 
 def parameters(body: StatedBody) -> list[float]:
-    """m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin."""
+    """The ten inertial parameters: m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin."""
     return [body.mass, *scaled(body.mass, body.com), *about_point(body, (0.0, 0.0, 0.0))]
 
 
 def body_of(values: Sequence[float]) -> StatedBody:
-    """The body with these ten parameters, without what rounding leaves where a number is 0."""
+    """The body with these ten inertial parameters; rounding errors of zeros are removed."""
     m, x, y, z, xx, xy, xz, yy, yz, zz = map(float, values)
     x, y, z = x / m, y / m, z / m
     inertia = (
@@ -220,12 +219,12 @@ def _without_rounding(values: Sequence[float], size: float) -> tuple[float, ...]
 
 
 DIGITS_OF_DOUBLE = 15
-"""Of a number: as many as a double has for certain, so that the torques are those of the model."""
+"""Significant digits that a double certainly has, so that the torques equal the model's."""
 BASE, TIP = "base", "tip"
 
 
 def urdf_text(made: ExportedArm) -> str:
-    """The text of a URDF. Limits of effort and speed that are not known are FREE."""
+    """The text of a URDF. Unknown limits of effort and speed are FREE."""
     lines = ['<?xml version="1.0"?>', *_about(made), f"<robot name={quoteattr(made.arm.name)}>"]
     lines.append(f'  <link name="{BASE}"/>')
     parent = BASE
@@ -248,12 +247,12 @@ def _about(made: ExportedArm) -> list[str]:
 
 
 def number(value: float) -> str:
-    """A number as it is written, of so many digits that a double comes back; no negative zero."""
+    """A number as text, without negative zero."""
     return f"{value + 0.0:.{DIGITS_OF_DOUBLE}g}"
 
 
 def numbers(values: Sequence[float]) -> str:
-    """Numbers with a blank between."""
+    """Numbers separated by blanks."""
     return " ".join(map(number, values))
 
 

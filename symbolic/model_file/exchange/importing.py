@@ -1,4 +1,4 @@
-"""A model file out of a robot's description in URDF or MJCF: what it states is kept, what it leaves out is unknown."""
+"""URDF or MJCF to model file: stated values are kept, missing ones are unknown."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from symbolic.model_file.frames import applied, listed, transposed
 from symbolic.model_file.reader import parse
 
 DOWN = (0.0, 0.0, -9.81)
-"""m/s²; where a file says nothing of gravity: URDF's z points up by convention (REP 103)."""
+"""m/s²; gravity where a file states none: URDF's z axis points up by convention (REP 103)."""
 
 
 @dataclass(frozen=True)
 class ImportedArm:
-    """text: the model file; arm: what it says; notes: what a person should know of it, a line each."""
+    """An imported arm. text: the model file; arm: its content; notes: warnings, a line each."""
 
     text: str
     arm: Arm
@@ -53,9 +53,9 @@ def imported(
     """The arm from one link to another of a URDF or MJCF file.
 
     library    the effects by name
-    base, tip  links; None: the root, and the only end     locked   joint -> where it is held, rad or m
-    friction   the effects that every joint is assumed to have, their values unknown where the file states none
-    Raises ModelError: one line that names the file and what to ask for instead.
+    base, tip  links; None: the root, and the only end     locked   joint -> fixed position, rad or m
+    friction   add the effects that every joint is assumed to have, with unknown values where the file states none
+    Raises ModelError: one line that names the file and what to pass instead.
     """
     tree = read_tree(path)
     found = chain(tree, base, tip, locked or {})
@@ -75,7 +75,7 @@ def imported(
 
 
 def read_tree(path: Path) -> Tree:
-    """The links and joints of a file, by what it contains and not by its name. Raises ModelError."""
+    """The links and joints of a file, whose format is recognised by its content. Raises ModelError."""
     root = xml_file.read(path)
     if root.tag == "robot":
         return urdf.urdf_tree(root)
@@ -91,7 +91,7 @@ def _head(found: TreeChain, path: Path) -> list[str]:
     return [
         f"{shortened(tree.name or path.stem)}, {shortened(found.base)} to {shortened(found.tip_link)}: made by tendon "
         f"import from {shortened(path.name)} ({tree.language}).",
-        "What that does not state is left out, hence unknown: tendon identify MODEL RECORDING --write finds it.",
+        "Values that it does not state are unknown: tendon identify MODEL RECORDING --write identifies them.",
     ]
 
 
@@ -130,13 +130,13 @@ def _link(joint: ChainJoint) -> Link:
 
 
 def _left_out(found: TreeChain) -> list[str]:
-    """What the file does not state, and what was not taken from it."""
+    """Notes on values that the file does not state or that were rejected."""
     doubts = [f"joint {k}: {doubt}" for k, joint in enumerate(found.joints, 1) for doubt in joint.joint.doubts]
     notes = [f"{doubt}: left out, hence unknown" for doubt in (*doubts, *(j.doubt for j in found.joints if j.doubt))]
     if found.held:
         notes.append(
-            f"{some(found.held)} {'moves' if len(found.held) == 1 else 'move'} off the arm's way and {_is(found.held)} "
-            "held at 0, with what hangs there (--lock JOINT=VALUE for another place)"
+            f"{some(found.held)} {'is' if len(found.held) == 1 else 'are'} not between base and tip: locked at 0, with "
+            "the links attached there (--lock JOINT=VALUE for another position)"
         )
     for what, missing in (
         ("mass, centre and inertia", [joint.body is None for joint in found.joints]),
@@ -147,23 +147,23 @@ def _left_out(found: TreeChain) -> list[str]:
     for k, joint in enumerate(found.joints, 1):
         if joint.joint.gears and joint.joint.gear is None:
             notes.append(
-                f"gear_ratio of joint {k}: the file's differ ({gears_of(joint.joint)}): none is taken, 1 stands for "
-                "it; ripple, encoders and currents need the true one"
+                f"gear_ratio of joint {k}: the file states different ones ({gears_of(joint.joint)}): set to 1; ripple, "
+                "encoders and currents need the true one"
             )
     gearless = [joint.joint.gear == 1.0 or not joint.joint.gears for joint in found.joints]
     if any(gearless):
         notes.append(
-            f"gear_ratio of {joints_of(gearless)}: 1, since nothing else is stated; ripple, encoders and currents need "
-            "the true one"
+            f"gear_ratio of {joints_of(gearless)}: not stated, set to 1; ripple, encoders and "
+            "currents need the true one"
         )
     return notes
 
 
 def _beside_gear(joint: TreeJoint) -> str:
-    """What a model file says beside a gear ratio that it has not from the file."""
+    """Comment beside a gear ratio that is not from the file."""
     if joint.gear is not None:
         return ""
-    return f"not known: the file's differ ({gears_of(joint)})" if joint.gears else "not stated"
+    return f"unknown: the file states different ones ({gears_of(joint)})" if joint.gears else "not stated"
 
 
 def _is(names: Sequence[str]) -> str:
@@ -176,7 +176,7 @@ def _is(names: Sequence[str]) -> str:
 def _effects(
     found: TreeChain, library: Mapping[str, AnyEffect], friction: bool, notes: list[str]
 ) -> list[dict[str, Values]]:
-    """The effects of every joint; what the file has no number for is unknown."""
+    """The effects of every joint; values that the file does not state are unknown."""
     assumed = [effect for effect in library.values() if effect.assumed and friction]
     made: list[dict[str, Values]] = []
     for k, joint in enumerate(found.joints, 1):
@@ -192,13 +192,13 @@ def _effects(
 
 
 def _even(effect: AnyEffect, library: Mapping[str, AnyEffect]) -> AnyEffect:
-    """The special case of friction that differs by direction, where there is one: beside a spring that difference is
-    a constant, and no motion tells it from the spring's rest."""
+    """The symmetric special case of direction-dependent friction, if there is one: beside a spring, the difference
+    between directions is a constant, which motion cannot separate from the spring's rest position."""
     return next((library[name] for name in effect.generalises if name in library), effect)
 
 
 def _springs(stated: Mapping[str, float], library: Mapping[str, AnyEffect]) -> dict[str, Values]:
-    """A spring beside the joint, where the file states a stiffness."""
+    """A spring parallel to the joint, if the file states a stiffness."""
     if not stated.get(STIFFNESS):
         return {}
     spring = next(e for e in library.values() if any(p.abroad == STIFFNESS for p in e.parameters))
@@ -206,20 +206,20 @@ def _springs(stated: Mapping[str, float], library: Mapping[str, AnyEffect]) -> d
 
 
 STIFFNESS = "stiffness"
-"""What MJCF calls that of a joint's spring."""
+"""MJCF's word for the stiffness of a joint's spring."""
 SIZES = ("damping", "friction", STIFFNESS)
-"""Of what a file says of a joint, what cannot be negative."""
+"""Words whose values cannot be negative."""
 
 
 def _placeholders(found: TreeChain, friction: bool) -> list[str]:
-    """What looks typed to have a number, in a line; it is taken as it stands."""
+    """A note on values that look like placeholders; they are used as stated."""
     typed = (*(("friction", "damping") if friction else ()), "rotor_inertia")
     seen: dict[str, list[bool]] = {}
     for kind in ("revolute", "prismatic"):
         here = [joint.type == kind for joint in found.joints]
         for word in (*typed, "speed", "torque"):
             stated = [_stated(joint.joint, word) if own else 0.0 for joint, own in zip(found.joints, here, strict=True)]
-            # Drives of one make have one limit, but several joints have hardly the same power of ten by chance.
+            # Equal drives have equal limits, but several joints hardly share a power of ten by chance.
             if is_placeholder(stated) if word in typed else is_round(stated) and sum(map(bool, stated)) > 1:
                 which = seen.setdefault(f"{word} = {max(stated):g}", [False] * len(stated))
                 which[:] = [one or value > 0 for one, value in zip(which, stated, strict=True)]
@@ -229,24 +229,23 @@ def _placeholders(found: TreeChain, friction: bool) -> list[str]:
     for what, which in seen.items():
         places.setdefault(joints_of(which), []).append(what)
     said = "; ".join(f"{listed(numbers)} at {where}" for where, numbers in places.items())
-    return [f"{said}: looks like a placeholder, taken as stated; delete what nobody measured: it is unknown then"]
+    return [f"{said}: looks like a placeholder, used as stated; delete it if it was not measured: it is then unknown"]
 
 
 def _stated(joint: TreeJoint, word: str) -> float:
-    """0 where it states none, or none that can be."""
+    """The stated value; 0 where there is none or a negative one."""
     others = {"speed": joint.speed, "torque": joint.torque, "rotor_inertia": joint.rotor}
     return max(joint.dynamics.get(word, others.get(word) or 0.0), 0.0)
 
 
 def is_placeholder(stated: Sequence[float]) -> bool:
-    """Whether values of several joints were typed to have some: all that are not 0 are equal, or a single one is a
-    power of ten."""
+    """Whether the values look like placeholders: all nonzero ones are equal, or a single one is a power of ten."""
     values = {value for value in stated if value}
     return len(values) == 1 and (sum(map(bool, stated)) > 1 or is_round(stated))
 
 
 def is_round(stated: Sequence[float]) -> bool:
-    """Whether all values that are not 0 are one power of ten."""
+    """Whether all nonzero values are the same power of ten."""
     values = {value for value in stated if value}
     if len(values) != 1:
         return False
@@ -258,7 +257,7 @@ def is_round(stated: Sequence[float]) -> bool:
 
 
 def arm_name(name: str, path: Path) -> str:
-    """A C identifier like the robot's name, or else like the file's."""
+    """A C identifier made from the robot's name or else the file's."""
     for wanted in (name, path.stem, "arm"):
         made = re.sub(r"[^A-Za-z0-9]+", "_", wanted).strip("_")[:MAX_NAME].rstrip("_")
         for candidate in (made, f"arm_{made}"[:MAX_NAME]):
@@ -276,7 +275,7 @@ def _accepted(name: str) -> bool:
 
 
 def unique(names: Iterable[str]) -> list[str]:
-    """The names, told apart where shortening has made them equal."""
+    """The names, with numbers added where they are equal."""
     made: list[str] = []
     for name in names:
         wanted, k = name, 1

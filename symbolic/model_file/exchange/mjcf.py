@@ -23,33 +23,34 @@ from symbolic.model_file.exchange.xml_file import XmlNode
 from symbolic.model_file.frames import Rotation, Vector, about, angles, composed, product, scaled, transposed
 
 MAX_UNFOLDED = 10_000
-"""Elements with all their repetitions; MuJoCo takes a second for them, and squares it for more. The largest models of
-robots that are published for it have a few thousand."""
+"""Elements including repetitions; MuJoCo compiles these in a second, with a time that grows quadratically. The largest
+published robot models have a few thousand."""
 MAX_NUMBERS = 100_000_000
-"""Of a grid of heights or colours, of which nothing is read."""
+"""Maximum size of height fields and textures, which are not read."""
 REPEATED = ("replicate", "composite", "flexcomp")
-"""Elements that stand for `count` times, in each of up to three directions, what is in them."""
+"""Elements whose content is repeated `count` times, in up to three directions."""
 GRIDS = {"hfield": ("nrow", "ncol"), "texture": ("width", "height")}
-"""Elements that fill memory by numbers."""
+"""Elements with grids, and the attributes of their size."""
 INCLUDED, ATTACHED = "include", "attach"
 OTHER_FILES = (INCLUDED, "model")
-"""Elements whose `file` is MJCF that MuJoCo reads, too."""
+"""Elements whose `file` is another MJCF file."""
 
 
 def check_unfolded(root: XmlNode, path: Path) -> None:
-    """Nothing in the file, nor in those that it names, becomes more than MAX_UNFOLDED elements.
+    """Check that the file, with the files that it includes, expands to at most MAX_UNFOLDED elements.
 
-    Raises ModelError, at the line where it does.
+    Raises ModelError with the line that exceeds the limit.
     """
     _Unfolding(path.parent, {path.resolve()}).add(root)
 
 
 @dataclass
 class _Unfolding:
-    """The elements of a file and of what it includes, added up.
+    """Counts the elements of a file and of the files that it includes.
 
-    seen: files that were read; largest: elements of the largest of the models that it may attach; attached: how often
-    it attaches one, each taken to be the largest
+    seen       files that were read
+    largest    elements of the largest model that may be attached
+    attached   number of attachments, each counted with the largest model
     """
 
     folder: Path
@@ -59,7 +60,7 @@ class _Unfolding:
     attached: float = 0.0
 
     def add(self, root: XmlNode) -> None:
-        """A file's own, and those of the files that it names."""
+        """Count a file's elements and those of its other files."""
         todo = [(root, 1.0)]
         while todo:
             node, times = todo.pop()
@@ -77,7 +78,7 @@ class _Unfolding:
             todo += [(child, times) for child in node.children]
 
     def _other(self, tag: str, path: Path) -> None:
-        """With a file that is named; of one that is not there, or was there before, MuJoCo says so itself."""
+        """Count a named file; MuJoCo itself reports missing and repeated files."""
         if not path.is_file() or path.resolve() in self.seen:
             return
         self.seen.add(path.resolve())
@@ -92,7 +93,7 @@ class _Unfolding:
 
 
 def _counts(node: XmlNode, key: str) -> list[float]:
-    """The numbers of an attribute that are above 1; what is none, MuJoCo says itself."""
+    """The numbers of an attribute above 1; MuJoCo itself reports invalid ones."""
     found = [1.0]
     for word in node.attributes.get(key, "").split():
         try:
@@ -103,24 +104,27 @@ def _counts(node: XmlNode, key: str) -> list[float]:
 
 
 UNSEEN = ("keys", "sensors", "pairs", "excludes", "skins", "flexes", "equalities", "tendons")
-"""Parts of a description that say nothing of a single arm, but may refer to shapes that are not read."""
+"""Parts that do not concern a single arm but may refer to shapes that are not read."""
 NUMBERS = (
     *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia", "site_pos", "site_quat"),
     *("jnt_pos", "jnt_axis", "jnt_stiffness", "qpos0", "qpos_spring", "dof_damping", "dof_frictionloss"),
     *("dof_armature", "actuator_gear", "actuator_armature", "actuator_damping"),
 )
-"""What is taken of the compiled model, where this MuJoCo knows it; MuJoCo lets some of it be no number."""
+"""The arrays that are read, if this MuJoCo version has them; MuJoCo allows NaN in some."""
 SUFFIX = ".xml"
-"""By which MuJoCo knows a description."""
+"""The file suffix by which MuJoCo recognises MJCF."""
 RESERVED = ("memory", "njmax", "nconmax", "nstack")
 RESERVED_BY_USERS = ("body", "jnt", "geom", "site", "cam", "tendon", "actuator", "sensor")
-"""Room that a description asks for, and numbers of users beside its parts: MuJoCo knows itself what an arm needs."""
+"""Memory sizes and user data that a file may request; MuJoCo determines by itself what an arm needs."""
 
 
 @dataclass(frozen=True)
 class CompiledMjcf:
-    """model: MuJoCo's; unknown: names of bodies whose inertia the file does not state, in which the model has some;
-    gravity in m/s²; notes: what of the file is not part of an arm, a line each."""
+    """A compiled file.
+
+    model     MuJoCo's     unknown   bodies whose inertia the file does not state; MuJoCo's is a dummy
+    gravity   m/s²         notes     parts of the file that are not part of an arm, a line each
+    """
 
     model: Any
     name: str
@@ -130,10 +134,10 @@ class CompiledMjcf:
 
 
 def compiled(path: Path, root: XmlNode) -> CompiledMjcf:
-    """The file as MuJoCo understands it.
+    """The file compiled by MuJoCo.
 
-    root   of the file, by which it is judged before MuJoCo unfolds it
-    Raises ModelError: `mujoco` is not installed or too old, refuses the file, or finds what is no number.
+    root   the file's XML, which is checked before MuJoCo expands it
+    Raises ModelError: `mujoco` is not installed or too old, MuJoCo refuses the file, or a number is not finite.
     """
     file = printable(str(path))
     mujoco = _package(file)
@@ -157,14 +161,14 @@ def compiled(path: Path, root: XmlNode) -> CompiledMjcf:
             if not abs(value) <= LARGEST:
                 raise ModelError(f"{file}: MuJoCo's {what} is {value:g}; expected magnitudes up to {LARGEST:g}")
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
-        notes.append("gravity is switched off by a flag of the file: taken as 0")
+        notes.append("gravity is disabled by a flag of the file: set to 0")
         x, y, z = 0.0, 0.0, 0.0
     said = (f"MuJoCo warns: {printable(' '.join(text.split()))}" for text in warned)
     return CompiledMjcf(model, spec.modelname, frozenset(unknown), (x, y, z), (*said, *notes))
 
 
 def _package(file: str) -> Any:
-    """mujoco. Raises ModelError where it is not installed, or too old."""
+    """The package. Raises ModelError if it is not installed or too old."""
     try:
         mujoco = importlib.import_module("mujoco")
     except ImportError:
@@ -180,17 +184,17 @@ def _package(file: str) -> Any:
 
 
 def _spec(mujoco: Any, path: Path, root: XmlNode) -> Any:
-    """What MuJoCo makes of a file; it goes by the name, and finds others by the place of a file alone."""
+    """MuJoCo's specification of a file. MuJoCo recognises the format by suffix and finds other files by the path."""
     if path.suffix.lower() == SUFFIX:
         return mujoco.MjSpec.from_file(str(path))
     others = next((node for node in root.everything() if node.tag in OTHER_FILES), None)
     if others is not None:
-        others.fail(f"<{others.tag}> of another file is read of a file that ends in {SUFFIX} alone; rename this one")
+        others.fail(f"<{others.tag}> of another file needs a file name that ends in {SUFFIX}; rename this one")
     return mujoco.MjSpec.from_string(path.read_bytes().decode())
 
 
 def _check_numbers(root: XmlNode, warned: list[str]) -> None:
-    """MuJoCo warns of a NaN, and takes it for a number that was left out. Raises ModelError, at its line."""
+    """MuJoCo only warns of NaN and treats it as a missing number. Raises ModelError with the line."""
     if not any("nan" in text.lower() for text in warned):
         return
     for node in (root, *root.everything()):
@@ -202,7 +206,7 @@ def _check_numbers(root: XmlNode, warned: list[str]) -> None:
 
 @contextmanager
 def _heard(mujoco: Any) -> Iterator[list[str]]:
-    """What MuJoCo warns of meanwhile, which it would write to the screen and to a file in the user's folder."""
+    """Collects MuJoCo's warnings, which it would otherwise print and write to a file in the working directory."""
     texts: list[str] = []
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(texts.append)
@@ -215,17 +219,17 @@ def _heard(mujoco: Any) -> Iterator[list[str]]:
 
 
 def _no_part_of_an_arm(spec: Any) -> Iterator[str]:
-    """What has torques in MuJoCo and none in an arm's equations."""
+    """Notes on forces that MuJoCo has and an arm's equations do not."""
     if len(spec.equalities) + len(spec.tendons):
         yield "equality constraints and tendons are not part of an arm: left out"
     if any(body.gravcomp != 0 for body in spec.bodies):
-        yield "gravcomp, which takes bodies' weight away, is not part of an arm: left out"
+        yield "gravcomp (gravity compensation of bodies) is not part of an arm: left out"
     if spec.option.density or spec.option.viscosity:
         yield "the drag of air or water (density, viscosity) is not part of an arm: left out"
 
 
 def _without_room(spec: Any) -> None:
-    """Take away what fills memory by a single number and says nothing of an arm."""
+    """Remove requested memory and user data."""
     spec.nuserdata = spec.nkey = 0
     for name in (*RESERVED, *(f"nuser_{part}" for part in RESERVED_BY_USERS)):
         setattr(spec, name, -1)
@@ -234,8 +238,8 @@ def _without_room(spec: Any) -> None:
 
 
 def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
-    """Take away what is only drawn, and what needs a file of a mesh: the names of bodies whose inertia that leaves
-    unknown, which get some to be compiled."""
+    """Remove visual parts and everything that needs a mesh file. Returns the bodies whose inertia is then unknown; they
+    get a dummy inertia so that MuJoCo compiles them."""
     for kind in UNSEEN:
         for item in list(getattr(spec, kind, ())):
             spec.delete(item)
@@ -252,7 +256,7 @@ def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
             unknown.add(body.name)
             body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
         for geom in stored:
-            # To take it out of the list takes a time that grows with the square of the list.
+            # Deleting each from the list would take quadratic time.
             geom.type, geom.size, geom.mass = mujoco.mjtGeom.mjGEOM_SPHERE, [1.0, 1.0, 1.0], float(body.name in unknown)
             geom.meshname = geom.hfieldname = ""
         for drawn in [*geoms, *body.sites]:
@@ -260,13 +264,13 @@ def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
     for asset in [*spec.meshes, *spec.hfields, *spec.materials, *spec.textures]:
         spec.delete(asset)
     if unknown and spec.compiler.settotalmass > 0:
-        # The masses that are stated are scaled to a sum in which those of meshes are.
+        # Stated masses are scaled to a total that includes the meshes'.
         unknown = {body.name for body in bodies}
     return unknown
 
 
 def _weighs(mujoco: Any, spec: Any, body: Any, geom: Any) -> bool:
-    """Whether a body has inertia from this shape."""
+    """Whether the shape contributes to the body's inertia."""
     source, rules = spec.compiler.inertiafromgeom, mujoco.mjtInertiaFromGeom
     if source == rules.mjINERTIAFROMGEOM_FALSE or (source == rules.mjINERTIAFROMGEOM_AUTO and body.explicitinertial):
         return False
@@ -275,16 +279,16 @@ def _weighs(mujoco: Any, spec: Any, body: Any, geom: Any) -> bool:
 
 
 KINDS = ("free", "ball", "prismatic", "revolute")
-"""By MuJoCo's number."""
+"""Joint kinds by MuJoCo's number."""
 PLAIN = (0, 0)
-"""Of an actuator's gain and bias: its control is its force, as a motor's is."""
+"""Gain and bias types of an actuator whose control is its force, such as a motor."""
 
 
 def mjcf_tree(path: Path, root: XmlNode) -> Tree:
-    """The bodies and joints that an MJCF file describes; its sites are links without a body.
+    """The bodies and joints of an MJCF file; sites become links without a body.
 
-    root   of the file, as XML
-    Raises ModelError: what CompiledMjcf cannot be made of.
+    root   the file's XML
+    Raises ModelError, see `compiled`.
     """
     made = compiled(path, root)
     found = _Bodies(made.model, made.unknown)
@@ -294,19 +298,19 @@ def mjcf_tree(path: Path, root: XmlNode) -> Tree:
 
 
 def _bent(model: Any) -> Iterator[str]:
-    """What of damping and springs is no straight line, of a MuJoCo that knows such."""
+    """Notes on nonlinear damping and springs, which newer MuJoCo versions have."""
     for what, name in (("damping", "dof_dampingpoly"), ("stiffness", "jnt_stiffnesspoly")):
         if hasattr(model, name) and getattr(model, name).any():
-            yield f"{what} of more than one number: what grows with the first power is taken, the rest is left out"
+            yield f"{what} is a polynomial: its linear coefficient is used, the others are left out"
 
 
 class _Bodies:
-    """MuJoCo's arrays as links and joints; a body with several joints gets a frame for each."""
+    """Converts MuJoCo's arrays into links and joints; a body with several joints gets a link for each."""
 
     def __init__(self, model: Any, unknown: Set[str]) -> None:
         self.model, self.unknown = model, unknown
         self.frames: dict[int, tuple[str, Frame]] = {0: (model.body(0).name, Frame())}
-        """Of every body, the link that it is, and where its own frame stands in the link's."""
+        """For every body, its link and the pose of its frame in the link's frame."""
 
     def tree(self) -> tuple[dict[str, TreeLink], dict[str, TreeJoint]]:
         links = {self.frames[0][0]: TreeLink(self.frames[0][0], None, True)}
@@ -327,7 +331,7 @@ class _Bodies:
         return links, joints
 
     def joints(self, body: int) -> Iterator[TreeJoint]:
-        """From the parent's link to the body's, one by one."""
+        """The joints from the parent's link to the body's, in order."""
         model = self.model
         name, first, count = model.body(body).name, int(model.body_jntadr[body]), int(model.body_jntnum[body])
         parent, before = self.frames[int(model.body_parentid[body])]
@@ -378,7 +382,7 @@ class _Bodies:
         )
 
     def body(self, k: int, shift: Vector) -> StatedBody | None:
-        """Of a body in its link's frame, which stands off its own by a shift."""
+        """The body in its link's frame, which is shifted from the body's own frame."""
         model = self.model
         if model.body(k).name in self.unknown:
             return None
@@ -391,8 +395,8 @@ class _Bodies:
 
 @dataclass(frozen=True)
 class _Drive:
-    """What the actuators of a joint say, at the joint: the gears of those that move it, by whom; the largest torque,
-    None without any; the inertia and the damping that stand on their side of the gear, of a MuJoCo that knows such."""
+    """The actuators of a joint, at its output: gears with their sources; maximum torque or None; inertia and damping on
+    the motor's side (newer MuJoCo versions)."""
 
     gears: tuple[tuple[str, float], ...]
     torque: float | None
@@ -403,7 +407,7 @@ class _Drive:
 def _drive(model: Any, k: int) -> _Drive:
     at_joint = [a for a in range(model.nu) if int(model.actuator_trnid[a][0]) == k]
     gears = {a: ratio for a in at_joint if (ratio := abs(float(model.actuator_gear[a][0])))}
-    # The forces of actuators at one joint add up, and so does what moves with them.
+    # Forces, inertias and damping of several actuators at one joint add up.
     forces = [ratio * min(_largest(_forces(model, a)), default=math.inf) for a, ratio in gears.items()]
     own = _largest([model.jnt_actfrcrange[k]] if model.jnt_actfrclimited[k] else [])
     torque = min([*own, *([sum(forces)] if forces else [])], default=math.inf)
@@ -416,13 +420,13 @@ def _drive(model: Any, k: int) -> _Drive:
 
 
 def _largest(ranges: Iterable[Sequence[Any]]) -> list[float]:
-    """What each range allows in both directions, of those that do."""
+    """The magnitude that each range allows in both directions, if any."""
     both = (min(-float(low), float(high)) for low, high in ranges)
     return [value for value in both if 0 < value < LARGEST]
 
 
 def _forces(model: Any, a: int) -> Iterator[Sequence[float]]:
-    """Ranges of an actuator's force, before its gear."""
+    """Force ranges of an actuator, before its gear."""
     if model.actuator_forcelimited[a]:
         yield model.actuator_forcerange[a]
     if model.actuator_ctrllimited[a] and (model.actuator_gaintype[a], model.actuator_biastype[a]) == PLAIN:
@@ -444,7 +448,7 @@ def _frame(position: Sequence[Any], quaternion: Sequence[Any]) -> Frame:
 
 
 def _rotation(quaternion: Sequence[Any]) -> Rotation:
-    """Of w, x, y, z."""
+    """The rotation of a quaternion w, x, y, z."""
     w, x, y, z = (float(value) for value in quaternion)
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),

@@ -41,7 +41,7 @@ NOWHERE = Frame()
 
 @dataclass(frozen=True)
 class StatedBody:
-    """mass in kg, com (3,) in m in some frame, inertia about it in kg m² along that frame's axes, as Link's."""
+    """A body in some frame: mass in kg, com (3,) in m, inertia about com along the frame's axes in kg m², as Link's."""
 
     mass: float
     com: Vector
@@ -49,7 +49,7 @@ class StatedBody:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether the file states a body without mass and without inertia."""
+        """Whether mass and inertia are zero."""
         return self.mass == 0 and not any(self.inertia)
 
 
@@ -57,7 +57,7 @@ NOTHING = StatedBody(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def placed(body: StatedBody, frame: Frame) -> StatedBody:
-    """A body of an inner frame, which stands at `frame`, in the outer one."""
+    """A body given in an inner frame, in the outer frame in which the inner one has the pose `frame`."""
     if frame == NOWHERE:
         return body
     com = added(frame.xyz, applied(rotation(frame.rpy), body.com))
@@ -65,7 +65,7 @@ def placed(body: StatedBody, frame: Frame) -> StatedBody:
 
 
 def turned(inertia: Inertia, rpy: Vector) -> Inertia:
-    """R I Rᵀ; as it is where nothing turns."""
+    """R I Rᵀ; unchanged where rpy is zero."""
     if not any(rpy):
         return inertia
     R = rotation(rpy)
@@ -73,12 +73,12 @@ def turned(inertia: Inertia, rpy: Vector) -> Inertia:
 
 
 def packed(matrix: Sequence[Sequence[float]]) -> Inertia:
-    """The six of a symmetric (3, 3)."""
+    """The six independent entries of a symmetric matrix (3, 3)."""
     return matrix[0][0], matrix[0][1], matrix[0][2], matrix[1][1], matrix[1][2], matrix[2][2]
 
 
 def together(bodies: Sequence[StatedBody]) -> StatedBody:
-    """One body of several in one frame, by the parallel axis theorem; of a single one, itself."""
+    """Several bodies in one frame as one body, by the parallel axis theorem."""
     bodies = [body for body in bodies if not body.is_nothing]
     if len(bodies) == 1:
         return bodies[0]
@@ -108,14 +108,14 @@ MOVING: Mapping[str, Literal["revolute", "prismatic"]] = {
     "continuous": "revolute",
     "prismatic": "prismatic",
 }
-"""Kinds of joints that an arm may have -> their type in the model file."""
+"""Joint kinds that an arm may have, and their type in the model file."""
 FREE = 1e9
-"""A limit from which on it is none: where URDF wants one."""
+"""A limit at or above this is no limit; written where URDF requires one."""
 
 
 @dataclass(frozen=True)
 class TreeLink:
-    """body: None where the file states none; solid: it is drawn or collides, so that it is no mere frame."""
+    """A link. body: None where the file states none; solid: it has shapes, so that it is not just a frame."""
 
     name: str
     body: StatedBody | None
@@ -126,14 +126,14 @@ class TreeLink:
 class TreeJoint:
     """A joint from one link to another.
 
-    kind       one of MOVING, "fixed", or another word, which no arm may have
+    kind       one of MOVING, "fixed", or another word, which an arm cannot have
     origin     of the child's frame in the parent's at q = 0; axis in the child's frame
-    position, speed, torque   limits, None: not stated
-    dynamics   what simulators' files say of friction and springs at it, by their word (see DescribedParameter.abroad)
-    rotor      inertia at the output; None: not stated
-    gears      every statement of turns of a motor a turn of the joint: by whom, and how many
+    position, speed, torque   limits; None where not stated
+    dynamics   friction and springs by the simulators' words (see DescribedParameter.abroad)
+    rotor      inertia at the output; None where not stated
+    gears      every stated gear ratio (motor turns per joint turn), with its source
     mimics     the joint that it follows
-    doubts     what the file states of it that cannot be or that an arm has no words for, an item each
+    doubts     statements that are impossible or that a model file cannot express, an item each
     """
 
     name: str
@@ -153,19 +153,19 @@ class TreeJoint:
 
     @property
     def moves(self) -> bool:
-        """Whether it could be held somewhere."""
+        """Whether an arm may have such a joint."""
         return self.kind in MOVING
 
     @property
     def gear(self) -> float | None:
-        """Turns of the motor a turn of the joint; None where the file states none, or several that differ."""
+        """Motor turns per joint turn; None where the file states none or several different ones."""
         ratios = {ratio for _, ratio in self.gears}
         return ratios.pop() if len(ratios) == 1 else None
 
 
 @dataclass(frozen=True)
 class Tree:
-    """file: for messages; language: URDF or MJCF; gravity: None where the file says nothing of it."""
+    """A robot. file: for messages; language: URDF or MJCF; gravity: None where not stated."""
 
     file: str
     language: str
@@ -176,28 +176,28 @@ class Tree:
     notes: tuple[str, ...] = ()
 
     def above(self) -> dict[str, TreeJoint]:
-        """The joint that each link hangs on; the root has none.
+        """The parent joint of each link; the root has none.
 
-        Raises ModelError: a joint of a link that is not there, a link that hangs on two joints, or on itself.
+        Raises ModelError: a joint with a missing link, a link with two parent joints, or a loop.
         """
         found: dict[str, TreeJoint] = {}
         for joint in self.joints.values():
             for end, link in (("parent", joint.parent), ("child", joint.child)):
                 if link not in self.links:
                     raise ModelError(
-                        f"{self.file}: joint {quote(joint.name)}: its {end} {quote(link)} is no link of the file"
+                        f"{self.file}: joint {quote(joint.name)}: its {end} {quote(link)} is not a link of the file"
                     )
             other = found.setdefault(joint.child, joint)
             if other is not joint:
                 raise ModelError(
-                    f"{self.file}: link {quote(joint.child)} hangs on two joints, {quote(other.name)} and "
-                    f"{quote(joint.name)}; expected a tree: take one of them out"
+                    f"{self.file}: link {quote(joint.child)} has two parent joints, {quote(other.name)} and "
+                    f"{quote(joint.name)}; expected a tree: remove one of them"
                 )
         self._check_roots(found)
         return found
 
     def _check_roots(self, above: Mapping[str, TreeJoint]) -> None:
-        """From every link one comes, upwards, to an end. Raises ModelError."""
+        """Raise ModelError if the links form a loop."""
         ends: set[str] = set()
         for name in self.links:
             way: dict[str, None] = {}
@@ -205,14 +205,14 @@ class Tree:
                 if name in way:
                     joint = quote(above[name].name)
                     raise ModelError(
-                        f"{self.file}: link {quote(name)} hangs on itself, by joint {joint}; expected a tree"
+                        f"{self.file}: link {quote(name)} is its own ancestor, through joint {joint}; expected a tree"
                     )
                 way[name] = None
                 name = above[name].parent
             ends.update(way)
 
     def below(self) -> dict[str, list[TreeJoint]]:
-        """The joints that hang on each link, in the file's order."""
+        """The child joints of each link, in the file's order."""
         found: dict[str, list[TreeJoint]] = {name: [] for name in self.links}
         for joint in self.joints.values():
             found[joint.parent].append(joint)
@@ -220,20 +220,22 @@ class Tree:
 
 
 LISTED = 8
-"""Names in a message; of more, the number is said."""
+"""Names listed in a message; of further ones, only the count is given."""
 LONGEST = 60
-"""Letters of a name in a message."""
+"""Maximum length of a name in a message."""
 COMPARED = 1000
-"""Names that a mistyped one is compared with, of a file that may have any number."""
+"""Maximum number of names that a mistyped one is compared with."""
 
 
 @dataclass(frozen=True)
 class ChainJoint:
-    """A joint of the arm: as the tree has it, its origin in the frame of the joint before, and the body that it moves.
+    """A joint of the arm with the body that it moves.
 
-    body     None: not known     links   those whose bodies it is
-    doubt    why a stated inertia was not taken, or ""
-    loose    of the links those that hang on a joint that is held, though it moves, and what they are as one body
+    joint        as in the tree     origin   in the previous joint's frame
+    body         None where unknown     links   the links that it consists of
+    doubt        why a stated inertia was rejected, or ""
+    loose        those of the links that are attached by movable joints, held at a fixed position
+    loose_body   these links as one body
     """
 
     joint: TreeJoint
@@ -246,7 +248,7 @@ class ChainJoint:
 
     @property
     def type(self) -> Literal["revolute", "prismatic"]:
-        """How it moves, in the words of a model file."""
+        """The joint's type in a model file."""
         return MOVING[self.joint.kind]
 
 
@@ -254,8 +256,8 @@ class ChainJoint:
 class TreeChain:
     """A serial arm between two links.
 
-    held     moving joints off its way, which stand still with it
-    root     the link that the base hangs on, or the base itself     mounting   how the base is turned in it
+    held       movable joints off the path from base to tip, held at a fixed position
+    root       the tree's root link     mounting   the rotation of the base in the root
     """
 
     tree: Tree
@@ -272,8 +274,8 @@ class TreeChain:
 def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, float]) -> TreeChain:
     """The arm from the link `base` (None: the root) to the link `tip` (None: the only end).
 
-    locked   joint -> where it is held, rad or m
-    Raises ModelError, which says what to ask for instead.
+    locked   joint -> fixed position, rad or m
+    Raises ModelError, which says what to pass instead.
     """
     above, below = tree.above(), tree.below()
     _check_locks(tree, locked)
@@ -308,7 +310,7 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
 
 
 def _down_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
-    """The joints from the root of all to a link."""
+    """The joints from the root to a link."""
     way: list[TreeJoint] = []
     while link in above:
         way.append(above[link])
@@ -317,22 +319,22 @@ def _down_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
 
 
 def _turning(base: str, before: Sequence[TreeJoint], locked: Mapping[str, float]) -> Iterator[str]:
-    """That gravity depends on joints before the base."""
+    """A warning that gravity depends on joints before the base."""
     still = ("fixed", "prismatic")
     names = [joint.name for joint in before if joint.kind not in still and joint.name not in locked]
     if names:
         yield (
-            f"{shortened(base)} hangs on {some(names)}: gravity is that with "
-            f"{'it' if len(names) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another place)"
+            f"{shortened(base)} is moved by {some(names)}: gravity is taken with "
+            f"{'it' if len(names) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another position)"
         )
 
 
 def _out_of_range(tree: Tree, locked: Mapping[str, float]) -> Iterator[str]:
-    """That a joint is held where it cannot come."""
+    """A warning about joints locked outside their range."""
     for name, value in locked.items():
         low, high = tree.joints[name].position or (-math.inf, math.inf)
         if not low <= value <= high:
-            yield f"{shortened(name)} is held at {value:g}, beyond its range of {low:g} to {high:g}"
+            yield f"{shortened(name)} is locked at {value:g}, outside its range of {low:g} to {high:g}"
 
 
 # --- which links ---
@@ -361,7 +363,7 @@ def _root(tree: Tree, above: Mapping[str, TreeJoint]) -> str:
     roots = [name for name in tree.links if name not in above]
     if len(roots) > 1:
         raise ModelError(
-            f"{tree.file}: {len(roots)} links hang on no other: {some(roots)}; say where the arm begins: --base LINK"
+            f"{tree.file}: {len(roots)} links have no parent: {some(roots)}; say where the arm begins: --base LINK"
         )
     return roots[0]
 
@@ -369,8 +371,8 @@ def _root(tree: Tree, above: Mapping[str, TreeJoint]) -> str:
 def _only_end(
     tree: Tree, root: str, below: Mapping[str, Sequence[TreeJoint]], locked: Mapping[str, float]
 ) -> tuple[str, str]:
-    """The link at which the arm ends, and a note where others end with it: they differ by fixed joints only. Frames on
-    the way, behind which something moves, are no ends."""
+    """The link at which the arm ends, and a note if other links end there too (behind the same joint). Frames in front
+    of a moving joint are not ends."""
     ends: dict[str, list[str]] = {}
     passed = {""}
     count = {"": 0}
@@ -387,13 +389,13 @@ def _only_end(
                 count[joint.name] = count[last] + 1
     outermost = [links for joint, links in ends.items() if joint not in passed]
     if not outermost:
-        raise ModelError(f"{tree.file}: nothing moves beyond {quote(root)}; say where the arm begins: --base LINK")
+        raise ModelError(f"{tree.file}: no joint moves beyond {quote(root)}; say where the arm begins: --base LINK")
     if len(outermost) > 1:
-        # The end of an arm is behind as many joints as an arm has, or more; a camera is not.
+        # The end of an arm is behind many joints, a camera is not.
         behind = sorted(filter(None, ends), key=lambda joint: -min(count[joint], MAX_JOINTS))
         names = [link for joint in behind for link in ends[joint]]
         raise ModelError(
-            f"{tree.file}: from {quote(root)} one comes to {len(names)} ends: {some(names)}; say which: --tip LINK"
+            f"{tree.file}: {len(names)} links end the chains from {quote(root)}: {some(names)}; choose one: --tip LINK"
         )
     (links,) = outermost
     order = list(tree.links)
@@ -403,7 +405,7 @@ def _only_end(
 
 
 TOOL = "tool0"
-"""What drivers of industrial arms call the flange (ROS-Industrial, REP-199)."""
+"""The flange's name in drivers of industrial arms (ROS-Industrial, REP-199)."""
 
 
 def _way(tree: Tree, above: Mapping[str, TreeJoint], base: str, tip: str) -> list[TreeJoint]:
@@ -413,8 +415,8 @@ def _way(tree: Tree, above: Mapping[str, TreeJoint], base: str, tip: str) -> lis
     while link != base:
         if link not in above or len(way) > len(tree.joints):
             raise ModelError(
-                f"{tree.file}: {quote(tip)} does not lie beyond {quote(base)}; expected a --tip that hangs, joint by "
-                "joint, on the --base"
+                f"{tree.file}: {quote(tip)} is not a descendant of {quote(base)}; expected a --tip that is connected "
+                "to the --base by joints"
             )
         way.append(above[link])
         link = above[link].parent
@@ -425,7 +427,7 @@ def _check_moves(tree: Tree, joint: TreeJoint) -> None:
     place = f"{tree.file}: joint {quote(joint.name)}"
     if joint.mimics is not None:
         raise ModelError(
-            f"{place} follows {quote(joint.mimics)} (mimic), which an arm's joint cannot; hold it: --lock "
+            f"{place} follows {quote(joint.mimics)} (mimic), which an arm's joint cannot; lock it: --lock "
             f"{shortened(joint.name)}=VALUE, or end before it: --tip {shortened(joint.parent)}"
         )
     if joint.kind not in MOVING:
@@ -441,11 +443,11 @@ def _fail_count(tree: Tree, base: str, tip: str, moving: Sequence[TreeJoint]) ->
     names = [joint.name for joint in moving]
     if not names:
         raise ModelError(
-            f"{tree.file}: nothing moves between {quote(base)} and {quote(tip)}; choose others with --base and --tip"
+            f"{tree.file}: no joint moves between {quote(base)} and {quote(tip)}; choose others with --base and --tip"
         )
     raise ModelError(
         f"{tree.file}: {len(names)} joints move between {quote(base)} and {quote(tip)}: {some(names)}; expected at "
-        f"most {MAX_JOINTS}: hold some with --lock JOINT=VALUE, or begin later or end earlier with --base and --tip"
+        f"most {MAX_JOINTS}: lock some with --lock JOINT=VALUE, or begin later or end earlier with --base and --tip"
     )
 
 
@@ -457,7 +459,7 @@ def _place(name: str) -> str:
 
 
 def _snapped(tree: Tree, joint: TreeJoint, snapping: Snapping) -> TreeJoint:
-    """With exact quarter turns before anything is computed from them."""
+    """The joint with exact quarter turns."""
     where = _place(joint.name)
     axis = snapping.axis(Place(tree.file, where), where, joint.axis) if joint.kind in MOVING else joint.axis
     return replace(joint, origin=snapping.frame(where, joint.origin), axis=axis)
@@ -486,7 +488,7 @@ def _assembled(
 
 
 def _origin(joint: TreeJoint, locked: Mapping[str, float]) -> Frame:
-    """Of the child's frame where the joint is held, or at 0."""
+    """Origin of the child's frame with the joint locked at its value, or at 0."""
     value = locked.get(joint.name, 0.0)
     if not value or joint.kind not in MOVING:
         return joint.origin
@@ -503,8 +505,8 @@ def _carried(
     on_the_way: set[str],
     held: list[str],
 ) -> Iterator[_Carried]:
-    """The links that move rigidly with one, itself first, and where they stand in its frame; `held` gets the moving
-    joints that are held for it."""
+    """The links that move rigidly with a link, itself first, with their poses in its frame. Movable joints that are
+    held fixed for this are appended to `held`."""
     todo = [_Carried(link, Frame(), loose=False)]
     while todo:
         one = todo.pop()
@@ -521,7 +523,7 @@ def _carried(
 
 @dataclass(frozen=True)
 class _Carried:
-    """A link that moves with another; loose: by a joint that could move."""
+    """A link that moves with another. loose: attached by a movable joint."""
 
     link: str
     frame: Frame
@@ -529,7 +531,7 @@ class _Carried:
 
 
 def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[_Carried]) -> ChainJoint:
-    """The bodies of what it carries as one; not known where its own link is drawn, but says nothing of its mass."""
+    """The joint with its links as one body; unknown where its own link has shapes but no stated mass."""
     links = tuple(one.link for one in carried)
     bodies, loose, silent = [], [], []
     for one in carried:
@@ -547,7 +549,7 @@ def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[
     body = together(bodies)
     wrong = impossible_moment(body.inertia)
     if wrong is not None:
-        doubt = f"the inertia of {some(links)} has the principal moment {wrong:.3g} kg m^2, which no body has"
+        doubt = f"the inertia of {some(links)} has the negative principal moment {wrong:.3g} kg m^2"
         return replace(made, body=body, doubt=doubt)
     return replace(made, body=body)
 
@@ -556,7 +558,7 @@ def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[
 
 
 def joints_of(which: Sequence[bool]) -> str:
-    """Which of the arm's joints, in words."""
+    """The selected joints of the arm, in words."""
     return (
         "all joints"
         if all(which) and len(which) > 1
@@ -576,18 +578,18 @@ def _meant(name: str, known: Iterable[str]) -> str:
 
 
 def shortened(name: str) -> str:
-    """A name within a line."""
+    """A name for a message: printable, at most LONGEST letters."""
     return printable(name if len(name) <= LONGEST else f"{name[: LONGEST - 3]}...")
 
 
 def some(names: Sequence[str]) -> str:
-    """Names in a message, not all of very many."""
+    """A list of names for a message, at most LISTED of them."""
     shown = ", ".join(shortened(name) for name in names[:LISTED])
     return shown if len(names) <= LISTED else f"{shown} and {len(names) - LISTED} more"
 
 
 def label_of(name: str) -> str:
-    """A joint's name with only the letters that the model file takes."""
+    """A joint's name with only the characters that a model file allows."""
     return re.sub(r"[^A-Za-z0-9_ .:/()-]", "_", name).lstrip(" .:/()-")[:MAX_LABEL] or "joint"
 
 

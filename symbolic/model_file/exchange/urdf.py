@@ -55,8 +55,10 @@ DYNAMICS = ("damping", "friction")
 
 @dataclass(frozen=True)
 class Reduction:
-    """Turns of a motor a turn of its joint, above 0; by: of which transmission; node: where that stands, with a sign if
-    the motor turns backwards."""
+    """A stated gear ratio (motor turns per joint turn, above 0).
+
+    by     the transmission     node   the element with the number, negative if the motor turns backwards
+    """
 
     by: str
     ratio: float
@@ -66,7 +68,7 @@ class Reduction:
 def urdf_tree(root: XmlNode) -> Tree:
     """The robot that a URDF describes. Raises ModelError."""
     if any(node.tag.startswith("xacro:") for node in root.everything()):
-        root.fail("is a xacro template and no URDF yet; expand it first: xacro FILE > robot.urdf")
+        root.fail("is a xacro template, not a URDF; expand it first: xacro FILE > robot.urdf")
     gears, doubted = reductions(root), _doubted_gears(root)
     links = _named(root, "link", _link)
     if not links:
@@ -80,13 +82,13 @@ def _named(root: XmlNode, tag: str, made: Callable[[XmlNode], Made]) -> dict[str
     for node in root.all(tag):
         name = node.word("name")
         if name in found:
-            node.fail(f"a second <{tag}> is called {quote(name)}; expected a name of its own")
+            node.fail(f"a second <{tag}> is named {quote(name)}; expected unique names")
         found[name] = made(node)
     return found
 
 
 def _frame(node: XmlNode) -> Frame:
-    """<origin> of an element; where it is left out, the frame itself."""
+    """<origin> of an element; identity if it is missing."""
     origin = node.first("origin")
     if origin is None:
         return Frame()
@@ -111,7 +113,7 @@ def _body(inertial: XmlNode) -> StatedBody:
 
 
 def _moment(stated: XmlNode, key: str) -> float:
-    """Of an inertia; a product that is left out is 0, a moment that is left out nobody knows."""
+    """An entry of an inertia; missing products are 0, missing moments are an error."""
     return stated.number(key, None if key[1] == key[2] else 0.0)
 
 
@@ -140,7 +142,7 @@ def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Map
 
 
 def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, float | None, float | None]:
-    """Position, speed and torque; what is 0, infinite or as good as infinite is no limit."""
+    """Limits of position, speed and torque; 0, infinite or huge values are no limits."""
     low, high = (limit.bound(key) or 0.0 for key in ("lower", "upper"))
     bounded = kind in ("revolute", "prismatic") and low < high and max(-low, high) < FREE
     endless = any(limit.attributes.get(key) is not None and limit.bound(key) is None for key in ("lower", "upper"))
@@ -153,7 +155,7 @@ def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, floa
 
 
 def _doubts(limit: XmlNode) -> Iterator[str]:
-    """What of <limit> cannot be one."""
+    """Impossible values of <limit>."""
     low, high = (limit.bound(key) for key in ("lower", "upper"))
     if low is not None and high is not None and low > high:
         yield f"its lower limit {low:g} is above the upper one, {high:g}"
@@ -164,7 +166,7 @@ def _doubts(limit: XmlNode) -> Iterator[str]:
 
 
 def reductions(root: XmlNode) -> dict[str, list[Reduction]]:
-    """What the <transmission>s of a single joint state of its gears, by the joint's name."""
+    """Gear ratios from the <transmission>s that drive a single joint, by the joint's name."""
     found: dict[str, list[Reduction]] = {}
     for by, names, stated in _transmissions(root):
         for node in stated if len(names) == 1 else ():
@@ -174,14 +176,14 @@ def reductions(root: XmlNode) -> dict[str, list[Reduction]]:
 
 
 def _ratio(reduction: XmlNode) -> float:
-    """The number that stands in it, without its sign."""
+    """The ratio without its sign."""
     read = XmlNode(reduction.tag, {"value": reduction.text.strip()}, reduction.file, reduction.line)
     return abs(read.number("value"))
 
 
 def _doubted_gears(root: XmlNode) -> dict[str, list[str]]:
-    """What is stated and not taken, by the joint's name: gears of 0, and of motors that move the joint together with
-    others, as those of a differential do."""
+    """Rejected gear ratios by the joint's name: ratios of 0, and those of transmissions with several joints, such as
+    differentials."""
     found: dict[str, list[str]] = {}
     for by, names, stated in _transmissions(root):
         if len(names) == 1 and any(_ratio(node) == 0 for node in stated):
@@ -193,7 +195,7 @@ def _doubted_gears(root: XmlNode) -> dict[str, list[str]]:
 
 
 def _transmissions(root: XmlNode) -> Iterator[tuple[str, list[str], list[XmlNode]]]:
-    """What each <transmission> is called, its joints, and the elements of its reductions."""
+    """Name, joints and reduction elements of each <transmission>."""
     for transmission in root.deep("transmission"):
         names = dict.fromkeys(node.attributes.get("name", "") for node in transmission.deep("joint"))
         stated = [node for tag in REDUCTIONS for node in transmission.deep(tag) if node.text.strip()]
@@ -201,14 +203,14 @@ def _transmissions(root: XmlNode) -> Iterator[tuple[str, list[str], list[XmlNode
 
 
 Stated = float | tuple[float, float] | None
-"""A limit or a ratio."""
+"""A limit or a ratio, as a file states it."""
 SAME_PLACE = 1e-6
-"""m, and of a rotation's entries; a joint of the file that is off by more stands elsewhere than that of the model."""
+"""Tolerance for equal poses: m, and entries of a rotation matrix."""
 
 
 @dataclass(frozen=True)
 class _Edit:
-    """Bytes start to end of the file are replaced."""
+    """Replaces the bytes start to end of the file."""
 
     start: int
     end: int
@@ -217,17 +219,18 @@ class _Edit:
 
 @dataclass(frozen=True)
 class Rewritten:
-    """The bytes of a file into which a model was written; kept: what it says otherwise than the model, an item each."""
+    """A file into which a model was written. kept: its statements that differ from the model, an item each."""
 
     data: bytes
     kept: tuple[str, ...]
 
 
 def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
-    """The file with the model's bodies, friction and gears at the joints of the same names; what is fixed to a link of
-    the arm is part of its body, and loses its own. What hangs on joints off its way, such as fingers, keeps its own.
+    """Write the model's bodies, friction and gear ratios into a URDF, at the joints of the same names.
 
-    Raises ModelError: no such joint, one that stands elsewhere, or a body lighter than what hangs on it.
+    Links fixed to a link of the arm become part of its body and lose their own inertia; links on other movable joints,
+    such as fingers, keep theirs. Raises ModelError: no such joint, a joint with another pose, or a body that is lighter
+    than the links attached to it.
     """
     root = xml_file.read(path)
     if root.tag != "robot":
@@ -261,9 +264,9 @@ def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
 
 
 def _without_loose(tree: Tree, stated: ChainJoint, body: StatedBody) -> StatedBody:
-    """Of a body that the model has, what is left beside those that move by joints of their own, held where they are 0.
+    """The model's body minus the links attached by movable joints, at joint position 0.
 
-    Raises ModelError where that is no body.
+    Raises ModelError if the remainder is not a possible body.
     """
     loose = stated.loose_body
     if loose.is_nothing:
@@ -273,19 +276,19 @@ def _without_loose(tree: Tree, stated: ChainJoint, body: StatedBody) -> StatedBo
     made = body_of(left) if left[0] > 0 else NOTHING
     if made.mass <= 0 or impossible_moment(made.inertia) is not None:
         raise ModelError(
-            f"{tree.file}: joint {quote(stated.joint.name)}: beside what hangs there by joints of its own "
-            f"({some(stated.loose)}; {loose.mass:.4g} kg) no body is left of the model's {body.mass:.4g} kg; "
-            "leave --onto out"
+            f"{tree.file}: joint {quote(stated.joint.name)}: the links attached there by movable joints "
+            f"({some(stated.loose)}; {loose.mass:.4g} kg) leave no possible body of the model's {body.mass:.4g} kg; "
+            "export without --onto"
         )
     return made
 
 
 def _is_body(stated: StatedBody | None, body: StatedBody) -> bool:
-    """Whether what a file states of a link is the model's body, but for the digits to which models are written."""
+    """Whether a link's stated body equals the model's, up to the digits that model files have."""
     if stated is None:
         return False
     there, own = parameters(stated), parameters(body)
-    # Mass, its moments and inertias, each beside the largest of its kind.
+    # Mass, first moments and inertias, each relative to the largest of its kind.
     return all(
         max(abs(a - b) for a, b in zip(there[kind], own[kind], strict=True)) <= SAME_NUMBER * max(map(abs, own[kind]))
         for kind in (slice(1), slice(1, 4), slice(4, None))
@@ -293,7 +296,7 @@ def _is_body(stated: StatedBody | None, body: StatedBody) -> bool:
 
 
 def _is_dynamics(there: XmlNode | None, wanted: Mapping[str, str]) -> bool:
-    """Whether <dynamics> says what is wanted, in whatever digits."""
+    """Whether <dynamics> already states the wanted numbers."""
     if there is None or there.attributes.keys() != wanted.keys():
         return False
     return all(
@@ -306,8 +309,7 @@ def _element(tag: str, attributes: Mapping[str, str]) -> str:
 
 
 def _dynamics(there: XmlNode, joint: ExportedJoint) -> dict[str, str]:
-    """What <dynamics> of a joint says: with what the model does not know, and with what other programs read, as it
-    was."""
+    """Attributes of <dynamics>: the model's values; attributes that are unknown to the model stay as they are."""
     before = there.first("dynamics")
     attributes = {} if before is None else dict(before.attributes)
     for word in WORDS["urdf"]:
@@ -317,7 +319,7 @@ def _dynamics(there: XmlNode, joint: ExportedJoint) -> dict[str, str]:
 
 
 def _geared(data: bytes, stated: Sequence[Reduction], ratio: float) -> Iterator[_Edit]:
-    """Another ratio in what transmissions state; the sign, the motor's direction, stays."""
+    """Edits that set the ratio of transmissions; the sign, which is the motor's direction, stays."""
     for one in stated:
         if not _equal(one.ratio, ratio):
             sign = "-" if one.node.text.strip().startswith("-") else ""
@@ -325,7 +327,7 @@ def _geared(data: bytes, stated: Sequence[Reduction], ratio: float) -> Iterator[
 
 
 def _kept(found: TreeChain, made: ExportedArm) -> Iterator[str]:
-    """What of the file stays otherwise than the model has it."""
+    """Statements of the file that differ from the model and are kept."""
     pairs = [(there.joint, own.joint) for there, own in zip(found.joints, made.joints, strict=True)]
     unstated = [not there.gears and own.gear_ratio != 1 for there, own in pairs]
     if any(unstated):
@@ -340,11 +342,11 @@ def _kept(found: TreeChain, made: ExportedArm) -> Iterator[str]:
 
 
 SAME_NUMBER = 10.0 ** -(DIGITS - 1)
-"""Part of a number that is rounded away where a model is written."""
+"""Relative tolerance for equal numbers: model files have DIGITS digits."""
 
 
 def _equal(left: Stated, right: Stated) -> bool:
-    """Whether two numbers, or two pairs of them, are one but for rounding; or nothing is stated twice."""
+    """Whether two numbers or pairs are equal up to rounding, or both None."""
     if left is None or right is None:
         return left is right
     ends = [[end] if isinstance(end, float) else end for end in (left, right)]
@@ -352,11 +354,11 @@ def _equal(left: Stated, right: Stated) -> bool:
 
 
 _TAG = re.compile(rb"""<[^"'>]*(?:"[^"]*"[^"'>]*|'[^']*'[^"'>]*)*>""")
-"""A tag from its bracket to its bracket, whatever stands in its attributes."""
+"""A whole tag, with any attributes."""
 
 
 def _put(data: bytes, node: XmlNode, tag: str, text: str) -> _Edit:
-    """The element `tag` in a node is `text`, in place of the one that is there, or else at its beginning."""
+    """An edit that replaces the child element `tag` by `text`, or inserts it at the beginning."""
     there = node.first(tag)
     if there is not None:
         return _Edit(there.start, _end(data, there), text)
@@ -377,23 +379,23 @@ def _tag_end(data: bytes, start: int) -> int:
 
 
 def _end(data: bytes, node: XmlNode) -> int:
-    """Behind an element."""
+    """The offset after an element."""
     return _tag_end(data, node.start if _is_empty(data, node) else node.close)
 
 
 def _is_empty(data: bytes, node: XmlNode) -> bool:
-    """Whether it is one tag that opens and closes."""
+    """Whether the element is a self-closing tag."""
     end = _tag_end(data, node.start)
     return data[end - 2 : end] == b"/>"
 
 
 def _chain(tree: Tree, made: ExportedArm) -> TreeChain:
-    """The file's arm from the first to the last of the model's joints; others in between are held where they are 0."""
+    """The file's chain from the first to the last of the model's joints; other joints in between are locked at 0."""
     by_label = {label_of(joint.name): joint for joint in tree.joints.values()}
     own: list[TreeJoint] = []
     for joint in made.joints:
         if joint.name not in by_label:
-            raise ModelError(f"{tree.file}: no joint is called {quote(joint.name)}, as one of the model is")
+            raise ModelError(f"{tree.file}: has no joint {quote(joint.name)}, which the model has")
         own.append(by_label[joint.name])
     names = {joint.name for joint in own}
     way = list(_down(tree, own[-1].child))
@@ -402,7 +404,7 @@ def _chain(tree: Tree, made: ExportedArm) -> TreeChain:
 
 
 def _down(tree: Tree, link: str) -> Iterator[TreeJoint]:
-    """The joints from a link to the bottom of all."""
+    """The joints from a link down to the root."""
     above = tree.above()
     while link in above:
         yield above[link]
@@ -410,20 +412,24 @@ def _down(tree: Tree, link: str) -> Iterator[TreeJoint]:
 
 
 def _check_places(tree: Tree, found: TreeChain, made: ExportedArm) -> None:
-    """Every joint but the first, whose base may be another, stands where the model has it."""
+    """Every joint must have the model's pose, except for the first, whose base may differ. Raises ModelError."""
     if len(found.joints) != len(made.joints):
-        raise ModelError(f"{tree.file}: its joints stand in another order than the model's")
+        raise ModelError(f"{tree.file}: its joints are in another order than the model's")
     for k, (there, own) in enumerate(zip(found.joints, made.joints, strict=True)):
         if there.joint.name != own.name and label_of(there.joint.name) != own.name:
-            raise ModelError(f"{tree.file}: joint {quote(own.name)} comes elsewhere in the chain than in the model")
+            raise ModelError(
+                f"{tree.file}: joint {quote(own.name)} has another position in the chain than in the model"
+            )
         if k > 0 and not _same(there.origin.xyz, own.joint.origin.xyz):
-            raise ModelError(f"{tree.file}: joint {quote(own.name)} stands elsewhere than in the model: another arm?")
+            raise ModelError(f"{tree.file}: joint {quote(own.name)} has another origin than in the model: another arm?")
         if there.type != own.joint.type or not _same(_direction(there.joint.axis), _direction(own.joint.axis)):
-            raise ModelError(f"{tree.file}: joint {quote(own.name)} moves otherwise than in the model: another arm?")
+            raise ModelError(
+                f"{tree.file}: joint {quote(own.name)} has another type or axis than in the model: another arm?"
+            )
         left, right = (rotation(frame.rpy) for frame in (there.origin, own.joint.origin))
         if k > 0 and not all(_same(a, b) for a, b in zip(left, right, strict=True)):
             raise ModelError(
-                f"{tree.file}: joint {quote(own.name)} is turned otherwise than in the model: another arm?"
+                f"{tree.file}: joint {quote(own.name)} has another rotation than in the model: another arm?"
             )
 
 

@@ -1,4 +1,4 @@
-"""XML of strangers read within bounds: no entities, no endless files, no depths, and a line for every error."""
+"""Untrusted XML, read with limits: no entities; bounded size, elements and depth; errors with line numbers."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from symbolic.model_file.checks import ModelError, printable, quote, read_bytes
 MAX_BYTES = 16_000_000
 MAX_ELEMENTS = 50_000
 MAX_DEPTH = 64
-"""What no description of a robot needs: the largest of example-robot-data has 0.3 MB, 4,000 elements, and 60 levels
-where MJCF nests a humanoid's bodies."""
+"""Limits above what robots need: the largest file of example-robot-data has 0.3 MB, 4,000 elements and 60 levels."""
 MAX_TEXT = 1000
-"""Characters between tags that are kept: numbers of transmissions."""
+"""Characters of text kept for an element; only transmissions' numbers are used."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|infinity|nan)", re.ASCII | re.IGNORECASE)
 
 
 @dataclass
 class XmlNode:
-    """An element: its tag, its attributes, what stands in it, and where: the line, and the bytes at which its tag
-    and, if it has one, its closing tag begin."""
+    """An XML element with its location.
+
+    start, close   byte offsets of its tag and of its closing tag, if it has one
+    """
 
     tag: str
     attributes: Mapping[str, str]
@@ -41,15 +42,15 @@ class XmlNode:
         raise ModelError(f"{self.file} line {self.line}: {message}")
 
     def all(self, tag: str) -> Iterator[XmlNode]:
-        """Those right in it with this tag."""
+        """The child elements with this tag."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> XmlNode | None:
-        """The first element of this tag directly inside, None without any."""
+        """The first child element with this tag, or None."""
         return next(self.all(tag), None)
 
     def everything(self) -> Iterator[XmlNode]:
-        """All elements in it, from the top."""
+        """All descendants, in document order."""
         todo = [*reversed(self.children)]
         while todo:
             node = todo.pop()
@@ -57,25 +58,25 @@ class XmlNode:
             todo += reversed(node.children)
 
     def deep(self, tag: str) -> Iterator[XmlNode]:
-        """Those anywhere in it with this tag."""
+        """The descendants with this tag."""
         return (node for node in self.everything() if node.tag == tag)
 
     def needed(self, tag: str) -> XmlNode:
-        """The first element of this tag directly inside. Raises ModelError without any."""
+        """The first child element with this tag. Raises ModelError if there is none."""
         found = self.first(tag)
         if found is None:
             self.fail(f"<{self.tag}> has no <{tag}>; expected one")
         return found
 
     def word(self, key: str) -> str:
-        """An attribute that must be there and say something."""
+        """An attribute that must not be missing or empty."""
         value = self.attributes.get(key, "")
         if not value.strip():
             self.fail(f'<{self.tag}> has no {key}; expected {key}="..."')
         return value
 
     def numbers(self, key: str, count: int, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-        """An attribute of that many numbers, all finite."""
+        """An attribute of `count` finite numbers."""
         if key not in self.attributes and default is not None:
             return default
         words = self.word(key).split()
@@ -88,11 +89,11 @@ class XmlNode:
         return values
 
     def number(self, key: str, default: float | None = None) -> float:
-        """The number in an attribute, or `default` where it is not there. Raises ModelError."""
+        """The number in an attribute, or `default` if it is missing. Raises ModelError."""
         return self.numbers(key, 1, None if default is None else (default,))[0]
 
     def bound(self, key: str) -> float | None:
-        """A limit, where there is one; an infinite one is none."""
+        """A limit; None if it is missing or infinite."""
         word = self.attributes.get(key, "").strip()
         if word.lower().lstrip("+-") in ("inf", "infinity"):
             return None
@@ -100,16 +101,13 @@ class XmlNode:
 
 
 def read(path: Path) -> XmlNode:
-    """The root of an XML file.
-
-    Raises ModelError: no such file, no XML, an entity, too many bytes, elements or levels.
-    """
+    """The root of an XML file. Raises ModelError: no such file, not XML, an entity, or a limit exceeded."""
     data = read_bytes(path, MAX_BYTES, "a URDF or MJCF file")
     return parsed(data, printable(str(path)))
 
 
 def parsed(data: bytes, name: str) -> XmlNode:
-    """The root of a document; `name` is the file's, for messages. Raises ModelError."""
+    """The root of a document. name: the file's, for messages. Raises ModelError."""
     builder = _Builder(name)
     try:
         builder.parser.Parse(data, True)
@@ -125,14 +123,14 @@ def parsed(data: bytes, name: str) -> XmlNode:
 
 
 PACKED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"\xfd7zXZ": "xz"}
-"""How files begin that hold others."""
+"""First bytes of compressed files."""
 
 
 def _no_text(data: bytes, at: int) -> str:
-    """Why the byte at which a parser stopped is no letter; "" where it is one."""
+    """Why the byte at which the parser stopped is not text; "" if it is."""
     packed = next((kind for start, kind in PACKED.items() if data.startswith(start)), None)
     if packed is not None:
-        return f"it is packed ({packed}); unpack it first"
+        return f"the file is compressed ({packed}); decompress it first"
     try:
         data[at : at + 4].decode("utf-8")
     except UnicodeDecodeError as error:
@@ -142,7 +140,7 @@ def _no_text(data: bytes, at: int) -> str:
 
 
 class _Builder:
-    """Elements into nodes, counted."""
+    """Builds XmlNodes from parser events, with limits."""
 
     def __init__(self, file: str) -> None:
         self.file, self.count, self.open = file, 0, [XmlNode("", {}, file, 0)]
@@ -179,4 +177,4 @@ class _Builder:
             node.text += text[:MAX_TEXT]
 
     def entity(self, *_: Any) -> NoReturn:
-        self.fail("declares an entity, which no robot needs; take the document type out and write what it stands for")
+        self.fail("declares an entity, which is not allowed; remove the document type and write the entity's content")

@@ -297,7 +297,7 @@ TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
     ),
     "spring's key": (
         lambda d: d["springs"][0].update(force=1.0),
-        'spring 1: unknown key "force"; the nearest known one is "',
+        'spring 1: unknown key "force"; the closest known one is "',
     ),
     "less of a spring": (lambda d: d["springs"][0].pop("stiffness"), 'spring 1: missing key "stiffness"'),
     "two springs": (

@@ -121,7 +121,7 @@ def test_a_file_may_be_called_anything(tmp_path: Path) -> None:
     assert imported(tmp_path / "arm.mjcf", DECLARED).arm == read(tmp_path, ARM).arm
     (tmp_path / "part.xml").write_text("<mujoco/>")
     (tmp_path / "whole.mjcf").write_text(ARM.replace("<default>", '<include file="part.xml"/><default>'))
-    with pytest.raises(ModelError, match=r"whole\.mjcf line 4: <include> of another file .* ends in \.xml alone"):
+    with pytest.raises(ModelError, match=r"whole\.mjcf line 4: <include> of another file .* ends in \.xml"):
         imported(tmp_path / "whole.mjcf", DECLARED)
 
 
@@ -203,13 +203,13 @@ def test_gears_of_one_joint_that_differ_are_named_and_none_is_taken(tmp_path: Pa
     said = [[note for note in made.notes if note.startswith("gear_ratio of joint 1:")] for made in beside.values()]
     assert said == [
         [
-            "gear_ratio of joint 1: the file's differ (50 of actuator m, 80 of actuator second): none is taken, 1 "
-            "stands for it; ripple, encoders and currents need the true one"
+            "gear_ratio of joint 1: the file states different ones (50 of actuator m, 80 of actuator second): set to "
+            "1; ripple, encoders and currents need the true one"
         ],
         [],
         [],
     ]
-    assert "not known: the file's differ (50 of actuator m, 80 of actuator second)" in beside["80"].text
+    assert "unknown: the file states different ones (50 of actuator m, 80 of actuator second)" in beside["80"].text
 
 
 def test_a_joint_is_limited_where_all_that_move_it_are(tmp_path: Path) -> None:
@@ -229,15 +229,15 @@ def test_an_armature_that_is_one_number_everywhere_is_said(tmp_path: Path) -> No
 def test_gravity_may_be_switched_off(tmp_path: Path) -> None:
     made = read(tmp_path, ARM.replace('"0 0 -9.8"/>', '"0 0 -9.8"><flag gravity="disable"/></option>'))
     assert made.arm.gravity == (0.0, 0.0, 0.0)
-    assert any("gravity is switched off" in note for note in made.notes)
+    assert any("gravity is disabled" in note for note in made.notes)
 
 
 @pytest.mark.parametrize(
     ("put", "note"),
     [
         (("<option ", '<option density="1.2" '), "the drag of air or water"),
-        (('damping="0.5"', 'damping="0.5 0.1"'), "damping of more than one number: what grows with the first power"),
-        (('stiffness="3"', 'stiffness="3 1"'), "stiffness of more than one number"),
+        (('damping="0.5"', 'damping="0.5 0.1"'), "damping is a polynomial: its linear coefficient is used"),
+        (('stiffness="3"', 'stiffness="3 1"'), "stiffness is a polynomial"),
     ],
 )
 def test_what_an_arm_has_not_is_said(tmp_path: Path, put: tuple[str, str], note: str) -> None:

@@ -71,7 +71,7 @@ def test_optional_keys():
 def test_every_drive_has_an_id_of_its_own():
     drives = [f"{JOINT}[joint.drive]\nnode = {node}\n" for node in (3, 4, 3)]
     assert said(f'name = "a"\ngravity = [0, 0]\n{"".join(drives)}') == (
-        "arm.toml: joint 3: drive: node 3 is the drive of joint 1 already; expected an id of its own"
+        "arm.toml: joint 3: drive: node 3 is already the drive of joint 1; expected another id"
     )
 
 
@@ -90,7 +90,7 @@ def test_the_message_of_the_design():
     ("old", "new", "expected"),
     [
         ("gravity =", "gravty =", 'arm.toml: unknown key "gravty"; did you mean "gravity"?'),
-        ("gear_ratio", "zzz", 'arm.toml: joint 1: unknown key "zzz"; the nearest known one is'),
+        ("gear_ratio", "zzz", 'arm.toml: joint 1: unknown key "zzz"; the closest known one is'),
         ("mass = 2.0", "mas = 2.0", 'arm.toml: joint 1: link: unknown key "mas"; did you mean "mass"?'),
         ("gear_ratio = 100\n", "", 'arm.toml: joint 1: missing key "gear_ratio"; needed are'),
         ("length = 0.3\n", "", 'arm.toml: joint 1: link: missing key "length"'),
@@ -194,8 +194,8 @@ def test_mistakes(old: str, new: str, expected: str):
         ("None", "word of C"),
         ("__arm", "reserved"),
         ("_Arm", "reserved"),
-        ("effects", "taken by the generated files"),
-        ("tendon_lugre", "taken by the generated files"),
+        ("effects", "reserved for the toolkit"),
+        ("tendon_lugre", "reserved for the toolkit"),
         ("a" * 41, "41 letters"),
     ],
 )
@@ -223,8 +223,8 @@ def test_an_effect_of_two_joints_needs_a_second():
 def test_every_joint_moves_something():
     still = JOINT.replace("mass = 2.0", "mass = 0").replace("inertia = 0.05", "inertia = 0").replace("0.1", "0.0")
     head = 'name = "a"\ngravity = [0, 0]\n'
-    assert "joint 1: moves no inertia at all" in said(head + still)
-    assert "joint 2: moves no inertia at all" in said(head + JOINT + still)
+    assert "joint 1: moves no inertia;" in said(head + still)
+    assert "joint 2: moves no inertia;" in said(head + JOINT + still)
     assert reader.parse(head + still + JOINT, "a").joints[0].rotor_inertia == 0  # the second link moves with it
     point = still.replace("mass = 0", "mass = 1").replace("com = [0.2, 0.01]", "com = [0, 0]")
     assert "moves no inertia" in said(head + point)  # a point mass on the axis

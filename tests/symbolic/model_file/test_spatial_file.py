@@ -119,7 +119,7 @@ def test_a_planar_file_stays_planar_and_its_joints_may_have_names() -> None:
         ('name = "shoulder_pan"', 'name = ""', 'joint 1: name "": expected letters'),
         ('name = "shoulder_pan"', f'name = "{"a" * 61}"', "has 61 letters; expected at most 60"),
         ('name = "shoulder_pan"', "name = 1", "joint 1: name is 1; expected a text"),
-        ('name = "shoulder_pan"', 'name = "elbow-1.left/a"', 'joint 2: name "elbow-1.left/a" is that of joint 1 alre'),
+        ('name = "shoulder_pan"', 'name = "elbow-1.left/a"', 'joint 2: name "elbow-1.left/a" is already that of'),
         ("mass = 2.0", "mass = -2.0", "joint 1: link: mass is -2; expected a number in kg >= 0"),
         (
             "[0.03, 0.0, -0.004, 0.035, 0.0001, 0.02]",
@@ -170,7 +170,7 @@ def test_an_inertia_that_no_body_has_is_doubted_and_rounded_ones_are_not() -> No
     inertia = "[0.03, 0.0, -0.004, 0.035, 0.0001, 0.02]"
     thin = spatial(GOOD.replace(inertia, "[0.01, 0.0, 0.0, 0.01, 0.0, 0.05]", 1))
     assert len(thin.notes) == 1
-    assert "joint 1: the inertia is that of no body: its principal moments 0.01, 0.01, 0.05 kg m^2" in thin.notes[0]
+    assert "joint 1: no rigid body has this inertia: its principal moments 0.01, 0.01, 0.05 kg m^2" in thin.notes[0]
     rod = spatial(GOOD.replace(inertia, "[0.0100, 0.0, 0.0, 0.01001, 0.0, 0.0]", 1))
     assert rod.notes == ()
 
@@ -180,7 +180,7 @@ def test_every_joint_moves_something() -> None:
         '[[joint]]\ntype = "{}"\nrotor_inertia = 0.0\ngear_ratio = 1\n[joint.link]\nmass = {}\ncom = {}\ninertia = {}\n'
     )
     none, point = [0.0] * 6, joint.format("revolute", 1.0, [0.0, 0.0, 0.5], [0.0] * 6)
-    assert "joint 1: moves no inertia at all" in said(HEAD + point)  # a point mass on the axis
+    assert "joint 1: moves no inertia;" in said(HEAD + point)  # a point mass on the axis
     assert spatial(HEAD + joint.format("prismatic", 1.0, [0.0, 0.0, 0.5], none))
     assert spatial(HEAD + joint.format("revolute", 1.0, [0.0, 0.1, 0.5], none))
     assert spatial(HEAD + joint.format("revolute", 0.0, [0.0] * 3, [0.0, 0.0, 0.0, 0.0, 0.0, 0.1]))

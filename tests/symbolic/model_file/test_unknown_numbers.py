@@ -108,4 +108,7 @@ def test_a_controller_is_not_made_of_numbers_that_nobody_knows() -> None:
 def test_joints_that_lack_the_same_are_named_together() -> None:
     with pytest.raises(ModelError) as caught:
         check_stated("arm", ["J1"], [("rotor_inertia",), ("mass", "com"), (), ("rotor_inertia",)])
-    assert "leaves out (joints 1, 4: rotor_inertia; joint 2: mass, com), and so does not tell J1" in str(caught.value)
+    assert (
+        "leaves out (joints 1, 4: rotor_inertia; joint 2: mass, com); base parameters that depend on them: J1"
+        in str(caught.value)
+    )
