@@ -31,17 +31,17 @@ _SEND = 4096
 
 
 class HostBoard:
-    """A board within this process.
+    """The firmware's state machine in this process.
 
-    directory   of codegen.prepare.prepare_firmware for the host: lib.so
-    _name       of the arm, which is that of other boards' images; the machine has the same names for every arm
-    n           its joints
+    directory   of codegen.prepare.prepare_firmware for the host, with lib.so
+    _name       unused; other boards need the arm's name for their image
+    n           number of joints
     """
 
     def __init__(self, directory: Path, _name: str, n: int) -> None:
         self._library = ctypes.CDLL(str(directory / "lib.so"))
         size = self._function("tendon_machine_size", ctypes.c_uint32)()
-        # Of doubles, so that it is aligned for everything.
+        # Doubles, for alignment.
         self._memory = (ctypes.c_double * (-(-size // 8)))()
         self._receive = self._function("tendon_machine_receive")
         self._step = self._function("tendon_machine_step")
@@ -50,7 +50,7 @@ class HostBoard:
         self._counts: Counts = np.zeros(n, dtype=np.int32)
         self._torque: Float32 = np.zeros(n, dtype=np.float32)
         self._out = (ctypes.c_uint8 * _SEND)()
-        # Pointers made once: a call then costs little more than the C behind it.
+        # Pointers are made once, so that calls are fast.
         self._machine = ctypes.byref(self._memory)
         self._pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (self._counts, self._torque))
         self._function("tendon_machine_start")(self._machine)
@@ -69,7 +69,7 @@ class HostBoard:
         return self._is_enabled(self._machine), self._torque
 
     def close(self) -> None:
-        """Nothing to stop: the memory goes with this object."""
+        """Nothing to close."""
 
     def _function(self, name: str, result: type | None = None) -> ctypes._NamedFuncPointer:
         function = getattr(self._library, name)
@@ -79,11 +79,11 @@ class HostBoard:
 
 _PERIOD_MARK, _ANSWER_MARK = 0xA5, 0x5A
 PATIENCE = 30.0
-"""s of real time that an emulator may take for one answer on a busy machine, before it counts as hung."""
+"""Real time in s that an emulator may take for one answer on a busy computer before it counts as hung."""
 
 
 class PlantLine:
-    """Packets for an arm of n joints."""
+    """The messages between an emulated board and the simulated arm of n joints."""
 
     def __init__(self, n: int) -> None:
         self._question = struct.Struct(f"<B{n}iII")
@@ -94,7 +94,7 @@ class PlantLine:
         return self._question.pack(_PERIOD_MARK, *counts.tolist(), time_us, fault)
 
     def answer(self, data: bytes) -> tuple[bool, Float32]:
-        """Whether the drives are powered, and the torques. Raises LinkLost for anything else."""
+        """Whether the drives are on, and the torques (n,). Raises LinkLost for anything else."""
         if len(data) != self.size or data[0] != _ANSWER_MARK:
             raise LinkLost(f"the emulated board answered {len(data)} bytes to a control period; expected {self.size}")
         return bool(data[1]), np.frombuffer(data, np.dtype("<f4"), offset=self._head.size)
@@ -106,13 +106,14 @@ _SYSTEM, _CPACR, _FPU_ON, _FPEXC_ON = 0xE000_E000, 0xE000_ED88, 0x00F0_0000, 0x4
 _DATA, _STATE, _RECEIVED = 0x00, 0x04, 2
 _NOWHERE = 0xFFFF_FFFE
 _SLEEPS = 100
-"""Times in a row that the image may fall asleep before it has answered."""
+"""How often in a row the image may sleep before it answers."""
 
 
 class UnicornBoard:
-    """A board with the flat image `name`.bin of a directory of codegen.prepare.prepare_firmware; n: joints.
+    """An emulated Cortex-M4F (Unicorn) with the image `name`.bin of a directory of codegen.prepare.prepare_firmware.
 
-    Raises LinkError where the emulator is missing.
+    n   number of joints
+    Raises LinkError if the emulator is not installed.
     """
 
     def __init__(self, directory: Path, name: str, n: int) -> None:
@@ -133,7 +134,7 @@ class UnicornBoard:
         self.cpu.mem_write(_CODE, self.image.read_bytes())
         for place, uart in ((_HOST_UART, self._host), (_PLANT_UART, self._plant)):
             self.cpu.mmio_map(place, _PAGE, uart.load, None, uart.store, None)
-        # The image enables the unit by a register that is mere memory here.
+        # The image enables the FPU by a register that is plain memory in this emulator.
         self.cpu.mem_write(_CPACR, struct.pack("<I", _FPU_ON))
         self.cpu.reg_write(arm_const.UC_ARM_REG_C1_C0_2, _FPU_ON)
         self.cpu.reg_write(arm_const.UC_ARM_REG_FPEXC, _FPEXC_ON)
@@ -163,7 +164,7 @@ class UnicornBoard:
         self._watch.end()
 
     def _run(self) -> None:
-        """Until the image sleeps."""
+        """Runs the image until it sleeps."""
         self._watch.begin()
         try:
             self.cpu.emu_start(self.cpu.reg_read(self._pc) | 1, _NOWHERE)
@@ -175,7 +176,7 @@ class UnicornBoard:
 
 
 class _Uart:
-    """Data and state registers of a UART whose sender is always free."""
+    """Data and state registers of a UART whose transmitter is always free."""
 
     def __init__(self) -> None:
         self.waiting: deque[int] = deque()
@@ -197,7 +198,7 @@ class _Uart:
 
 
 class _Watch:
-    """Ends an emulation that does not sleep by itself: one thread that looks now and then, not a timer for each."""
+    """Stops an emulation that does not sleep: one thread that checks every second, not a timer for each run."""
 
     _LOOK = 1.0
 
@@ -212,7 +213,7 @@ class _Watch:
         self._running = True
 
     def expired(self) -> bool:
-        """After a run: whether it was ended from here."""
+        """After a run: whether the watch stopped it."""
         self._running = False
         return self._over
 
@@ -233,21 +234,21 @@ _PROGRAM = "qemu-system-arm"
 _LOG, _WORDS = "log", 300
 _CHUNK = 65_536
 _ANSWER_WAIT = 1.0
-"""s of real time that an answer to the host may take: it comes beside the control periods, not in them."""
+"""Real time in s for an answer to the host, which arrives independently of the control periods."""
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 
 
 class QemuBoard:
-    """A board with the image `name`.elf of a directory of codegen.prepare.prepare_firmware; n: joints.
+    """A board emulated by QEMU with the image `name`.elf of a directory of codegen.prepare.prepare_firmware.
 
-    machine   of QEMU: mps2-an386 is a Cortex-M4F, mps2-an500 a Cortex-M7
-    Raises LinkError where QEMU is missing or does not start.
+    n   number of joints     machine   QEMU's board: mps2-an386 has a Cortex-M4F, mps2-an500 a Cortex-M7
+    Raises LinkError if QEMU is not installed or does not start.
     """
 
     def __init__(self, directory: Path, name: str, n: int, machine: str = "mps2-an386") -> None:
         program = shutil.which(_PROGRAM)
         if program is None:
-            raise LinkError(f"--on qemu needs {_PROGRAM}, which is not here: apt install qemu-system-arm")
+            raise LinkError(f"--on qemu needs {_PROGRAM}, which is not installed: apt install qemu-system-arm")
         self._line = PlantLine(n)
         self._codec = Codec.from_json(directory / "protocol.json")
         self._owed: set[int] = set()
@@ -266,23 +267,22 @@ class QemuBoard:
         self._owed |= {message.sequence for message in self._messages(data)}
 
     def send(self) -> bytes:
-        """All that has come: whole frames, and the answers to what was asked.
+        """All bytes for the host: whole frames, and the answers to the host's commands.
 
-        They come by a line of their own, beside the control periods: without waiting for them it would be chance
-        whether a period passes in between.
+        They arrive independently of the control periods. Waiting for them makes runs reproducible.
         """
         data = self._taken(0.0)
         while self._waits(data):
             more = self._taken(_ANSWER_WAIT)
             if not more:
-                # What was asked has been lost on its way.
+                # The command was lost.
                 self._owed.clear()
                 break
             data += more
         return data
 
     def _waits(self, data: bytes) -> bool:
-        """Whether more has to come after `data`."""
+        """Whether answers or the rest of a frame are missing after `data`."""
         if self._owed:
             self._owed -= {m.values["sequence"] for m in self._messages(data) if m.name == "ack"}
         return bool(self._owed) or (data != b"" and not data.endswith(DELIMITER))
@@ -308,7 +308,7 @@ class QemuBoard:
         with (Path(self._place.name) / _LOG).open("wb") as errors, contextlib.ExitStack() as stack:
             for line in listening:
                 stack.callback(line.close)
-            # A session of its own: Ctrl-C is for us to hear, who stop the arm first.
+            # In a session of its own, so that Ctrl-C reaches only this process, which stops the arm first.
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -318,7 +318,7 @@ class QemuBoard:
                 preexec_fn=_die_with_parent,
             )
             for line in listening:
-                # One by one, so that the first is closed where no second comes.
+                # Appended one by one, so that close() finds the first if the second fails.
                 self._sockets.append(self._accepted(line))
 
     def _accepted(self, listening: socket.socket) -> socket.socket:
@@ -328,7 +328,7 @@ class QemuBoard:
             with contextlib.suppress(TimeoutError):
                 line, _ = listening.accept()
                 return line
-        raise LinkError(f"{_PROGRAM} does not start: {self._last_words() or 'it says nothing'}")
+        raise LinkError(f"{_PROGRAM} does not start: {self._last_words() or 'it prints nothing'}")
 
     def _put(self, line: socket.socket, data: bytes) -> None:
         line.settimeout(PATIENCE)
@@ -338,7 +338,7 @@ class QemuBoard:
             raise self._gone() from error
 
     def _taken(self, timeout: float) -> bytes:
-        """What the board has said to the host; b"" if nothing comes in time."""
+        """Bytes from the board to the host; b"" if none arrive in time."""
         try:
             return self._received(self._host, _CHUNK, timeout)
         except (BlockingIOError, TimeoutError):
@@ -354,7 +354,7 @@ class QemuBoard:
             try:
                 found += self._received(self._plant, self._line.size - len(found), PATIENCE)
             except TimeoutError as error:
-                raise LinkLost(f"the emulated board has not answered for {PATIENCE:g} s; it hangs") from error
+                raise LinkLost(f"the emulated board has not answered for {PATIENCE:g} s") from error
         return found
 
     def _received(self, line: socket.socket, most: int, timeout: float) -> bytes:
@@ -387,6 +387,6 @@ _LIBC = ctypes.CDLL(None)
 
 
 def _die_with_parent() -> None:
-    """In the child, before it becomes QEMU: no emulator is left behind by a parent that was killed. Linux can."""
+    """Called in the child before it becomes QEMU: on Linux, the emulator ends when its parent is killed."""
     if sys.platform == "linux":
         _LIBC.prctl(_DIE_WITH_PARENT, signal.SIGKILL)

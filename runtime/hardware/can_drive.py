@@ -19,7 +19,7 @@ from runtime.model.loader import JointInfo
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry of a drive's object dictionary; `form` as in `struct`."""
+    """An entry of a drive's object dictionary; `form`: its type as in `struct`."""
 
     index: int
     sub: int
@@ -30,12 +30,12 @@ class Entry:
         return struct.pack(f"<{self.form}", value)
 
     def unpack(self, data: bytes) -> int:
-        """Some drives answer with more bytes than the entry has. Raises struct.error for fewer."""
+        """Accepts more bytes than the entry has, as some drives send. Raises struct.error for fewer."""
         return int(struct.unpack_from(f"<{self.form}", data)[0])
 
     @property
     def mapping(self) -> int:
-        """How a PDO's mapping (0x1600, 0x1A00) names it: index, subindex, bits."""
+        """Its value in a PDO's mapping (0x1600, 0x1A00): index, subindex, bits."""
         return self.index << 16 | self.sub << 8 | 8 * struct.calcsize(f"<{self.form}")
 
     def __str__(self) -> str:
@@ -44,7 +44,7 @@ class Entry:
 
 DEVICE_TYPE = Entry(0x1000, 0, "I", "device type")
 PROFILE = 402
-"""In the lower half of a drive's device type."""
+"""Lower half of a drive's device type."""
 ERROR_CODE = Entry(0x603F, 0, "H", "error code")
 CONTROLWORD = Entry(0x6040, 0, "H", "controlword")
 STATUSWORD = Entry(0x6041, 0, "H", "statusword")
@@ -65,14 +65,14 @@ PERIOD = Entry(0x60C2, 1, "B", "interpolation time period")
 PERIOD_EXPONENT = Entry(0x60C2, 2, "b", "interpolation time index")
 ON_LOST_HOST = Entry(0x6007, 0, "h", "abort connection option code")
 DISABLE_VOLTAGE_THEN = 2
-"""Value of ON_LOST_HOST: a drive that misses its computer takes the voltage off the motor."""
+"""Value of ON_LOST_HOST: a drive that misses the computer's heartbeat switches off its power stage."""
 
 
 # --- states ---
 
 
 class DriveState(Enum):
-    """Of a drive, in the standard's words."""
+    """States of a drive, in the standard's words."""
 
     NOT_READY = "not ready to switch on"
     SWITCH_ON_DISABLED = "switch on disabled"
@@ -95,26 +95,24 @@ _STATES = (
     (0x4F, 0x0F, DriveState.FAULT_REACTION),
     (0x4F, 0x08, DriveState.FAULT),
 )
-"""Bits of the statusword that tell the state, and what they are in it."""
+"""Mask and bits of the statusword for each state."""
 
 POWERLESS = frozenset({DriveState.NOT_READY, DriveState.SWITCH_ON_DISABLED, DriveState.READY, DriveState.FAULT})
-"""States in which the power stage is off: no torque, whatever was asked for."""
+"""States in which the power stage is off, so that there is no torque."""
 _LIMIT_BIT = 1 << 11
 
 
 def state_of(statusword: int) -> DriveState:
-    """What a statusword says."""
+    """The state in a statusword."""
     return next((state for mask, bits, state in _STATES if statusword & mask == bits), DriveState.UNKNOWN)
 
 
 def limited(statusword: int) -> bool:
-    """Whether the drive holds back because of a limit of its own (of current, of heat)."""
+    """Whether the drive limits its torque, because of its current or temperature."""
     return bool(statusword & _LIMIT_BIT)
 
 
 class Controlword(IntEnum):
-    """Controlwords."""
-
     DISABLE_VOLTAGE = 0x00
     QUICK_STOP = 0x02
     SHUTDOWN = 0x06
@@ -132,10 +130,10 @@ _TOWARDS_ENABLED = {
 
 
 def towards_enabled(state: DriveState, before: Controlword) -> Controlword:
-    """The next controlword on the way to operation enabled; `before`: the one that was sent last.
+    """The next controlword on the way to operation enabled. before: the last one sent.
 
-    A fault is reset by a rising edge of its bit, so two words take turns. States that a drive leaves by itself, and
-    a quick stop, are met with voltage off.
+    A fault is reset by a rising edge of its bit, so that reset and disable voltage alternate. Disable voltage is also
+    the answer to a quick stop and to states that a drive leaves by itself.
     """
     if state is DriveState.FAULT and before is not Controlword.FAULT_RESET:
         return Controlword.FAULT_RESET
@@ -145,17 +143,17 @@ def towards_enabled(state: DriveState, before: Controlword) -> Controlword:
 # --- torque ---
 
 _LARGEST = 32767
-"""Per mille that the target torque's 16 bits hold; the motor's sign may turn, so to either side."""
+"""Largest target torque in per mille, 16 bits, in either direction."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Between a joint's torque and a drive's target torque.
+    """Conversion between a joint's torque and a drive's target torque.
 
     gear_ratio     turns of the motor per turn (rad per m) of the joint
-    direction      1, or −1 where the motor turns against the joint
-    rated_torque   of the motor, N m: what 1000 per mille are
-    max_torque     per mille that the drive lets through
+    direction      1, or −1 if the motor turns against the joint
+    rated_torque   of the motor in N m, 1000 per mille
+    max_torque     the drive's limit in per mille
     """
 
     gear_ratio: float
@@ -165,27 +163,24 @@ class Scale:
 
     @property
     def resolution(self) -> float:
-        """N m (N) at the joint of one per mille: commands are rounded to it."""
+        """Torque at the joint of one per mille, N m or N; commands are rounded to it."""
         return self.gear_ratio * self.rated_torque / 1000.0
 
     @property
     def largest(self) -> float:
-        """N m (N) at the joint that can be commanded."""
+        """Largest torque at the joint that can be commanded, N m or N."""
         return self.resolution * min(self.max_torque, _LARGEST)
 
     def per_mille(self, torque: float) -> int:
-        """Target torque nearest to `torque` N m (N) at the joint, within what can be commanded.
-
-        Raises ValueError where it is not finite.
-        """
+        """Target torque nearest to `torque` (N m or N) at the joint, clamped. Raises ValueError if it is not finite."""
         if not abs(torque) < float("inf"):
             raise ValueError(f"a torque of {torque} cannot be commanded")
         most = min(self.max_torque, _LARGEST)
-        # Clamped before it is rounded: the ratio may be larger than any integer of the drive.
+        # Clamped before rounding: the ratio may be larger than any integer of the drive.
         return self.direction * round(max(-most, min(most, torque / self.resolution)))
 
     def torque(self, per_mille: int) -> float:
-        """N m (N) at the joint."""
+        """Torque at the joint, N m or N."""
         return self.direction * per_mille * self.resolution
 
 
@@ -265,7 +260,7 @@ _REGISTER = ("generic", "current", "voltage", "temperature", "communication", "p
 
 
 def error_text(code: int) -> str:
-    """An emergency's or the error code's (0x603F) number in words, the most specific that the standards have."""
+    """The code of an emergency or of 0x603F in words, as specific as the standards define it."""
     for mask in (0xFFFF, 0xFFF0, 0xFF00, 0xF000):
         if text := _ERRORS.get(code & mask):
             return f"0x{code:04X}, {text}"
@@ -273,19 +268,19 @@ def error_text(code: int) -> str:
 
 
 def register_text(register: int) -> str:
-    """The error register's bits in words."""
+    """The bits of the error register in words."""
     return ", ".join(word for bit, word in enumerate(_REGISTER) if word and register & 1 << bit)
 
 
 HOST_NODE = 127
-"""Node id of the computer: whose heartbeat the drives watch."""
+"""Node id of the computer, whose heartbeat the drives watch."""
 HOST_LOST = 0.1
-"""s without the computer's heartbeat after which a drive takes the voltage off by itself."""
+"""Time in s without the computer's heartbeat after which a drive switches off."""
 DRIVE_HEARTBEAT = 0.1
-"""s between the drives' own heartbeats: they tell why a drive no longer answers."""
+"""Period in s of the drives' heartbeats, which show why a drive no longer answers."""
 _SDO_TIMEOUT = 1.0  # s
 _TRIES = 20
-"""Readings of the mode until a drive has changed to it."""
+"""How often the mode is read until it has changed."""
 _PDO_OFF = 1 << 31
 _EVERY_SYNC, _AT_ONCE = 1, 255
 """Transmission types of a PDO."""
@@ -297,7 +292,7 @@ _HEARTBEAT = Entry(0x1017, 0, "H", "producer heartbeat time")
 
 @dataclass
 class Answer:
-    """What a drive said last."""
+    """The last answer of a drive."""
 
     statusword: int = 0
     position: int = 0
@@ -310,9 +305,9 @@ class Answer:
 class CanDrive:
     """The drive of a joint (1-based) in a connected canopen.Network.
 
-    spoke    called, by the network's thread, after an answer to a SYNC or a restart
-    heard    whether it has answered the last one
-    misses   how many in a row it had not answered when that was waited for; a late answer ends the row
+    spoke    called by the network's thread after an answer to a SYNC or a restart
+    heard    whether it has answered the last SYNC
+    misses   number of SYNCs in a row that it has not answered in time; a late answer resets it
     """
 
     def __init__(self, network: Any, joint: int, info: JointInfo, spoke: Callable[[], None]) -> None:
@@ -337,10 +332,7 @@ class CanDrive:
     # --- set-up, by SDO ---
 
     def set_up(self, period: float) -> Scale:
-        """Check that it is the drive of this joint, and make it ready for a control period of so many s.
-
-        Raises LinkError.
-        """
+        """Checks that the drive fits the joint, and configures it for a control period in s. Raises LinkError."""
         self._remote.nmt.state = "PRE-OPERATIONAL"
         self._check_kind()
         self._check_counts()
@@ -356,47 +348,47 @@ class CanDrive:
         return scale
 
     def operational(self) -> None:
-        """Begin to answer SYNCs."""
+        """From now on the drive answers SYNCs."""
         self._remote.nmt.state = "OPERATIONAL"
 
     def release(self) -> None:
-        """Watch for this computer no longer: it goes without a fault."""
+        """The drive stops watching this computer, which may then disappear without a fault."""
         with suppress(LinkError):
             self._write(_HOST_HEARTBEAT, 0)
 
     def error(self) -> str:
-        """Why it failed, in words: its emergency message, or its error code, asked for."""
+        """Why it failed: its emergency message, or its error code."""
         if self.emergency is not None:
             return self.emergency
         code = self._optional(ERROR_CODE)
-        return error_text(code) if code else "it does not say why"
+        return error_text(code) if code else "it reports no reason"
 
     @property
     def network_state(self) -> str:
-        """Of the node, as its heartbeat or boot-up message said last: OPERATIONAL, STOPPED..."""
+        """The node's state in its last heartbeat or boot-up message: OPERATIONAL, STOPPED, …"""
         return str(self._remote.nmt.state)
 
     def _check_kind(self) -> None:
         kind = self._read(DEVICE_TYPE)
         if kind & 0xFFFF != PROFILE:
-            self._refuse(f"is of profile {kind & 0xFFFF}; expected a servo drive of CiA {PROFILE}")
+            self._refuse(f"has the profile {kind & 0xFFFF}; expected a servo drive, CiA {PROFILE}")
         if not self._read(SUPPORTED_MODES) & CYCLIC_TORQUE_BIT:
             self._refuse(f"has no cyclic synchronous torque mode ({SUPPORTED_MODES}); update its firmware")
 
     def _check_counts(self) -> None:
-        """A drive that counts otherwise than the model file would move the joint by another angle."""
+        """Counts per turn and gear ratio must be those of the model file, or the joint would move by another angle."""
         found, turns = self._read(ENCODER_INCREMENTS), self._read(ENCODER_TURNS)
         if found != (self.info.encoder_counts or 0) * turns:
             each = f"{found / turns:g}" if turns else "no"
             self._refuse(
                 f"has {each} counts per turn of the motor ({ENCODER_INCREMENTS}), "
-                f"the model file {self.info.encoder_counts}; correct [joint.encoder] counts or the drive"
+                f"and the model file {self.info.encoder_counts}; correct [joint.encoder] counts or the drive"
             )
         motor, shaft = self._optional(GEAR_MOTOR), self._optional(GEAR_SHAFT)
         if motor != shaft:
             self._refuse(
-                f"divides positions by a gear ratio of {motor}:{shaft} itself ({GEAR_MOTOR}); "
-                "expected counts of the motor: set it to 1:1, gear_ratio is in the model file"
+                f"divides positions by a gear ratio of {motor}:{shaft} ({GEAR_MOTOR}); expected counts of the motor; "
+                "set it to 1:1 (gear_ratio is in the model file)"
             )
 
     def _scale(self) -> Scale:
@@ -404,19 +396,19 @@ class CanDrive:
         if rated is None:
             rated = self._read(RATED_TORQUE) / 1e3  # it says mN m
         if not rated > 0:
-            self._refuse(f"gives {RATED_TORQUE} as 0; set it, or rated_torque under [joint.drive]")
+            self._refuse(f"has {RATED_TORQUE} 0; set it, or rated_torque under [joint.drive]")
         scale = Scale(self.info.gear_ratio, self._keys.direction, rated, self._read(MAX_TORQUE))
         limit, unit = self.info.torque_limit, self.info.force_unit
-        # A limit between two steps of the command is still the limit.
+        # The limit may lie between two steps of the command.
         if limit is not None and limit > scale.largest + scale.resolution:
             self._refuse(
-                f"lets {scale.largest:.4g} {unit} through ({MAX_TORQUE}: {scale.max_torque} per mille of "
+                f"is limited to {scale.largest:.4g} {unit} ({MAX_TORQUE}: {scale.max_torque} per mille of "
                 f"{rated:g} N m), less than the joint's limit of {limit:g} {unit}; lower [joint.limits] torque"
             )
         return scale
 
     def _map(self) -> None:
-        """The PDOs: a mapping can be written only while its PDO is off."""
+        """Maps the PDOs; a mapping can be written only while its PDO is off."""
         for number in (2, 3, 4):
             if self._optional(Entry(0x1800 + number - 1, 1, "I", f"TPDO {number}")) is not None:
                 self._write(Entry(0x1800 + number - 1, 1, "I", f"TPDO {number}"), _PDO_OFF)
@@ -436,7 +428,7 @@ class CanDrive:
         self._write(identifier, base + self.node)
 
     def _set_period(self, period: float) -> None:
-        """Of the SYNCs, where the drive wants to know and can be told: value * 10^exponent s."""
+        """Sets the period of the SYNCs, value * 10^exponent s, if the drive has this entry."""
         if self._optional(PERIOD) is None:
             return
         for exponent in (-3, -4, -5, -6):
@@ -453,7 +445,7 @@ class CanDrive:
                 return
         self._refuse(f"stays in mode {mode} ({MODE_DISPLAY}); expected {CYCLIC_TORQUE}")
 
-    _unwatched = "then it would hold its last torque if this computer stopped; it cannot be driven from here"
+    _unwatched = "it would keep its last torque if this computer stopped, so it cannot be driven from here"
 
     def _read(self, entry: Entry) -> int:
         return self._talk(entry, "read", lambda: entry.unpack(self._remote.sdo.upload(entry.index, entry.sub)))
@@ -466,21 +458,21 @@ class CanDrive:
         self._talk(entry, f"set to {value}", send, otherwise)
 
     def _talk(self, entry: Entry, what: str, do: Callable[[], int], otherwise: str = "see its manual") -> int:
-        """`do`, with every failure as a LinkError."""
+        """Calls `do`; failures become LinkError."""
         import canopen
 
         try:
             return do()
         except canopen.SdoAbortedError as error:
             why = canopen.SdoAbortedError.CODES.get(error.code, f"abort code 0x{error.code:08X}")
-            self._refuse(f"does not let {entry} be {what} ({why}); {otherwise}")
+            self._refuse(f"refuses {entry} to be {what} ({why}); {otherwise}")
         except canopen.SdoCommunicationError:
-            self._refuse("does not answer; is it on, its node id and its bit rate right?")
+            self._refuse("does not answer; is it on, and are its node id and bit rate right?")
         except struct.error:
             self._refuse(f"answers {entry} with too few bytes; {otherwise}")
 
     def _optional(self, entry: Entry) -> int | None:
-        """None where the drive has no such entry."""
+        """The value, or None if the drive does not have the entry."""
         import canopen
 
         try:
@@ -495,11 +487,11 @@ class CanDrive:
 
     @property
     def counts(self) -> int:
-        """Of the encoder, in the joint's direction. The register wraps; so does its negative."""
+        """Encoder counts in the joint's direction; the register wraps, and so does its negative."""
         return (self._keys.direction * self.answer.position + 2**31) % 2**32 - 2**31
 
     def command(self, word: Controlword, torque: int = 0) -> None:
-        """torque in per mille of the rated one."""
+        """Sends a controlword and a target torque in per mille of the rated torque."""
         self._network.send_message(0x200 + self.node, _COMMAND.pack(word, torque))
 
     def _on_answer(self, _id: int, data: bytearray, _time: float) -> None:
@@ -509,7 +501,7 @@ class CanDrive:
             self._spoke()
 
     def _on_emergency(self, message: Any) -> None:
-        if not message.code & 0xFF00:  # what was wrong is over
+        if not message.code & 0xFF00:  # the error has been reset
             self.emergency = None
             return
         register = register_text(message.register)

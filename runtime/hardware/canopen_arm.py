@@ -3,11 +3,11 @@
 A control period is one SYNC (0x080): every drive answers with statusword (0x6041) and position (0x6064), and is then
 sent controlword (0x6040) and target torque (0x6071). Torques are N m (N) at the joints everywhere but on the bus.
 
-What stops the motors, whatever fails:
-  the machine       takes the drives' power: zero torque, then voltage off
-  a drive           leaves operation enabled, restarts, or misses MISSED answers: quick stop for all, then voltage off
-  this computer     its heartbeat is sent from the control loop: without it the drives take the voltage off themselves
-                    (0x1016, 0x6007) after HOST_LOST s
+What stops the motors:
+  the firmware's machine switches the drives off   zero torque, then voltage off
+  a drive leaves operation enabled, restarts, or misses MISSED answers   quick stop for all, then voltage off
+  this computer fails   the control loop sends its heartbeat; without it the drives switch off after HOST_LOST s
+                        (0x1016, 0x6007)
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from runtime.model.loader import Model
 CAN_SCHEME = "canopen"
 CAN_EXAMPLE = "canopen://can0?interface=socketcan&bitrate=1000000"
 BITRATE, BITRATES = 1_000_000, (10_000, 1_000_000)
-"""bit/s: if none is given, and what classical CAN allows."""
+"""bit/s: the default, and the range of classical CAN."""
 LOAD_LIMIT = 0.8
-"""Largest part of the time that cyclic frames may fill; the rest is for emergencies, heartbeats and repetitions."""
+"""Largest bus load by cyclic frames; the rest is for emergencies, heartbeats and repeated frames."""
 _SENT, _ANSWERED = 4, 6
-"""Bytes a period and drive: controlword and target torque; statusword and position."""
+"""Bytes per period and drive: controlword and target torque; statusword and position."""
 
 
 @dataclass(frozen=True)
@@ -83,26 +83,26 @@ def parse_can_address(text: str) -> CanAddress:
     return CanAddress(channel, given.get("interface", CanAddress.interface), int(rate))
 
 
-# --- how much fits through it ---
+# --- bus load ---
 
 
 def frame_bits(data: int) -> int:
-    """Bits of a frame with so many bytes at its longest: as many stuff bits as there can be, and the gap after it."""
+    """Largest number of bits of a frame with so many bytes, with all stuff bits and the gap after it."""
     return 47 + 8 * data + (34 + 8 * data - 1) // 4
 
 
 def period_bits(drives: int) -> int:
-    """Bits of all frames of a control period: SYNC, an answer and a command a drive."""
+    """Bits of all frames of a control period: SYNC, and an answer and a command for each drive."""
     return frame_bits(0) + drives * (frame_bits(_SENT) + frame_bits(_ANSWERED))
 
 
 def bus_load(drives: int, rate: float, bitrate: int) -> float:
-    """The part of the time that the frames of `drives` at `rate` Hz fill at worst."""
+    """Largest bus load of `drives` at `rate` Hz, as a part of the bit rate."""
     return period_bits(drives) * rate / bitrate
 
 
 def check_bus_load(drives: int, rate: float, address: CanAddress) -> None:
-    """Raise LinkError where a control step at `rate` Hz does not fit, with the rate that does."""
+    """Raises LinkError if control steps at `rate` Hz exceed LOAD_LIMIT, with the rate that fits."""
     part = bus_load(drives, rate, address.bitrate)
     if part <= LOAD_LIMIT:
         return
@@ -114,11 +114,11 @@ def check_bus_load(drives: int, rate: float, address: CanAddress) -> None:
     )
 
 
-# --- opening it ---
+# --- opening the bus ---
 
 
 def open_network(address: CanAddress, listen: Callable[[Any], None]) -> Any:
-    """A connected canopen.Network; `listen` hears every frame. Raises LinkError with what to do about it."""
+    """A connected canopen.Network. listen: called with every frame. Raises LinkError."""
     try:
         import can
         import canopen
@@ -127,11 +127,11 @@ def open_network(address: CanAddress, listen: Callable[[Any], None]) -> Any:
             f'{address}: {error.name} is not installed; python -m pip install "canopen>=2.3" "python-can>=4.4"'
         ) from None
     for name in ("can", "canopen"):
-        # What matters of their remarks is raised, and said once.
+        # Their warnings repeat what is raised here.
         logging.getLogger(name).addHandler(logging.NullHandler())
     network: Any = canopen.Network()
     network.listeners.append(listen)
-    # It looks this often whether it is to end; nothing else depends on it.
+    # How often, in s, its thread checks whether to end.
     network.NOTIFIER_CYCLE = 0.1
     try:
         return network.connect(channel=address.channel, interface=address.interface, bitrate=address.bitrate)
@@ -145,8 +145,8 @@ def _open_failure(address: CanAddress, error: Exception) -> str:
     code = getattr(error, "errno", None)
     if code == errno.ENODEV:
         return (
-            f"{address}: there is no such CAN channel; ip link shows those that are there, and "
-            f"ip link set {address.channel} up type can bitrate {address.bitrate} switches one on"
+            f"{address}: there is no such CAN channel; list the channels with ip link, and switch one on with "
+            f"ip link set {address.channel} up type can bitrate {address.bitrate}"
         )
     if code == errno.EAFNOSUPPORT:
         return f"{address}: this system has no SocketCAN; load it (modprobe can_raw) or name another interface"
@@ -155,7 +155,7 @@ def _open_failure(address: CanAddress, error: Exception) -> str:
 
 @contextmanager
 def bus_faults(address: CanAddress) -> Iterator[None]:
-    """What goes wrong on a bus in use, as a Fault for people."""
+    """Turns errors of a bus in use into Fault."""
     import can
 
     try:
@@ -167,35 +167,35 @@ def bus_faults(address: CanAddress) -> Iterator[None]:
 def _bus_failure(error: Exception) -> str:
     code = getattr(error, "error_code", None) or getattr(error, "errno", None)
     if code == errno.ENETDOWN:
-        return "the channel is down, or the bus off; check wiring, termination and bit rate, then switch it on again"
+        return "the channel is down or the bus is off; check wiring, termination and bit rate, then switch it on again"
     if code == errno.ENOBUFS:
-        return "nothing that is sent is acknowledged; check that the drives have power and the bus its terminators"
+        return "no frame is acknowledged; check the drives' power and the bus termination"
     return f"the bus cannot be used any more: {error}"
 
 
 Counts = NDArray[np.int32]
 
 MISSED = 3
-"""Answers in a row that a drive may miss at most; the periods until then keep its last position."""
+"""Number of answers in a row that a drive may miss; until then its last position is used."""
 SWITCHING = 3.0
-"""s within which drives have to be switched on; brakes take their time."""
+"""Time in s for switching the drives on; brakes take long to open."""
 BRAKING = 0.1
-"""s that a quick stop may take before the voltage is taken off."""
+"""Time in s for a quick stop before the voltage is switched off."""
 _OFF = 0.1
-"""s within which drives have to say that they are off."""
+"""Time in s within which the drives must report that they are off."""
 _MEETING = 1.0
-"""s within which every drive has to answer a SYNC for the first time."""
+"""Time in s within which every drive must answer a first SYNC."""
 _ANSWERING = 0.6
-"""Part of a period for answers; the rest is for the control step and the commands."""
+"""Part of a period in which answers must arrive; the rest is for the control step and the commands."""
 _HOST_HEARTBEAT = 0.01  # s
 _SYNC, _NMT, _HEARTBEAT = 0x080, 0x000, 0x700 + HOST_NODE
 _PRE_OPERATIONAL, _OPERATIONAL = 0x80, 5
 _BUS_OFF = 0x40
-"""Of an error frame's identifier under SocketCAN."""
+"""Bit of an error frame's identifier under SocketCAN."""
 
 
 def check_arm(model: Model, address: CanAddress, rate: float) -> None:
-    """What can be said before the bus is touched. rate: of the control step, Hz. Raises LinkError."""
+    """Checks a model and an address before the bus is opened. rate: of the control step, Hz. Raises LinkError."""
     without = [str(i) for i, joint in enumerate(model.joints, 1) if joint.drive is None]
     if without:
         where = f'the model file of "{model.name}"'
@@ -204,11 +204,11 @@ def check_arm(model: Model, address: CanAddress, rate: float) -> None:
 
 
 class CanopenArm:
-    """The joints of a model on a bus: opened when made, set up by `start`, silent and without power after `close`.
+    """The drives of a model's joints on a bus: opened by the constructor, configured by `start`, off after `close`.
 
-    pace       of the control periods; their length is that of the model's control step
-    patience   s to wait for the answers to a SYNC; None: a part of the period
-    Raises LinkError where it cannot be driven as it is, Fault when it no longer can.
+    pace       clock of the control periods
+    patience   time in s to wait for the answers to a SYNC; None: a part of the period
+    Raises LinkError if the arm cannot be driven, Fault when it fails.
     """
 
     def __init__(self, model: Model, address: CanAddress, pace: Pace, patience: float | None = None) -> None:
@@ -233,11 +233,11 @@ class CanopenArm:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         self.close()
 
-    # --- what a board does with an arm ---
+    # --- SteppedArm ---
 
-    def start(self, q: ArrayLike, rng: np.random.Generator) -> Counts:  # noqa: ARG002 - it stands where it stands
-        """The drives set up, without power yet. What their encoders count (n,)."""
-        # One that has restarted has forgotten everything.
+    def start(self, q: ArrayLike, rng: np.random.Generator) -> Counts:  # noqa: ARG002 - a real arm cannot be placed
+        """Configures the drives, still without power; their encoder counts (n,)."""
+        # A drive that has restarted has lost its configuration.
         if not self.scales or any(drive.restarted for drive in self._drives):
             with bus_faults(self.address):
                 self.scales = tuple(drive.set_up(self.pace.length) for drive in self._drives)
@@ -248,21 +248,21 @@ class CanopenArm:
         return self.counts()
 
     def counts(self) -> Counts:
-        """Begin a period: a SYNC and the answers to it."""
+        """Begins a period with a SYNC; the counts (n,) in the answers."""
         with self._or_stop():
             self._exchange()
         self._check()
         return np.array([drive.counts for drive in self._drives], dtype=np.int32)
 
     def apply(self, torque: ArrayLike) -> None:
-        """Torques (n,) N m (N), rounded to the drives' resolution and held; nothing while the drives are off."""
+        """Commands torques (n,) N m or N, rounded to the drives' resolution; nothing while the drives are off."""
         with self._or_stop():
             if self._on:
                 asked = [s.per_mille(float(t)) for s, t in zip(self.scales, np.asarray(torque), strict=True)]
                 self._command(Controlword.ENABLE_OPERATION, asked)
 
     def enable(self, on: bool) -> None:
-        """Switch the drives on, at zero torque, or off. Both take periods, in which nothing is controlled."""
+        """Switches the drives on at zero torque, or off. Both take several periods, in which nothing is controlled."""
         if on:
             with self.pace.left_out():
                 self._switch_on()
@@ -272,7 +272,7 @@ class CanopenArm:
                 self._confirm(self._switch_off())
 
     def close(self) -> None:
-        """Power off, and the bus given back; may be called twice. Raises Fault if a drive does not say it is off."""
+        """Switches off and closes the bus; may be called twice. Raises Fault if a drive stays on."""
         if self._network is None:
             return
         self._on = False
@@ -280,7 +280,7 @@ class CanopenArm:
             still = self._switch_off() if self._powered else []
             with suppress(Fault), bus_faults(self.address):
                 for drive in self._drives:
-                    # One that may have power goes on watching: without a heartbeat it switches off by itself.
+                    # A drive that may have power keeps watching, and switches off without the heartbeat.
                     if drive.heard and drive not in still:
                         drive.release()
                 self._network.send_message(_NMT, bytes((_PRE_OPERATIONAL, 0)))
@@ -292,11 +292,11 @@ class CanopenArm:
 
     @property
     def _powered(self) -> bool:
-        """Whether some drive may have power: it has been told more than to be without, even on the way to being on."""
+        """Whether some drive may have power, because the last word it was sent is not disable voltage."""
         return any(word is not Controlword.DISABLE_VOLTAGE for word in self._sent)
 
     def figures(self) -> dict[str, Any]:
-        """What became of it, in SI: the bus, punctuality, and what a torque is rounded to."""
+        """Statistics in SI: bus load, punctuality, resolution of the torques."""
         kept = self.pace.kept
         return {
             "channel": self.address.channel,
@@ -312,7 +312,7 @@ class CanopenArm:
         }
 
     def _meet(self) -> None:
-        """SYNCs until every drive has answered one: until then it has told of no position."""
+        """Sends SYNCs until every drive has answered one and its position is known."""
         for _ in range(self._periods(_MEETING)):
             for drive in self._drives:
                 drive.misses = 0
@@ -326,7 +326,7 @@ class CanopenArm:
     # --- a period ---
 
     def _exchange(self) -> None:
-        """A SYNC, and what the drives say; who says nothing is counted."""
+        """Sends a SYNC, waits for the answers, and counts the missing ones."""
         with bus_faults(self.address):
             for drive in self._drives:
                 drive.heard = False
@@ -341,16 +341,16 @@ class CanopenArm:
             self.limited[k] += self._on and limited(drive.answer.statusword)
 
     def _is_complete(self) -> bool:
-        """Whether all have answered; nobody waits for a drive that is lost."""
+        """Whether all drives have answered, except those that are lost."""
         return all(drive.heard or drive.restarted or drive.misses >= MISSED for drive in self._drives)
 
     def _check(self) -> None:
-        """Raise Fault, all drives stopped, if one can no longer be relied on."""
+        """Stops all drives and raises Fault if one has failed."""
         if self._bus_off:
             self._fail(f"{self.address}: the bus is off; check wiring, termination and bit rate")
         for drive in self._drives:
             if drive.restarted:
-                self._fail(f"{drive.name} has restarted by itself; look at its supply")
+                self._fail(f"{drive.name} has restarted by itself; check its supply")
             if drive.misses >= MISSED:
                 state = drive.network_state.lower()
                 also = "" if state == "operational" else f"; its node is {state}"
@@ -366,7 +366,7 @@ class CanopenArm:
                 self._sent[k] = word
 
     def _beat(self) -> None:
-        """Drives begin to watch with the first heartbeat: none is sent before they have power."""
+        """Sends the computer's heartbeat when it is due; the first one, before power, starts the drives' watch."""
         if self._beats is None:
             return
         every = max(1, round(_HOST_HEARTBEAT / self.pace.length))
@@ -395,11 +395,11 @@ class CanopenArm:
         self._fail(f'{drive.name} could not be switched on within {SWITCHING:g} s: it is in "{state}"', drive)
 
     def _switch_off(self) -> list[CanDrive]:
-        """Zero torque, then voltage off. The drives that did not say that they are off."""
+        """Switches off at zero torque; the drives that do not report that they are off."""
         return self._until(Controlword.DISABLE_VOLTAGE, _OFF, lambda drive: drive.answer.state in POWERLESS)
 
     def _quick_stop(self) -> list[CanDrive]:
-        """Braking by the drives as they are set up to (0x605A), then voltage off. Who is not off after it."""
+        """Quick stop as configured in the drives (0x605A), then voltage off; the drives that are not off."""
         self._until(
             Controlword.QUICK_STOP,
             BRAKING,
@@ -408,7 +408,7 @@ class CanopenArm:
         return self._switch_off()
 
     def _until(self, word: Controlword, seconds: float, done: Callable[[CanDrive], bool]) -> list[CanDrive]:
-        """This word and zero torque, until all drives are done or the time is over; those that are not."""
+        """Sends a word and zero torque until all drives are done or time is over; the drives that are not done."""
         left = list(self._drives)
         with suppress(Fault):
             for _ in range(self._periods(seconds)):
@@ -422,7 +422,7 @@ class CanopenArm:
 
     @contextmanager
     def _or_stop(self) -> Iterator[None]:
-        """Nothing is done any more after a fault; what fails inside stops all drives."""
+        """After a fault, raises it again; an error inside stops all drives."""
         if self._fault is not None:
             raise Fault(self._fault)
         try:
@@ -431,7 +431,7 @@ class CanopenArm:
             self._fail(str(error))
 
     def _fail(self, what: str, drive: CanDrive | None = None) -> NoReturn:
-        """Stop all drives, and say why; `drive`: the one that knows more."""
+        """Stops all drives and raises Fault. drive: the one whose error is reported with it."""
         self._on = False
         still = self._quick_stop()
         why = "" if drive is None else f": {drive.error()}"
@@ -459,26 +459,26 @@ class CanopenArm:
 
 def _not_off(drives: list[CanDrive]) -> str:
     return (
-        f"{' and '.join(drive.name for drive in drives)} did not confirm to be off; "
-        f"without this computer's heartbeat the voltage goes off after {HOST_LOST:g} s"
+        f"{' and '.join(drive.name for drive in drives)} did not report to be off; "
+        f"without this computer's heartbeat they switch off after {HOST_LOST:g} s"
     )
 
 
 LATE = 0.01
-"""s between two control steps at most. A computer is less punctual than a microcontroller's timer: what stops that
-after half a period would stop this for nothing."""
+"""Longest time in s between two control steps. A computer is less punctual than a microcontroller's timer, whose
+limit of half a period would stop it without need."""
 
 
 def check_link(url: str, model: Model) -> None:
-    """What can be said of an address before the bus is touched. Raises LinkError."""
+    """Checks an address and a model before the bus is opened. Raises LinkError."""
     address = parse_can_address(url)
-    # Without a rate there is nothing to say of the load; what a controller lacks is named where its settings are made.
+    # Without a controller, Settings.of reports what is missing.
     if model.controller is not None:
         check_arm(model, address, model.controller["rate"])
 
 
 class CanopenLink(Lockstep):
-    """A Link to the drives of a model, set up and without power yet.
+    """A BoardLink to the drives of a model, configured and still without power.
 
     url         canopen://CHANNEL?interface=NAME&bitrate=NUMBER
     directory   of the arm's firmware, built for this computer
@@ -512,5 +512,5 @@ class CanopenLink(Lockstep):
             with self._open:
                 super().close()
         except Fault as fault:
-            # What was recorded is kept all the same.
+            # The recording is kept.
             self.fault = self.fault or str(fault)

@@ -1,7 +1,7 @@
-"""What a board may say: numbers that the protocol has, and no two that contradict each other or what it was told.
+"""Commands to a board and its answers, with a check of what it reports.
 
-A frame with a right checksum is from whoever wrote it. A host that follows unknown states, or records numbers that are
-none, would be led by a board that is broken, of another make, or none at all.
+A frame with a correct checksum may still come from a broken board or another firmware. So states and reasons must be
+those of the protocol, must not contradict each other, and torques must respect the limits that were sent.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from runtime.hardware.link import BoardLink, Codec, Decoder, LinkError, LinkLost, ReceivedMessage
 
 _OFF, _UNPOWERED = ("idle",), ("idle", "armed")
-"""States without power, and those without torque."""
+"""States with the drives off, and states without torque."""
 
 
 class Statements:
-    """Of the board of one arm, by its protocol. It holds what the board was told of torques."""
+    """Checks the messages of a board against its protocol and the torque limits that it was sent."""
 
     def __init__(self, codec: Codec) -> None:
         page = codec.document
@@ -34,12 +34,12 @@ class Statements:
             "telemetry": self._telemetry,
         }
 
-    def told(self, torque_limit: Sequence[float]) -> None:
-        """What `drive` has said; the board's ceilings hold besides."""
+    def limit(self, torque_limit: Sequence[float]) -> None:
+        """Sets the torque limits of the message `drive`; the board's own ceilings stay in force."""
         self._limits = np.minimum(np.asarray(torque_limit, dtype=np.float32), self._ceilings).tolist()
 
     def wrong(self, message: ReceivedMessage) -> str | None:
-        """Words for what cannot be as the message says it; None if it can."""
+        """What is impossible in a message; None if nothing is."""
         check = self._checks.get(message.name)
         return None if check is None else check(message.values)
 
@@ -48,14 +48,14 @@ class Statements:
         return self._standing(values) if values["version"] == self._version else None
 
     def _standing(self, values: Mapping[str, Any]) -> str | None:
-        """State and reason, which three messages have."""
+        """Checks state and reason, which three messages have."""
         state, reason = values["state"], values["reason"]
         if state not in self._states:
-            return f"a state of the number {state}, which the protocol does not have"
+            return f"state number {state}, which is not in the protocol"
         if reason not in self._reasons:
-            return f"a reason of the number {reason}, which the protocol does not have"
+            return f"reason number {reason}, which is not in the protocol"
         if (self._states[state] == "stopped") != (self._reasons[reason] != "none"):
-            return f"the state {self._states[state]} with the reason {self._reasons[reason]}"
+            return f"state {self._states[state]} with reason {self._reasons[reason]}"
         return None
 
     def _state(self, values: Mapping[str, Any]) -> str | None:
@@ -65,7 +65,7 @@ class Statements:
         if values["joint"] > self._joints:
             return f"joint {values['joint']} of {self._joints}"
         if enabled not in (0, 1) or (state != "stopped" and bool(enabled) == (state in _OFF)):
-            return f"the state {state} with drives that are {'on' if enabled else 'off'}"
+            return f"state {state} with the drives {'on' if enabled else 'off'}"
         return None
 
     def _telemetry(self, values: Mapping[str, Any]) -> str | None:
@@ -75,42 +75,42 @@ class Statements:
         for name in ("torque", "q_desired"):
             for joint, value in enumerate(values[name], 1):
                 if not isfinite(value):
-                    return f"{name} of joint {joint} is no finite number"
+                    return f"{name} of joint {joint} is not finite"
         for joint, (torque, limit) in enumerate(zip(values["torque"], self._limits, strict=True), 1):
             if abs(torque) > limit:
-                return f"a torque of {torque:.4g} at joint {joint}, over its limit of {limit:.4g}"
+                return f"torque {torque:.4g} at joint {joint}, over its limit {limit:.4g}"
             if torque and state in _UNPOWERED:
-                return f"a torque of {torque:.4g} at joint {joint} in the state {state}"
+                return f"torque {torque:.4g} at joint {joint} in state {state}"
         return None
 
 
 _ATTEMPTS, _ANSWER = 5, 0.1
-"""How often a command is sent, and s that its answer may take each time."""
+"""How often a command is sent, and the time in s for its answer each time."""
 _ALIVES = 4
-"""Signs of life in the time that the board waits for one."""
+"""Number of `alive` messages in the time after which the board misses them."""
 
 
 class Refused(LinkError):
-    """The board does not do what it was asked; the message says why."""
+    """The board refuses a command; the message says why."""
 
 
 class NotReady(Refused):
-    """Its drives need time."""
+    """The drives are not ready yet."""
 
 
 class Untrusted(LinkError):
-    """The board says what cannot be; the message says what."""
+    """The board reports something impossible; the message says what."""
 
 
 class Conversation:
     """Commands and answers over a link, which it closes.
 
-    lie   words for the first thing that the board has said and that cannot be, None if there is none
+    impossible   the first impossible thing that the board reported; None: nothing
     """
 
     def __init__(self, link: BoardLink, codec: Codec) -> None:
         self.link, self.codec = link, codec
-        self.lie: str | None = None
+        self.impossible: str | None = None
         self._statements = Statements(codec)
         self._decoder = Decoder(codec)
         self._names = {table: codec.names(table) for table in ("states", "reasons", "results")}
@@ -127,30 +127,30 @@ class Conversation:
         self.link.close()
 
     def figures(self) -> dict[str, Any]:
-        """What the link did to frames: those that arrived damaged here, by kind, and what the board has counted."""
+        """Numbers of frames that arrived damaged here, by kind, and of those that the board counted."""
         return {"damaged": dict(self._decoder.errors), "board": self._counters}
 
     def _hello(self, attempts: int = _ATTEMPTS) -> dict[str, Any]:
-        """The board's identity; the commands that follow are numbered from here."""
+        """The board's identity; commands are numbered from here."""
         self._identity = self._unanswered = None
-        # Of a board of another version, the identity is all that can be read.
+        # Of a board with another version, only the identity can be read.
         self._repeat("hello", self._frame("hello")[1], lambda: self._identity is not None, attempts)
         assert self._identity is not None
         return self._identity.values
 
     def _stop(self) -> None:
-        """Whatever else is under way; the board takes it in every state, whatever its number."""
+        """Sends `stop`, which the board accepts in every state and with any number."""
         self._unanswered = self._frame("stop")
         self.link.write(self._unanswered[1])
 
     def _stay_alive(self) -> None:
-        """A sign of life, when it is time for one."""
+        """Sends `alive` when it is due."""
         if self.link.now() >= self._due:
             self._say("alive")
 
     def _say(self, name: str) -> None:
-        """A command that is not waited for. If the last of them was not answered, that one again: no number is left
-        out, and none is done twice."""
+        """Sends a command without waiting for its answer. If the last one is unanswered, sends that again, so that no
+        number is skipped and no command is executed twice."""
         if not self._unheard:
             self._acks.clear()
             self._unanswered = self._frame(name)
@@ -163,7 +163,7 @@ class Conversation:
         return self._unanswered is not None and self._unanswered[0] not in self._acks
 
     def _command(self, name: str, values: Any = None) -> int:
-        """A command until it is acknowledged; the detail of its answer. Raises Refused, LinkLost, Untrusted."""
+        """Sends a command until it is acknowledged; the detail of the answer. Raises Refused, LinkLost, Untrusted."""
         number, frame = self._frame(name, values)
         self._repeat(name, frame, lambda: number in self._acks)
         self._due = self.link.now() + self._silence / _ALIVES
@@ -175,23 +175,23 @@ class Conversation:
         detail: int = ack.values["detail"]
         return detail
 
-    def _ask(self, told: Callable[[], bool], otherwise: str) -> None:
-        """A query, until what it is to bring has come: a new one each time, as none is done twice.
+    def _ask(self, answered: Callable[[], bool], otherwise: str) -> None:
+        """Sends queries until the wanted message arrives; each is new, because none is executed twice.
 
-        Raises LinkLost that says `otherwise`, Untrusted.
+        Raises LinkLost with the message `otherwise`, Untrusted.
         """
         for _ in range(_ATTEMPTS):
             self._command("query")
             deadline = self.link.now() + _ANSWER
-            while not told() and (left := deadline - self.link.now()) > 0:
+            while not answered() and (left := deadline - self.link.now()) > 0:
                 self._listen(left)
-            if told():
+            if answered():
                 return
             self._believe()
         raise LinkLost(otherwise)
 
     def _repeat(self, name: str, frame: bytes, answered: Callable[[], bool], attempts: int = _ATTEMPTS) -> None:
-        """Send a frame until it is answered. Raises LinkLost, Untrusted."""
+        """Sends a frame until it is answered. Raises LinkLost, Untrusted."""
         for _ in range(attempts):
             self.link.write(frame)
             deadline = self.link.now() + _ANSWER
@@ -205,10 +205,10 @@ class Conversation:
     def _refusal(self, name: str, ack: dict[str, Any]) -> str:
         texts = {result["number"]: result["text"] for result in self.codec.document["results"]}
         detail = self._detail(name, self._names["results"].get(ack["result"], ""), ack["detail"])
-        return f"the board does not take {name}: {texts.get(ack['result'], 'refused')}{detail and f' ({detail})'}"
+        return f"the board does not accept {name}: {texts.get(ack['result'], 'refused')}{detail and f' ({detail})'}"
 
     def _detail(self, name: str, result: str, number: int) -> str:
-        """What the number beside a result stands for."""
+        """The meaning of the number that comes with a result."""
         if result in ("not_finite", "out_of_range"):
             return self._value(name, number) or f"phase {number + 1}"
         if result == "incomplete":
@@ -218,7 +218,7 @@ class Conversation:
         return f"{number} is expected" if result in ("sequence", "order") else ""
 
     def _value(self, name: str, number: int) -> str:
-        """Which field of a command a value's number, from 0, is of; empty if of none."""
+        """The field of a command that has its value of this number, counted from 0; empty if none has."""
         values = [field for field, count in self.codec.fields(name).items() for _ in range(count or 1)]
         return values[number] if number < len(values) else ""
 
@@ -228,15 +228,15 @@ class Conversation:
         return self._sequence, self.codec.encode(name, values, self._sequence)
 
     def _believe(self) -> None:
-        """Raise Untrusted if the board has said what cannot be."""
-        if self.lie is not None:
-            raise Untrusted(self.lie)
+        """Raises Untrusted if the board reported something impossible."""
+        if self.impossible is not None:
+            raise Untrusted(self.impossible)
 
     def _listen(self, timeout: float) -> None:
-        """Whatever comes within so many s, sorted."""
+        """Receives messages for up to `timeout` s and sorts them by kind."""
         for message in self._decoder.feed(self.link.read(timeout)):
             if (wrong := self._statements.wrong(message)) is not None:
-                self.lie = self.lie or f"the board says what cannot be ({message.name}): {wrong}"
+                self.impossible = self.impossible or f"the board reports something impossible ({message.name}): {wrong}"
             elif message.name == "telemetry":
                 self._telemetry.append(message.values)
             elif message.name == "ack":

@@ -20,22 +20,21 @@ from urllib.parse import parse_qs, urlsplit
 
 
 class LinkError(RuntimeError):
-    """The line cannot be opened; the message says what to do."""
+    """The link cannot be opened or used; the message says what to do."""
 
 
 class LinkLost(RuntimeError):
-    """The line that was there is gone; the message says how."""
+    """The link broke; the message says how."""
 
 
 class BoardLink(Protocol):
-    """Both directions of a line. All may raise LinkLost.
+    """A link in both directions, with its own clock. All methods may raise LinkLost.
 
-    A link has a time of its own, so that a simulated board is waited for in its time and not in that of a busy
-    machine: every deadline is kept by `now`.
+    Deadlines are measured by `now`, so that a simulated board has as much time on a busy computer as on an idle one.
 
-    baud    bits per second of a serial line; None where there is no such bound
-    late    s between two control steps at most where this end keeps the time; None: as a board's timer does
-    fault   words for what has failed where this end of the link drives the arm itself; None: nothing, or the board does
+    baud    bits per second of a serial line; None: not limited
+    late    longest time in s between two control steps if this computer runs them; None: the board's timer does
+    fault   what failed, if this computer drives the arm itself; None: nothing, or the board drives it
     """
 
     baud: int | None
@@ -43,19 +42,19 @@ class BoardLink(Protocol):
     fault: str | None
 
     def write(self, data: bytes) -> None:
-        """Send these bytes; waits no longer than the line takes."""
+        """Sends bytes."""
 
     def read(self, timeout: float) -> bytes:
-        """What has come, at once if something has; b"" if nothing comes within `timeout` s of this link's time."""
+        """The received bytes; waits at most `timeout` s of this link's clock, then returns b""."""
 
     def now(self) -> float:
-        """s, from any beginning; grows in `read`."""
+        """Time in s of this link's clock, which advances in `read`."""
 
     def figures(self) -> Mapping[str, Any]:
-        """What became of it, for --json."""
+        """Statistics for --json."""
 
     def close(self) -> None:
-        """Give the line back; may be called twice."""
+        """Closes the link; may be called twice."""
 
 
 BAUD = 1_000_000
@@ -65,7 +64,7 @@ _SERIAL_EXAMPLE = "serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"
 
 
 class SerialLink:
-    """A serial port, held exclusively. dtr: whether that line is set, which resets some boards. Raises LinkError."""
+    """A serial port, opened exclusively. dtr: state of DTR and RTS, which reset some boards. Raises LinkError."""
 
     def __init__(self, device: str, baud: int = BAUD, dtr: bool = True) -> None:
         try:
@@ -79,7 +78,7 @@ class SerialLink:
         self._errors = (serial.SerialException, OSError)
         try:
             self._port: Any = serial.Serial(None, baud, timeout=0, write_timeout=1.0, exclusive=True)
-            # Some boards reset by the one line, others by both.
+            # Some boards are reset by one of these lines, others by both.
             self._port.dtr = self._port.rts = dtr
             self._port.port = device
             self._port.open()
@@ -96,7 +95,7 @@ class SerialLink:
         try:
             self._port.write(data)
         except self._errors as error:
-            raise LinkLost(f"{self.device} takes no more bytes: {_one_line(error)}") from error
+            raise LinkLost(f"{self.device} accepts no more bytes: {_one_line(error)}") from error
 
     def read(self, timeout: float) -> bytes:
         try:
@@ -139,9 +138,11 @@ def _open_failure(device: str, baud: int, error: Exception) -> str:
     if number == 2 or "no such file" in words:
         return f"{device}: there is no such port; is the board plugged in? (ls /dev/ttyACM* /dev/ttyUSB*)"
     if number == 13 or "permission denied" in words:
-        return f"{device}: no permission; join the group that owns it: sudo usermod -aG dialout $USER, then log in anew"
+        return (
+            f"{device}: no permission; join the group that owns it: sudo usermod -aG dialout $USER, then log in again"
+        )
     if number in (11, 16) or "exclusively lock" in words or "busy" in words:
-        return f"{device}: another program holds this port; close it first (fuser {device} names it)"
+        return f"{device}: another program uses this port; close it first (fuser {device} shows which)"
     if isinstance(error, ValueError):
         return f"{device}: cannot run at {baud} baud: {_one_line(error)}"
     return f"{device}: cannot be opened: {_one_line(error)}"
@@ -153,18 +154,18 @@ def _one_line(error: Exception) -> str:
 
 DELIMITER = b"\0"
 IN_EVERY_VERSION = ("hello", "identity")
-"""Messages that are the same whatever the version: they say which one it is."""
+"""Messages with the same layout in every version; they state the version."""
 _HEADER, _CRC = struct.Struct("<BBHH"), struct.Struct("<I")
 _LETTERS = {"u8": "B", "u16": "H", "u32": "I", "i32": "i", "float": "f"}
 
 
 class FrameError(ValueError):
-    """A message that the protocol does not have, or values that do not fill it."""
+    """An unknown message, or values that do not fit its fields."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedMessage:
-    """One message as it was received; a value is a number or, of an array, a tuple."""
+    """A received message; values are numbers or, for arrays, tuples."""
 
     name: str
     sequence: int
@@ -172,7 +173,7 @@ class ReceivedMessage:
 
 
 class _Layout:
-    """A message's bytes."""
+    """The layout of a message's payload."""
 
     def __init__(self, item: Mapping[str, Any]) -> None:
         self.name: str = item["name"]
@@ -187,10 +188,12 @@ class _Layout:
             at += count or 1
 
     def pack(self, values: Mapping[str, Any]) -> bytes:
-        """FrameError names what is missing, unknown or of another length."""
+        """The payload. Raises FrameError for missing or unknown fields and wrong lengths."""
         if values.keys() != self.counts.keys():
             wrong = sorted(values.keys() ^ self.counts.keys())
-            raise FrameError(f"{self.name} has the fields {', '.join(self.counts) or 'none'}; look at {wrong[0]}")
+            raise FrameError(
+                f"{self.name} has the fields {', '.join(self.counts) or 'none'}; {wrong[0]} is missing or unknown"
+            )
         flat: list[Any] = []
         for name, count in self.counts.items():
             if count is None:
@@ -210,7 +213,7 @@ class _Layout:
 
 
 class Codec:
-    """The messages of one arm, by protocol.json."""
+    """Packs and unpacks the messages of one arm, defined by protocol.json."""
 
     def __init__(self, document: Mapping[str, Any]) -> None:
         self.document = document
@@ -223,34 +226,34 @@ class Codec:
 
     @classmethod
     def from_json(cls, path: Path) -> Codec:
-        """From a file."""
+        """The codec of a protocol.json."""
         return cls(json.loads(Path(path).read_text(encoding="utf-8")))
 
     def names(self, table: str) -> dict[int, str]:
-        """Number to name of "states", "reasons" or "results"."""
+        """Number -> name of "states", "reasons" or "results"."""
         return {item["number"]: item["name"] for item in self.document[table]}
 
     def fields(self, name: str) -> dict[str, int | None]:
-        """Of a message, in order; how many values an array has, None for a scalar."""
+        """Fields of a message in order: the length of an array, None for a scalar."""
         return dict(self._by_name[name].counts)
 
     def number(self, name: str) -> int:
         return self._by_name[name].number
 
     def payload(self, name: str, values: Mapping[str, Any] | None = None) -> bytes:
-        """Packed values, without a frame: what the checksum of a trajectory is made of."""
+        """The payload alone, of which the checksum of a trajectory is computed."""
         if name not in self._by_name:
             raise FrameError(f'no message "{name}"; there are: {", ".join(self._by_name)}')
         return self._by_name[name].pack(values or {})
 
     def encode(self, name: str, values: Mapping[str, Any] | None = None, sequence: int = 0) -> bytes:
-        """A whole frame with its delimiter. Values that are no number or out of range are the board's to refuse."""
+        """A frame with its delimiter. The board refuses values that are not finite or out of range."""
         payload = self.payload(name, values)
         plain = _HEADER.pack(self.version, self._by_name[name].number, sequence & 0xFFFF, len(payload)) + payload
         return cobs_encode(plain + _CRC.pack(zlib.crc32(plain))) + DELIMITER
 
     def decode(self, frame: bytes) -> ReceivedMessage | str:
-        """A frame without its delimiter: the message, or the kind of error that it has."""
+        """The message in a frame without its delimiter, or the kind of its error."""
         plain = cobs_decode(frame)
         if plain is None or not _HEADER.size + _CRC.size <= len(plain) <= self.longest:
             return "bad_frame"
@@ -269,10 +272,10 @@ class Codec:
 
 
 class Decoder:
-    """Messages out of a stream of bytes, in pieces of any length.
+    """Finds messages in a stream of bytes that arrives in pieces of any length.
 
-    errors   how many frames were refused, by kind: bad_frame, bad_crc, bad_header, unknown
-    lost     frames that are missing by their sequence numbers
+    errors   number of damaged frames by kind: bad_frame, bad_crc, bad_header, unknown
+    lost     number of frames missing between sequence numbers
     """
 
     def __init__(self, codec: Codec) -> None:
@@ -284,7 +287,7 @@ class Decoder:
         self._expected: int | None = None
 
     def feed(self, data: bytes) -> list[ReceivedMessage]:
-        """What `data` completes."""
+        """The messages that `data` completes."""
         *whole, rest = (self._pending + data).split(DELIMITER) if DELIMITER in data else (self._pending + data,)
         found: list[ReceivedMessage] = []
         for frame in whole:
@@ -297,7 +300,7 @@ class Decoder:
                 else:
                     self._count(message.sequence)
                     found.append(message)
-        # A frame without an end takes no memory without end.
+        # An endless frame must not fill the memory.
         if len(rest) > 2 * self.codec.longest:
             self.errors["bad_frame"] += not self._skipping
             self._skipping, rest = True, b""
@@ -307,7 +310,7 @@ class Decoder:
     def _count(self, sequence: int) -> None:
         if self._expected is not None:
             ahead = (sequence - self._expected) & 0xFFFF
-            # Half of the circle: an older one that comes again or late is no gap.
+            # Beyond half of the circle it is an older frame, repeated or late, and no gap.
             self.lost += ahead if ahead < 0x8000 else 0
             if ahead >= 0x8000:
                 return
@@ -315,7 +318,7 @@ class Decoder:
 
 
 def cobs_encode(plain: bytes) -> bytes:
-    """Consistent overhead byte stuffing (Cheshire & Baker 1999), without the delimiter: no byte is 0."""
+    """Consistent overhead byte stuffing (Cheshire & Baker 1999), without the delimiter; no byte is 0."""
     out = bytearray()
     for part in plain.split(DELIMITER):
         while len(part) >= 254:
@@ -326,7 +329,7 @@ def cobs_encode(plain: bytes) -> bytes:
 
 
 def cobs_decode(frame: bytes) -> bytes | None:
-    """What was encoded, for a frame without its delimiter; None if it is no such encoding."""
+    """The decoded bytes of a frame without its delimiter; None if it is not COBS."""
     out, at, end = bytearray(), 0, len(frame)
     while at < end:
         code = frame[at]

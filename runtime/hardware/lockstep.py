@@ -22,62 +22,62 @@ Counts = NDArray[np.int32]
 Float32 = NDArray[np.float32]
 
 BOARD_FAULT = 1
-"""Code of a fault that the board is told of: the arm cannot be driven."""
+"""Fault code that the board receives when the arm cannot be driven."""
 _MICROSECONDS = 1e6
 _WORD = 0xFFFFFFFF
 
 
 class Fault(RuntimeError):
-    """The arm can no longer be driven: its motion is no number, a drive has failed; the message says what."""
+    """The arm cannot be driven any more, for instance because a drive failed; the message says why."""
 
 
 class SteppedArm(Protocol):
-    """What a board drives: encoders and motors. All may raise Fault."""
+    """The encoders and motors of an arm that a board drives. All methods may raise Fault."""
 
     def start(self, q: Array, rng: np.random.Generator) -> Counts:
-        """Made ready; a simulated one stands at q (n,). What its encoders count (n,)."""
+        """Prepares a run; a simulated arm is placed at q (n,). Returns the encoder counts (n,)."""
 
     def counts(self) -> Counts:
-        """(n,) of the encoders now."""
+        """Encoder counts (n,) now."""
 
     def apply(self, torque: Float32) -> None:
-        """Hold these torques (n,) N m or N at the joints for one control period."""
+        """Applies joint torques (n,) in N m or N for one control period."""
 
     def enable(self, on: bool) -> None:
-        """Power the drives, or take their power away."""
+        """Switches the drives on or off."""
 
 
 class Board(Protocol):
-    """Something that runs the firmware's machine. All may raise LinkLost."""
+    """A board that runs the firmware's state machine. All methods may raise LinkLost."""
 
     def receive(self, data: bytes) -> None:
-        """Bytes from the host."""
+        """Passes bytes from the host to the board."""
 
     def send(self) -> bytes:
-        """What the board has for the host now."""
+        """Takes the bytes that the board has for the host."""
 
     def period(self, counts: Counts, time_us: int, fault: int) -> tuple[bool, Float32]:
-        """One control period: whether the drives are powered, and the torques (n,) to hold.
+        """Runs one control period: whether the drives are on, and the torques (n,) to apply.
 
-        time_us   when it began, modulo 2^32     fault   0, or a code: the drives have failed
+        time_us   start of the period, modulo 2^32     fault   0, or the code of a fault of the drives
         """
 
     def close(self) -> None:
-        """Stop it; may be called twice."""
+        """Stops the board; may be called twice."""
 
 
 class Clock(Protocol):
-    """When control periods begin."""
+    """The clock of the control periods."""
 
     def period(self) -> int:
-        """Wait until one begins; µs since the first."""
+        """Waits until a period begins; µs since the first."""
 
     def now(self) -> float:
-        """s."""
+        """Time in s."""
 
 
 class Counted:
-    """A clock that waits for nobody: time is the number of periods."""
+    """A clock without waiting, for simulation: its time is the number of periods."""
 
     def __init__(self, period: float) -> None:
         self._period, self._ticks = period, 0
@@ -91,10 +91,10 @@ class Counted:
 
 
 class Lockstep:
-    """A Link to a board that drives an arm.
+    """A BoardLink to a board that drives an arm in lockstep.
 
-    period   s, of the control step
-    A fault of the arm reaches the board as a fault of its drives; `fault` keeps the words.
+    period   control period, s
+    A fault of the arm is passed to the board as a fault of its drives; `fault` keeps the message.
     """
 
     def __init__(self, board: Board, arm: SteppedArm, period: float, clock: Clock | None = None) -> None:
@@ -107,7 +107,7 @@ class Lockstep:
         self._enabled = False
 
     def start(self, q: Array, rng: np.random.Generator) -> None:
-        """The arm made ready for a motion from q (n,)."""
+        """Prepares the arm for a motion from q (n,)."""
         self.fault = None
         self._counts = self.arm.start(q, rng)
 
@@ -115,7 +115,7 @@ class Lockstep:
         self.board.receive(data)
 
     def read(self, timeout: float) -> bytes:
-        """Answers come at once. What is said in between takes periods: as many as fit into the timeout."""
+        """Returns waiting bytes at once; else runs as many control periods as fit into the timeout."""
         if data := self.board.send():
             return data
         found = []
@@ -159,15 +159,15 @@ class Lockstep:
 
 
 _SWITCH = 1e-4
-"""s after which a thread of Python gives way to another; 5 ms otherwise."""
+"""Switch interval of Python's threads in s; 5 ms by default."""
 _PRIORITY = 30
-"""Of 99 in real time: above all that is not, below what the system itself needs to live."""
+"""Real-time priority out of 99: above all ordinary processes, below the system's own."""
 
 
 class Precedence:
-    """Before everything else on this computer, threads that are started meanwhile included.
+    """Real-time priority of this process, including threads started later.
 
-    granted   whether the system allows it; without, a busy computer makes periods late
+    granted   whether the system allows it; if not, periods are late on a busy computer
     """
 
     def __init__(self) -> None:
@@ -176,7 +176,7 @@ class Precedence:
         self.granted = self._schedule("SCHED_FIFO", _PRIORITY)
 
     def give_up(self) -> None:
-        """May be called twice."""
+        """Back to ordinary priority; may be called twice."""
         sys.setswitchinterval(self._switch)
         if self.granted:
             self._schedule("SCHED_OTHER", 0)
@@ -191,7 +191,7 @@ class Precedence:
 
 @dataclass
 class Punctuality:
-    """Of the periods so far: how late they began (s), and how many so late that others were left out."""
+    """How late (s) the periods began so far; overruns: periods so late that others were skipped."""
 
     periods: int = 0
     worst: float = 0.0
@@ -209,11 +209,10 @@ class Punctuality:
 
 
 class Pace:
-    """The clock of an arm that moves in real time: a period begins every `length` s.
+    """Real-time clock: a period begins every `length` s.
 
-    now, sleep   the computer's clock, s
-    A period that could not begin in time is not made up for: the next ones follow from where it began, and the
-    time that is reported shows the gap.
+    now, sleep   the computer's clock, injected by tests
+    A late period is not caught up: the next ones are counted from its start, and the reported time shows the gap.
     """
 
     def __init__(
@@ -229,7 +228,7 @@ class Pace:
         self._left_out = 0.0
 
     def period(self) -> int:
-        """Wait until a period begins; µs since the first one did, as the computer's clock has it."""
+        """Waits until a period begins; µs since the first one, by the computer's clock."""
         if self._begin is None:
             self._begin = self._next = self._now()
         elif (early := self._next - self._now()) > 0.0:
@@ -244,16 +243,15 @@ class Pace:
         return round((begun - self._begin - self._left_out) * _MICROSECONDS)
 
     def now(self) -> float:
-        """s."""
         return self._now()
 
     @contextmanager
     def left_out(self) -> Iterator[None]:
-        """What passes inside is left out of the time that `period` reports: nothing is controlled meanwhile."""
+        """Time that passes inside does not count in `period`, because nothing is controlled meanwhile."""
         since = self._now()
         try:
             yield
         finally:
             self._left_out += self._now() - since
-            # What is held from now on is held for a period.
+            # The next period begins a full period from now.
             self._next = self._now() + self.length

@@ -1,4 +1,4 @@
-"""What a board is told before it drives an arm: the values of its messages, from the model file and a trajectory."""
+"""The settings that are uploaded to a controller: values of its messages, from the model file and a trajectory."""
 
 from __future__ import annotations
 
@@ -21,44 +21,45 @@ Values = Mapping[str, Any]
 
 UNLIMITED = float(np.finfo(np.float32).max)
 OVERSPEED = 1.5
-"""Of a joint's limit of speed, which the plan keeps: more than tracking needs."""
+"""Safe stop at this multiple of the joint's speed limit, which the plan keeps; tracking needs less."""
 BEYOND = {"revolute": 0.05, "prismatic": 0.01}
-"""rad, m beyond a joint's range, which the plan keeps and may touch: tracking needs so much. Leave it to the stops."""
+"""Safe stop at so much (rad, m) beyond a joint's range, which the plan may touch; keep it free before the end stops."""
 TRACKING = {"revolute": 0.5, "prismatic": 0.1}
-"""rad, m: a larger tracking error is a safe stop."""
+"""Largest tracking error in rad, m; beyond it is a safe stop."""
 START = {"revolute": 0.05, "prismatic": 0.01}
-"""rad, m: how far from the trajectory's start a run may begin."""
+"""Largest distance in rad, m between the arm and the trajectory's start."""
 SILENCE, DAMPING, SATURATED = 0.2, 0.5, 2.0
-"""s: without a word from the host; of active damping after a stop; with a torque at its limit all the time."""
+"""Times in s: without a message from the host; of damping after a stop; with a torque at its limit."""
 _JUMP, _LEAST_JUMP, _ANY_JUMP = 4.0, 16, 2**31 - 1
-"""An encoder jumps where it tells of this many times the speed that is a safe stop; counts."""
+"""An encoder jumps if its speed is this multiple of that of a safe stop; least and largest jump in counts."""
 _FROZEN = 0.5
-"""Of the largest tracking error: desired travel in which an encoder that works has counted."""
+"""Part of the largest tracking error; over a longer desired travel a working encoder has counted."""
 _EARLY, _LATE = 0.5, 1.5
-"""Control periods between two steps, at least and at most."""
+"""Least and largest number of control periods between two steps."""
 _ERRORS = 3
 _LOWERED = {"torque_limit", "kp", "kd", "tracking", "speed", "low", "high", "silence", "late"}
-"""Of drive and safety: what a board has ceilings of."""
+"""Fields of drive and safety for which a board has ceilings."""
 _MICROSECONDS = 1e6
 
-TOUCH = 1e-4  # m, below which the end-effector has not reached the plate
-LOOKS = 200  # a phase, for the plate
-BANDWIDTH = 2.0  # Hz, of the gains that are proposed where the model file has none
+TOUCH = 1e-4  # m into the plate; less is no contact
+LOOKS = 200  # samples per phase in the search for contact
+BANDWIDTH = 2.0  # Hz, of proposed gains
 
 
 class ControllerError(ValueError):
-    """The controller cannot run this trajectory on this arm; the message says what to do."""
+    """The controller cannot run a trajectory on an arm; the message says what to do."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """For one arm and one trajectory.
+    """All that is uploaded to the controller for one arm and one trajectory.
 
-    dt                   s, of the control step
-    position_per_count   (n,) float, rad or m       zero   (n,) counts where the position is 0
+    dt                   control period, s
+    position_per_count   (n,) float, rad or m       zero   (n,) counts at position 0
     uncompensated        effects of the model that the controller does not compensate
-    drive, safety, parameters, effects, trajectory   values of the messages of these names
-    phases, points       values of the messages phase, one each; (rows, n) control points of all phases
+    drive, safety, parameters, effects, trajectory   values of the messages with these names
+    phases               values of the messages phase
+    points               (rows, n) control points of all phases
     """
 
     model: Model
@@ -75,8 +76,10 @@ class Settings:
     points: Array
 
     def tolerating(self, late: float) -> Settings:
-        """The same where so many s may lie between two control steps, if that is more: as a step that came late is
-        followed by one soon after it, the shortest time has no limit then."""
+        """The same with at least `late` s allowed between two control steps.
+
+        Without a shortest time, because a late step is followed by an early one.
+        """
         longest = max(self.safety["late"], ceil(late * _MICROSECONDS))
         return replace(self, safety={**self.safety, "early": 0, "late": longest})
 
@@ -89,18 +92,18 @@ class Settings:
         friction: bool = True,
         tracking: float | None = None,
     ) -> Settings:
-        """Of a prepared directory with controller.json and protocol.json, for the same arm.
+        """The settings of a firmware directory, which has controller.json and protocol.json.
 
-        friction   whether friction is compensated, (7); what else the model file has always is
-        tracking   rad (m), largest error of every joint; None: by the joints' types
-        Raises ControllerError where the model file lacks what a controller needs, or the trajectory does not fit.
+        friction   whether friction is compensated, equation (7); other effects always are
+        tracking   largest tracking error of every joint, rad or m; None: by the joint's type
+        Raises ControllerError if the model file is incomplete or the trajectory does not fit.
         """
         page = json.loads((Path(directory) / "controller.json").read_text(encoding="utf-8"))
         ceilings = json.loads((Path(directory) / "protocol.json").read_text(encoding="utf-8"))["ceilings"]
         if (page["name"], page["n"]) != (model.name, model.n) or trajectory.arm != model.name:
             raise ControllerError(
-                f'controller of "{page["name"]}", model of "{model.name}" and trajectory of "{trajectory.arm}"; '
-                "expected all three of one arm"
+                f'the controller is of arm "{page["name"]}", the model of "{model.name}", the trajectory of '
+                f'"{trajectory.arm}"; expected the same arm'
             )
         _check_complete(model, page["effects"])
         assert model.controller is not None
@@ -125,12 +128,12 @@ class Settings:
         )
 
     def positions(self, counts: NDArray[np.int32]) -> Array:
-        """(n, N) rad or m for counts (N, n), with the float operations of the controller."""
-        # An encoder's counter may overflow between its zero and here.
+        """Positions (n, N) in rad or m of counts (N, n), in the controller's float arithmetic."""
+        # The counter may overflow between the zero and these counts.
         return ((counts - self.zero).astype(np.float32) * self.position_per_count).T.astype(np.float64)
 
     def messages(self, rows: int) -> Iterator[tuple[str, Values]]:
-        """Name and values of all that is uploaded, in order, but for the commit; rows: control points a message."""
+        """Names and values of the uploaded messages in order, without `commit`. rows: control points per message."""
         for name in ("parameters", "effects", "drive", "safety", "trajectory"):
             yield name, getattr(self, name)
         for phase in self.phases:
@@ -181,7 +184,7 @@ def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -
 
 
 def _within(values: dict[str, Any], ceilings: Mapping[str, Any]) -> Values:
-    """What a board makes of a message by its ceilings: so what is said of a limit is what holds."""
+    """The values within the board's ceilings, so that reported limits are those in force."""
     lowered = {
         name: np.clip(values[name], ceilings["low"], ceilings["high"]).tolist()
         if name in ("low", "high")
@@ -192,7 +195,7 @@ def _within(values: dict[str, Any], ceilings: Mapping[str, Any]) -> Values:
 
 
 def _finite(values: Array) -> list[float]:
-    """Of which the largest float stands for no limit."""
+    """As floats; the largest one means no limit."""
     return np.clip(values, -UNLIMITED, UNLIMITED).tolist()
 
 
@@ -245,7 +248,9 @@ def _phases(page: Mapping[str, Any], model: Model, trajectory: Trajectory, dt: f
     for index, phase in enumerate(trajectory.phases):
         degree, most = len(_points(page, phase)) - 1, page["max_degree"]
         if degree > most:
-            raise ControllerError(f"phase {index + 1} has polynomials of degree {degree}; the controller takes {most}")
+            raise ControllerError(
+                f"phase {index + 1} has polynomials of degree {degree}; the controller has at most {most}"
+            )
         if phase.duration < dt:
             raise ControllerError(
                 f"phase {index + 1} lasts {phase.duration:.3g} s, less than the control period of {dt:.3g} s"
@@ -257,7 +262,7 @@ def _phases(page: Mapping[str, Any], model: Model, trajectory: Trajectory, dt: f
 
 
 def _touching(model: Model, trajectory: Trajectory) -> set[int]:
-    """The phases (from 0) in which the plan touches the plate; in the others it costs no time to look for it."""
+    """Phases (from 0) with contact in the plan; in the others the controller need not compute it."""
     touched = {Term(name): dict(values) for name, values in trajectory.contact.items()}
     surface = given(model.library, touched, SURFACE)
     if surface is None:
@@ -269,7 +274,7 @@ def _touching(model: Model, trajectory: Trajectory) -> set[int]:
 
 
 def _points(page: Mapping[str, Any], phase: Phase) -> Array:
-    """(degree + 1, n) control points; a polynomial of too low a degree is written with more of them."""
+    """(degree + 1, n) control points, with the degree raised to the controller's minimum."""
     points = phase.points.T
     while (degree := len(points) - 1) < page["min_degree"]:
         share = (np.arange(1, degree + 1) / (degree + 1))[:, None]
@@ -277,11 +282,11 @@ def _points(page: Mapping[str, Any], phase: Phase) -> Array:
     return points
 
 
-# --- what the model file has to say ---
+# --- completeness of the model file ---
 
 
 def _check_complete(model: Model, effects: Mapping[str, float | None]) -> None:
-    """Raise ControllerError that names everything that is missing, with a proposal where one can be computed."""
+    """Raises ControllerError with everything that is missing, and proposed gains."""
     missing: list[str] = []
     if model.controller is None:
         missing.append(
@@ -298,18 +303,18 @@ def _check_complete(model: Model, effects: Mapping[str, float | None]) -> None:
         )
     if missing:
         raise ControllerError(
-            f'the model file of "{model.name}" says too little of its controller; add {"; ".join(missing)}'
+            f'the model file of "{model.name}" is incomplete for its controller; add {"; ".join(missing)}'
         )
     unknown = [name for name, value in effects.items() if value is None]
     if unknown:
         raise ControllerError(
             f'the model file of "{model.name}" has no value of {", ".join(unknown)}; '
-            "tendon identify MODEL RECORDING --write finds them"
+            "find them with tendon identify MODEL RECORDING --write"
         )
 
 
 def proposed_gains(model: Model, joint: int) -> str:
-    """Gains of a critically damped joint (1-based) of 2 Hz, as a person writes them, and the inertia behind them."""
+    """Gains of a critically damped joint (1-based) at BANDWIDTH, as text, with the inertia they assume."""
     seen = float(model.inertia(np.zeros(model.n))[joint - 1, joint - 1])
     omega = 2.0 * pi * BANDWIDTH
     unit = "kg m^2" if model.joints[joint - 1].type == "revolute" else "kg"

@@ -100,7 +100,7 @@ def test_an_emulator_that_stands_still(make: Any, monkeypatch: pytest.MonkeyPatc
         os.kill(board._process.pid, signal.SIGSTOP)
         monkeypatch.setattr(boards, "PATIENCE", 0.5)
 
-    check_lost(make(QemuBoard, halt), "the emulated board has not answered for 0.5 s; it hangs")
+    check_lost(make(QemuBoard, halt), "the emulated board has not answered for 0.5 s")
 
 
 @needs_qemu

@@ -317,7 +317,7 @@ def test_settings_that_are_no_numbers_are_refused(make: Make, message: str, fiel
     one = make().prepared()
     values = dict(getattr(one.settings, message))
     values[field] = [value] if isinstance(values[field], list) else value
-    words = rf"does not take {message}: refused: a value is infinite or no number \({field}\)"
+    words = rf"does not accept {message}: refused: a value is infinite or no number \({field}\)"
     with pytest.raises(Refused, match=words):
         one.session.upload(replace(one.settings, **{message: values}))
 
@@ -326,10 +326,10 @@ def test_a_trajectory_that_is_no_number_is_refused(make: Make) -> None:
     one = make().prepared()
     points = one.settings.points.copy()
     points[2, 0] = np.nan
-    with pytest.raises(Refused, match=r"does not take points: refused: a value is infinite or no number \(values\)"):
+    with pytest.raises(Refused, match=r"does not accept points: refused: a value is infinite or no number \(values\)"):
         one.session.upload(replace(one.settings, points=points))
     # What is half there cannot be run.
-    with pytest.raises(Refused, match=r"does not take arm: refused: something has not been uploaded \(trajectory\)"):
+    with pytest.raises(Refused, match=r"does not accept arm: refused: something has not been uploaded \(trajectory\)"):
         one.run()
     assert not one.arm.powered
 
@@ -456,7 +456,7 @@ def test_a_board_that_keeps_another_rate_is_stopped(make: Make, ratio: float, ta
     found = make(clock=Other(ratio)).prepared().run(every=every)
     assert found.stop is not None
     assert found.stop.name == "other_rate"
-    assert f"its control periods take {taken}, by the model file 1 ms" in found.stop.reason
+    assert f"its control periods take {taken}; the model file says 1 ms" in found.stop.reason
     assert found.t[-1] < 0.2
 
 

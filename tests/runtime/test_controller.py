@@ -308,11 +308,11 @@ def test_a_counter_that_overflows(make: Callable[..., Controller]) -> None:
 
 
 def test_what_does_not_fit_is_refused(make: Callable[..., Controller]) -> None:
-    with pytest.raises(ControllerError, match="phase 1 has polynomials of degree 30; the controller takes 29"):
+    with pytest.raises(ControllerError, match="phase 1 has polynomials of degree 30; the controller has at most 29"):
         make(trajectory([Phase("q", 1.0, np.zeros((4, 31)))]))
     with pytest.raises(ControllerError, match=r"phase 2 lasts 0\.0005 s, less than the control period of 0\.001 s"):
         make(trajectory([Phase("q", 1.0, np.zeros((4, 3))), Phase("q", 5e-4, np.zeros((4, 3)))]))
-    with pytest.raises(ControllerError, match='trajectory of "other"; expected all three of one arm'):
+    with pytest.raises(ControllerError, match='the trajectory of "other"; expected the same arm'):
         make(still(arm="other"))
     with pytest.raises(ControllerError, match="own: the controller has no own_pull"):
         make(still(contact={**PLATE, "own": {"pull": 1.0}}))

@@ -408,7 +408,7 @@ def test_a_lost_node_is_a_fault_after_as_many_periods_as_are_stated() -> None:
         with pytest.raises(Fault) as caught:
             arm.counts()
         assert str(caught.value).startswith("joint 2: the drive (node 12) has not answered 3 times in a row; ")
-        assert "did not confirm to be off; without this computer's heartbeat the voltage goes off" in str(caught.value)
+        assert "did not report to be off; without this computer's heartbeat they switch off" in str(caught.value)
         assert (behind.drives[0].state, behind.drives[0].target) == (DISABLED, 0)
         # What the drive that hears nothing any more was told to do then.
         behind.drives[1].lose_host()
@@ -458,7 +458,7 @@ def test_a_drive_that_restarts_is_a_fault() -> None:
         arm.start(np.zeros(1), RNG)
         arm.enable(True)
         behind.send(0x70B, b"\0")
-        with pytest.raises(Fault, match=r"joint 1: the drive \(node 11\) has restarted by itself; look at its supply"):
+        with pytest.raises(Fault, match=r"joint 1: the drive \(node 11\) has restarted by itself; check its supply"):
             running(arm, [0.0], 3)
 
 
@@ -564,15 +564,15 @@ def test_closing_in_motion_takes_the_power() -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({(0x608F, 1): 4096}, "has 4096 counts per turn of the motor (encoder increments (0x608F:01)), the model file"),
+        ({(0x608F, 1): 4096}, "has 4096 counts per turn of the motor (encoder increments (0x608F:01)), and the model"),
         ({(0x608F, 2): 0}, "has no counts per turn of the motor"),
-        ({(0x1000, 0): 0x00030191}, "is of profile 401; expected a servo drive of CiA 402"),
+        ({(0x1000, 0): 0x00030191}, "has the profile 401; expected a servo drive, CiA 402"),
         ({(0x6502, 0): 0x01AD}, "has no cyclic synchronous torque mode (supported drive modes (0x6502:00))"),
-        ({(0x6076, 0): 0}, "gives motor rated torque (0x6076:00) as 0; set it, or rated_torque under [joint.drive]"),
-        ({(0x6072, 0): 500}, "lets 12.5 N m through (max torque (0x6072:00): 500 per mille of 0.25 N m), less than"),
-        ({(0x1016, 1): None}, "(Object does not exist); then it would hold its last torque if this computer stopped"),
-        ({(0x6007, 0): None}, "does not let abort connection option code (0x6007:00) be set to 2"),
-        ({(0x6064, 0): None}, "does not let TPDO 1, entry 2 (0x1A00:02) be set to"),
+        ({(0x6076, 0): 0}, "has motor rated torque (0x6076:00) 0; set it, or rated_torque under [joint.drive]"),
+        ({(0x6072, 0): 500}, "is limited to 12.5 N m (max torque (0x6072:00): 500 per mille of 0.25 N m), less than"),
+        ({(0x1016, 1): None}, "(Object does not exist); it would keep its last torque if this computer stopped"),
+        ({(0x6007, 0): None}, "refuses abort connection option code (0x6007:00) to be set to 2"),
+        ({(0x6064, 0): None}, "refuses TPDO 1, entry 2 (0x1A00:02) to be set to"),
     ],
 )
 def test_a_drive_that_does_not_fit_is_refused(change: dict[tuple[int, int], int | None], expected: str) -> None:
@@ -597,7 +597,7 @@ def test_a_gear_ratio_in_the_drive_is_refused() -> None:
     drive.entries |= {(0x6091, 1): Entry("I", 100), (0x6091, 2): Entry("I", 1)}
     with (
         bench({}, drives={1: drive}) as (arm, _),
-        pytest.raises(LinkError, match="divides positions by a gear ratio of 100:1 itself"),
+        pytest.raises(LinkError, match="divides positions by a gear ratio of 100:1"),
     ):
         arm.start(np.zeros(1), RNG)
 
@@ -606,7 +606,7 @@ def test_a_node_that_is_not_there() -> None:
     drive = Drive(11, silent=True)
     with (
         bench({}, drives={1: drive}) as (arm, _),
-        pytest.raises(LinkError, match="does not answer; is it on, its node id and its bit rate right"),
+        pytest.raises(LinkError, match="does not answer; is it on, and are its node id and bit rate right"),
     ):
         arm.start(np.zeros(1), RNG)
 
@@ -629,7 +629,7 @@ def test_without_the_packages_one_line_says_what_to_install(monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("error", "expected"),
     [
-        (OSError(errno.ENODEV, "No such device"), "there is no such CAN channel; ip link shows those that are there"),
+        (OSError(errno.ENODEV, "No such device"), "there is no such CAN channel; list the channels with ip link"),
         (OSError(errno.EAFNOSUPPORT, "x"), "this system has no SocketCAN; load it (modprobe can_raw)"),
         (can.CanInitializationError("busy"), "cannot be opened through socketcan: busy"),
         (can.CanInterfaceNotImplementedError("x"), "interface socketcan cannot be used here: x"),
@@ -651,8 +651,8 @@ def test_a_channel_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch, error:
 @pytest.mark.parametrize(
     ("code", "expected"),
     [
-        (errno.ENOBUFS, "nothing that is sent is acknowledged; check that the drives have power"),
-        (errno.ENETDOWN, "the channel is down, or the bus off; check wiring, termination and bit rate"),
+        (errno.ENOBUFS, "no frame is acknowledged; check the drives"),
+        (errno.ENETDOWN, "the channel is down or the bus is off; check wiring, termination and bit rate"),
         (None, "the bus cannot be used any more: broken"),
     ],
 )
@@ -687,7 +687,7 @@ def test_a_frame_that_is_not_taken_once_stops_the_drives(monkeypatch: pytest.Mon
 
         with monkeypatch.context() as patch:
             patch.setattr(arm._network.bus, "send", once)
-            with pytest.raises(Fault, match="nothing that is sent is acknowledged"):
+            with pytest.raises(Fault, match="no frame is acknowledged"):
                 arm.apply([4.0])
         assert (behind.drives[0].state, behind.drives[0].target) == (DISABLED, 0)
 

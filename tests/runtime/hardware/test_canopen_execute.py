@@ -250,7 +250,7 @@ def test_a_drive_that_does_not_go_off_is_told_and_the_recording_kept(
         status, found = executed(on, "--arm", "--out", str(out))
         assert drive.torque == 0.0
     assert (status, found["status"]) == (1, "stopped")
-    assert found["reason"].startswith("joint 1: the drive (node 5) did not confirm to be off; without this computer's")
+    assert found["reason"].startswith("joint 1: the drive (node 5) did not report to be off; without this computer's")
     assert len(recording.read(out, RecordedArm.of(model.joints, model.spatial)).t) > 300
 
 
@@ -282,8 +282,8 @@ def test_nothing_moves_without_arm(executed: Executed, bench: Source, model: Mod
     ("others", "expected"),
     [
         ({"counts": 4096}, "joint 1: the drive (node 5) has 4096 counts per turn of the motor"),
-        ({"most": 900}, "joint 1: the drive (node 5) lets 22.5 N m through (max torque (0x6072:00): 900 per mille"),
-        ({"node": 6}, "joint 1: the drive (node 5) does not answer; is it on, its node id and its bit rate right?"),
+        ({"most": 900}, "joint 1: the drive (node 5) is limited to 22.5 N m (max torque (0x6072:00): 900 per mille"),
+        ({"node": 6}, "joint 1: the drive (node 5) does not answer; is it on, and are its node id and bit rate right?"),
     ],
 )
 def test_a_drive_that_is_not_that_of_the_model_is_bad_input(

@@ -124,9 +124,9 @@ def test_missing_numbers_are_counted() -> None:
 def test_what_does_not_fill_a_message_is_named() -> None:
     with pytest.raises(FrameError, match='no message "go"; there are: hello, parameters'):
         CODEC.encode("go")
-    with pytest.raises(FrameError, match="run has the fields periods, every; look at every"):
+    with pytest.raises(FrameError, match="run has the fields periods, every; every is missing or unknown"):
         CODEC.encode("run", {"periods": 1})
-    with pytest.raises(FrameError, match="run has the fields periods, every; look at evry"):
+    with pytest.raises(FrameError, match="run has the fields periods, every; evry is missing or unknown"):
         CODEC.encode("run", {"periods": 1, "every": 1, "evry": 1})
     with pytest.raises(FrameError, match="points: values has 32 values, not 3"):
         CODEC.encode("points", {"first_row": 0, "values": [1, 2, 3]})

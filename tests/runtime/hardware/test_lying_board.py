@@ -83,14 +83,14 @@ def lying(make: Callable[..., Rig], **changes: Change) -> Rig:
 
 
 LIES = {
-    "a state of the number 77": {"telemetry": always(state=77)},
-    "a reason of the number 99": {"telemetry": always(reason=99)},
-    "torque of joint 1 is no finite number": {"telemetry": always(torque=(nan,))},
-    "q_desired of joint 1 is no finite number": {"telemetry": always(q_desired=(-inf,))},
-    "a torque of 1e\\+09 at joint 1, over its limit": {"telemetry": always(torque=(1e9,))},
-    "a torque of 1 at joint 1 in the state armed": {"telemetry": always(state=1, torque=(1.0,))},
-    "the state running with the reason tracking": {"telemetry": always(reason=7)},
-    "the state stopped with the reason none": {"telemetry": always(state=3)},
+    "state number 77": {"telemetry": always(state=77)},
+    "reason number 99": {"telemetry": always(reason=99)},
+    "torque of joint 1 is not finite": {"telemetry": always(torque=(nan,))},
+    "q_desired of joint 1 is not finite": {"telemetry": always(q_desired=(-inf,))},
+    "torque 1e\\+09 at joint 1, over its limit": {"telemetry": always(torque=(1e9,))},
+    "torque 1 at joint 1 in state armed": {"telemetry": always(state=1, torque=(1.0,))},
+    "state running with reason tracking": {"telemetry": always(reason=7)},
+    "state stopped with reason none": {"telemetry": always(state=3)},
 }
 
 
@@ -165,11 +165,11 @@ def test_a_board_whose_time_stands_still_is_stopped_by_that_of_the_link(make: Ca
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"max_phases": 2}, "2 phases and 256 control points; by its protocol it is 16 and 256"),
+        ({"max_phases": 2}, "2 phases and 256 control points; its firmware has 16 and 256"),
         ({"max_rows": 60_000}, "16 phases and 60000"),
         ({"joints": 7}, "of another arm or another version"),
-        ({"state": 33}, "a state of the number 33"),
-        ({"reason": 33}, "a reason of the number 33"),
+        ({"state": 33}, "state number 33"),
+        ({"reason": 33}, "reason number 33"),
         ({"version": 9, "state": 33}, "version 9 of the protocol"),
     ],
 )
@@ -188,7 +188,7 @@ def test_a_board_with_lower_ceilings_than_its_model_file_is_refused(make: Callab
     one.link.to_host = Liar(
         one.session.codec, {"ack": lambda v: v | {"detail": 7 if v["type"] == number else v["detail"]}}
     )
-    with pytest.raises(Refused, match=r"ceiling of its own below torque_limit \(drive\)"):
+    with pytest.raises(Refused, match=r"lower ceiling for torque_limit \(drive\)"):
         one.prepared()
 
 
@@ -206,7 +206,7 @@ def test_a_host_keeps_to_the_ceilings_by_itself(make: Callable[..., Rig]) -> Non
 def test_what_an_honest_board_says_is_believed(make: Callable[..., Rig]) -> None:
     one = make()
     one.driven()
-    assert one.session.lie is None
+    assert one.session.impossible is None
 
 
 def test_words_for_every_reason_of_the_host() -> None:

@@ -326,7 +326,7 @@ def test_arm_is_not_for_the_simulation(called: Any) -> None:
 
 def test_a_port_that_another_program_holds(bench: Bench) -> None:
     first = SerialLink.of(f"serial://{bench.device}")
-    with pytest.raises(LinkError, match="another program holds this port; close it first"):
+    with pytest.raises(LinkError, match="another program uses this port; close it first"):
         SerialLink.of(f"serial://{bench.device}")
     first.close()
     SerialLink.of(f"serial://{bench.device}").close()
@@ -376,7 +376,7 @@ def test_firmware_of_another_arm(bench: Bench, called: Any, here: Path) -> None:
     status, _, err = called("--on", f"serial://{bench.device}", "--arm")
     assert status == 2
     assert "the board's firmware is of another arm or another version" in err
-    assert "build it anew (tendon firmware)" in err
+    assert "rebuild it (tendon firmware)" in err
 
 
 def test_the_serial_library_is_an_extra(called: Any, monkeypatch: pytest.MonkeyPatch) -> None:

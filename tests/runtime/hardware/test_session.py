@@ -59,7 +59,7 @@ def session_of(one: Rig, **others: object) -> Session:
 
 
 def test_another_version_of_the_protocol_is_refused(one: Rig) -> None:
-    with pytest.raises(Refused, match="speaks version 1 of the protocol, this host version 2; build its firmware anew"):
+    with pytest.raises(Refused, match="uses version 1 of the protocol, this host version 2; rebuild its firmware"):
         session_of(one, version=2).identify()
 
 
@@ -70,16 +70,16 @@ def test_another_layout_is_refused(one: Rig) -> None:
 
 def test_other_equations_are_refused(one: Rig) -> None:
     """Gravity along another axis is the same layout."""
-    with pytest.raises(Refused, match="has been generated from other equations or by another version of Tendon"):
+    with pytest.raises(Refused, match="was generated from other equations or by another version of Tendon"):
         session_of(one, build=one.session.codec.document["build"] ^ 1).identify()
 
 
 def test_a_trajectory_that_is_too_long_is_refused(bench: Source, arm: Model) -> None:
     stations = [0.1 * (-1) ** k for k in range(17)]
-    with pytest.raises(Refused, match="the trajectory has 17 phases; the board takes 16"):
+    with pytest.raises(Refused, match="the trajectory has 17 phases; the board has room for 16"):
         rig(arm, bench.compiled.controller(), trajectory(motion(stations, [0.2] * 17))).prepared()
     phases = tuple(replace(p, points=np.tile(p.points[:, :1], 30)) for p in motion([0.0] * 9, [0.2] * 9))
-    with pytest.raises(Refused, match="the trajectory has 270 control points; the board takes 256"):
+    with pytest.raises(Refused, match="the trajectory has 270 control points; the board has room for 256"):
         rig(arm, bench.compiled.controller(), trajectory(phases)).prepared()
 
 
@@ -161,7 +161,7 @@ def test_the_board_hears_of_the_host_often_enough(one: Rig) -> None:
 def test_a_run_that_cannot_begin_leaves_the_drives_off(one: Rig) -> None:
     """Armed, and then the run is refused."""
     one.prepared()
-    with pytest.raises(Refused, match="does not take run: refused: a value is outside its range"):
+    with pytest.raises(Refused, match="does not accept run: refused: a value is outside its range"):
         one.run(every=0)
     one.wait(1.0)
     assert not one.arm.powered
@@ -199,7 +199,7 @@ def test_drives_that_need_time_are_waited_for(one: Rig, clean: Trial) -> None:
 def test_drives_that_never_become_ready_are_not_waited_for_long(one: Rig) -> None:
     slow(one, 10**9)
     before = one.link.now()
-    with pytest.raises(Refused, match="does not take run: refused: the drives are not ready yet"):
+    with pytest.raises(Refused, match="does not accept run: refused: the drives are not ready yet"):
         one.run()
     assert 9.0 < one.link.now() - before < 12.0
     one.wait(1.0)
