@@ -45,7 +45,7 @@ NOT_TYPED = {
     "bin/python -m": "needs the project's folder; tests/judge and tests/benchmarks have tests of their own",
     "serial://": "needs a board on a serial port; tests/runtime/hardware/test_serial.py has one",
     "canopen://": "needs drives on a CAN bus; tests/runtime/hardware/test_canopen_execute.py has some",
-    "ur10.urdf": "needs a URDF and recordings of the arm; tests/runtime/test_import.py and test_export.py have some",
+    "ur10.urdf": "needs a URDF and recordings of the arm; tests/runtime/cli/test_import.py has some",
     "ur10.toml run1.csv": "likewise",
     "dask ": "runs until it is stopped; tests/runtime/sweep/test_sweep.py has a cluster",
     "tcp://": "needs that cluster",

@@ -16,7 +16,7 @@ from runtime.cli.main import app
 from runtime.notebook import verbs
 from symbolic.model_file import reader
 
-ROBOTS = Path(__file__).resolve().parents[1] / "robots"
+ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 UR10, PANDA = ROBOTS / "ur10_robot.urdf", ROBOTS / "panda.urdf"
 Run = Callable[..., tuple[int, str, str]]
 

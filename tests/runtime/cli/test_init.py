@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from runtime.cli import output
 from runtime.cli import schema as schemas
 from runtime.cli.main import app
+from runtime.workspace.names import ARMS
 from symbolic.model_file import reader
 
-ROBOTS = Path(__file__).parent.parent / "robots"
+ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 Init = Callable[..., tuple[int, str, str]]
 
 
@@ -151,7 +152,7 @@ def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
     assert arm.joints[0].rotor_inertia == pytest.approx(6e-5 * 101**2, rel=1e-12)
     assert arm.joints[1].torque_constant == pytest.approx(10.1, rel=1e-12)
     assert arm.joints[2].rotor_inertia is None
-    plain = reader.load(Path(__file__).parent.parent.parent / "symbolic" / "arms" / "ur10.toml")
+    plain = reader.load(ARMS / "ur10.toml")
     assert [j.link for j in arm.joints] == [j.link for j in plain.joints]
 
 
