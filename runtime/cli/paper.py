@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec import UNSET
 
 from runtime.cli.options import Json, with_settings
 from runtime.cli.output import NO, costs_itself, emit
 from runtime.cli.places import FILLED
-from runtime.study.options import TRIALS, Trials
+from runtime.setting import Setting
+from runtime.study.published import TRIALS
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
@@ -25,7 +27,7 @@ def paper(
         str | None, typer.Argument(metavar="WHAT", help="table1 to table3 or figure4 to figure8; default: all.")
     ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Directory for the figures."), FILLED] = Path("paper-study"),
-    trials: Trials = TRIALS,
+    trials: Annotated[int, Setting("Of each case on the simulated arm; 0: only the optimizations.", 0, 20)] = TRIALS,
     keep: Annotated[
         bool, typer.Option("--keep", help="Also write trajectories, recordings and models into it.")
     ] = False,
@@ -33,8 +35,9 @@ def paper(
 ) -> None:
     """Reproduce the tables and figures of the paper. Shows its numbers beside ours; exit status 1 if an expected
     claim does not hold."""
+    from runtime.documents.plans import PaperDocument
     from runtime.report import terminal
-    from runtime.study import sections, study, write
+    from runtime.study import figures, study
 
     everything = (*study.TABLES, *study.FIGURES)
     if what is not None and what not in everything:
@@ -45,16 +48,23 @@ def paper(
     source = Source.shipped(ARM)
     with terminal.working("reproducing the study") as progress:
         made = study.Study(source.compiled.model(), source.compiled.controller(), trials, progress)
-        document = {name: made.table(name) for name in wanted if name in study.TABLES}
-        drawn = write.figures(made, wanted)
-        kept = write.recordings(made, out, lambda plan: source.edits.mount(plan).text) if keep else []
-    held = [claim["holds"] or claim["unclaimed"] != "" for page in document.values() for claim in page["claims"]]
-    spread = {"spread": made.spread} if "figure5" in wanted else {}
-    paths = [str(out / f"{name}.png") for name in drawn]
-    whole = {**document, **spread, "figures": paths, "kept": kept, "holds": all(held)}
-    emit(json, whole, terminal.printer(sections.study))
+        table1 = made.table1.entry() if "table1" in wanted else UNSET
+        table2, table3 = (made.cases(name) if name in wanted else UNSET for name in ("table2", "table3"))
+        drawn = figures.drawn(made, wanted)
+        kept = study.keep(made, out, lambda plan: source.edits.mount(plan).text) if keep else []
+    claims = [claim for table in (table1, table2, table3) if table is not UNSET for claim in table.claims]
+    document = PaperDocument(
+        table1=table1,
+        table2=table2,
+        table3=table3,
+        spread={str(T): value for T, value in made.spread.items()} if "figure5" in wanted else UNSET,
+        figures=[str(out / f"{name}.png") for name in drawn],
+        kept=kept,
+        holds=all(claim.holds or claim.unclaimed != "" for claim in claims),
+    )
+    emit(json, document, terminal.printer(study.sections))
     if drawn:
         with costs_itself("the figures"):
-            write.save(drawn, out)
-    if not all(held):
+            figures.save_all(drawn, out)
+    if not document.holds:
         raise typer.Exit(NO)

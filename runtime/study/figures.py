@@ -1,32 +1,81 @@
-"""Figures 5 to 8 of the paper, in its arrangement: light or gray and dark, solid and dashed as the captions say."""
+"""Figures 4 to 8 of the paper, in its arrangement: gray and dark, solid and dashed as its captions say."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from runtime.execution.trial import RUN_IN, Trial
+from runtime.execution.trial import RUN_IN
 from runtime.planning.evaluate import at_times
-from runtime.report.plots.style import FAINT, INK, WIDTH, styled
+from runtime.report.plots.style import BEFORE, FAINT, INK, WIDTH, save, styled
 from runtime.study import published
 from runtime.study.cases import StudyCase
-from runtime.study.tables import Row
+from runtime.study.identification import JointFriction
+from runtime.study.study import Row, Study
 
 Array = NDArray[np.float64]
 
 GRAY = "#9aa5b1"
 PAPER = "#bd4a07"
-"""What the paper prints: its curves are images, so its numbers stand where they belong."""
+"""Colour of numbers that the paper prints; its curves are images."""
+FRICTION_JOINT = 2
+"""Joint of Figure 4."""
 _PLATE = "plate of {:g} kN/m"
+
+
+def drawn(study: Study, wanted: Sequence[str]) -> dict[str, Figure]:
+    """The wanted figures by name; other names are ignored."""
+    makers: dict[str, Callable[[], Figure]] = {
+        "figure4": lambda: figure4(study.table1.joint(FRICTION_JOINT)),
+        "figure5": lambda: figure5(study.curves),
+        "figure6": lambda: figure6(study.table2),
+        "figure7": lambda: figure7(study.table3),
+        "figure8": lambda: figure8(study.table3),
+    }
+    return {name: makers[name]() for name in wanted if name in makers}
+
+
+def save_all(figures: Mapping[str, Figure], directory: Path) -> None:
+    """Each under its name. Raises OSError."""
+    directory.mkdir(parents=True, exist_ok=True)
+    for name, figure in figures.items():
+        save(figure, directory / f"{name}.png")
+
+
+@styled
+def figure4(found: JointFriction) -> Figure:
+    """Measured friction torque of a joint over its speed, the estimated map (4), and the published one."""
+    figure = Figure(figsize=(1.25 * WIDTH, 0.85 * WIDTH), layout="constrained")
+    ax = figure.subplots()
+    measured = found.measured()
+    for number, (speed, torque) in enumerate(measured):
+        label = "experiment" if number == 0 else None
+        ax.plot(speed, torque, color=FAINT, alpha=0.45, lw=0.5, label=label)
+    top = max(float(np.abs(speed).max()) for speed, _ in measured)
+    # The map is undefined at rest.
+    branch = np.linspace(1e-6 * top, top, 200)
+    for number, speeds in enumerate((-branch[::-1], branch)):
+        labels = ("estimated map", "published map") if number == 0 else (None, None)
+        ax.plot(speeds, found.friction(speeds), color=INK, lw=1.6, label=labels[0])
+        ax.plot(speeds, found.printed_friction(speeds), color=BEFORE, lw=0.9, ls=(0, (4, 4)), label=labels[1])
+    ax.axhline(0, color=FAINT, lw=0.4, zorder=0)
+    ax.axvline(0, color=FAINT, lw=0.4, zorder=0)
+    ax.margins(x=0.02)
+    ax.set_xlabel(f"speed of joint {found.joint}, rad/s")
+    ax.set_ylabel(f"friction torque of joint {found.joint}, N m")
+    legend = ax.legend(frameon=False, loc="upper left")
+    legend.get_lines()[0].set(linewidth=1.6, alpha=1.0)
+    return figure
 
 
 @styled
 def figure5(costs: Mapping[StudyCase, float]) -> Figure:
-    """Costs of scenario 1 over the cycle time; crosses: what Table II prints."""
+    """Costs of scenario 1 over the cycle time; crosses: Table II."""
     figure = Figure(figsize=(1.35 * WIDTH, 3.2), layout="constrained")
     ax = figure.subplots()
     for letter, colour, dash in (("C", INK, "-"), ("D", INK, "--"), ("A", GRAY, "-"), ("B", GRAY, "--")):
@@ -45,8 +94,8 @@ def figure5(costs: Mapping[StudyCase, float]) -> Figure:
 
 @styled
 def figure6(rows: Sequence[Row]) -> Figure:
-    """Commanded torque and angle of joint 4 in the experiment, cases 1B (gray) and 1D (black) at 1.2 s, with the plan
-    dashed; where the paper's arm turned."""
+    """Commanded torque and angle of joint 4 in the experiment, cases 1B (gray) and 1D (black) at 1.2 s, their plans
+    dashed, and where the paper's arm turned."""
     figure = Figure(figsize=(1.9 * WIDTH, 2.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     for row in rows:
@@ -60,7 +109,7 @@ def figure6(rows: Sequence[Row]) -> Figure:
         turned = published.REVERSAL[row.case.letter]
         at = float(t[np.argmin(q[3])])
         right.plot([at - 0.12, at + 0.12], [turned, turned], color=PAPER, lw=1.1)
-        # Their labels are too near each other for one side.
+        # On different sides, because the labels are close to each other.
         side, align = (at - 0.14, "right") if row.case.letter == "B" else (at + 0.14, "left")
         right.text(
             side, turned, f"paper, 1{row.case.letter}: {turned:.2f}", color=PAPER, fontsize=7, va="center", ha=align
@@ -76,7 +125,7 @@ def figure6(rows: Sequence[Row]) -> Figure:
 
 
 def _planned_cycle(torque: Axes, angle: Axes, row: Row, colour: str) -> None:
-    """Of joint 4, dashed."""
+    """Joint 4 as planned, dashed."""
     t = np.linspace(0.0, row.plan.trajectory.duration, 300)
     seen = at_times(row.plan.effort.model, row.plan.trajectory, t)
     torque.plot(t, seen.tau[3], "--", color=colour, lw=0.8)
@@ -85,7 +134,7 @@ def _planned_cycle(torque: Axes, angle: Axes, row: Row, colour: str) -> None:
 
 @styled
 def figure7(rows: Sequence[Row]) -> Figure:
-    """Path of the end-effector, softer plate on top, 2C left and 2D right, at 1.6 s: planned dashed, executed solid;
+    """Path of the end-effector at 1.6 s, softer plate on top, 2C left and 2D right: planned dashed, executed solid, and
     how far the paper's arm pressed the plate down in 2D."""
     figure = Figure(figsize=(1.5 * WIDTH, 1.6 * WIDTH), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -123,8 +172,8 @@ def _path(ax: Axes, row: Row) -> None:
 
 @styled
 def figure8(rows: Sequence[Row]) -> Figure:
-    """Torques at joint 4 in the experiment at 1.6 s: motor in 2C black, in 2D gray, its spring gray and dashed; the
-    plan's cost of it beside the paper's."""
+    """Torques at joint 4 in the experiment at 1.6 s: motor in 2C black, in 2D gray, its spring gray and dashed, and the
+    plan's cost at joint 4 beside the paper's."""
     figure = Figure(figsize=(1.35 * WIDTH, 1.2 * WIDTH), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for row in rows:
@@ -146,14 +195,14 @@ def figure8(rows: Sequence[Row]) -> Figure:
 
 
 def _of_joint_4(row: Row) -> str:
-    """What the paper prints of joint 4's part of the cost at 1.6 s."""
+    """Joint 4's part of the cost at 1.6 s in the paper."""
     if row.case.letter == "C" and row.case.plate is not None:
         return f"{published.JOINT_4[row.case.plate]:g}"
     return "{:g} to {:g}".format(*published.JOINT_4_LEFT)
 
 
 def _spring(row: Row, q: Array, values: Mapping[str, float]) -> Array:
-    """What the spring pushes joint 4 forward with, along the executed motion."""
+    """Torque with which the spring pushes joint 4 forward, along the executed motion."""
     library = row.plan.effort.model.library
     return -library.torque("parallel_spring", {"q": np.ascontiguousarray(q[3])}, values)
 
@@ -162,7 +211,7 @@ def _cycle(row: Row) -> tuple[Array, Array, Array]:
     """t (N,) within the cycle, q and tau (n, N) of the first cycle that counts in the first trial."""
     if row.run is None:
         raise ValueError(f"case {row.case} was not executed")
-    trial: Trial = row.run.execution.trials[0]
+    trial = row.run.execution.trials[0]
     duration, dt = row.plan.trajectory.duration, row.run.execution.dt
     part = slice(round(RUN_IN * duration / dt), round((RUN_IN + 1) * duration / dt))
     t = trial.t[part]

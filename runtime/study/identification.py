@@ -1,8 +1,8 @@
-"""Table I: the identification experiment (5), (6) on the simulated arm, and the friction found in its recordings.
+"""Table I: the identification experiment (5), (6) on the simulated arm, and the friction identified from it.
 
-The printed parameters are hidden in the arm; the fit knows which terms (4) has, and none of their values. As in the
-paper one joint after the other follows cosines of several speeds, under PD control with the frictionless inverse
-dynamics, and friction is what the motors gave beyond those.
+The arm has the printed parameters; the fit knows the terms of (4) and none of their values. As in the paper, one joint
+after the other follows cosines of several speeds, under PD control with the frictionless inverse dynamics, and friction
+is the motor torque minus those.
 """
 
 from __future__ import annotations
@@ -12,12 +12,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, pi
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
+from runtime.documents.plans import (
+    ClaimEntry,
+    CosineEntry,
+    RecoveredEntry,
+    Table1Assumed,
+    Table1Entry,
+    Table1JointEntry,
+    Table1Published,
+)
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify_motion, prepared
 from runtime.estimation.regressors import Regressors
@@ -32,8 +40,7 @@ from runtime.planning.trajectory import Phase, Trajectory
 from runtime.recordings.recording import Recording
 from runtime.simulation.plant import PlantError
 from runtime.simulation.simulate import Hidden
-from runtime.study.options import TRIALS
-from runtime.study.published import PRECISION, TABLE_1
+from runtime.study.published import PRECISION, TABLE_1, TRIALS
 
 Array = NDArray[np.float64]
 
@@ -42,9 +49,9 @@ AMPLITUDE = pi / 4
 START = 0.0
 """rad, q_i0 of (5); assumed: the straight arm turns away from where the plate stands."""
 SECONDS = 10.0
-"""Of motion that each trial has at least, besides the cycle that runs it in; assumed."""
+"""s; least duration of each trial after its run-in; assumed."""
 _DERIVATIVES = 7
-"""Of half a cosine, that its polynomial has at both ends: degree 13, within 1e-9 rad."""
+"""Derivatives of half a cosine that its polynomial matches at both ends: degree 13, within 1e-9 rad."""
 
 PLACES: Mapping[str, tuple[str, str]] = {
     "positive": ("coulomb_asymmetric", "positive"),
@@ -60,7 +67,7 @@ PLACES: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Cosine:
-    """A joint (1-based) on q_i0 + a (1 + cos ωt), the others at rest at zero; speed: the largest, a ω, rad/s."""
+    """Motion q_i0 + a (1 + cos ωt) of a joint (1-based), the others rest at zero; speed: the largest, a ω, rad/s."""
 
     joint: int
     speed: float
@@ -74,29 +81,35 @@ class Cosine:
         return self.speed / AMPLITUDE
 
     def trajectory(self, model: Model) -> Trajectory:
-        """One period, in two polynomials: there and back."""
+        """One period in two polynomials, one for each direction."""
         half = pi / self.omega
         # The derivatives of cos at 0 are 1, 0, -1, 0, ...; those at pi are their negatives.
         swing = [AMPLITUDE * self.omega**k * (1, 0, -1, 0)[k % 4] for k in range(_DERIVATIVES)]
         top = [START + AMPLITUDE + swing[0], *swing[1:]]
         bottom = [START + AMPLITUDE - swing[0], *(-x for x in swing[1:])]
         there = BPoly.from_derivatives([0.0, half], [top, bottom]).c[:, 0]
-        phases = tuple(self._phase(model, half, points) for points in (there, there[::-1]))
-        name = f"identification of {self}"
-        return Trajectory(model.name, name, phases, periodic=True, elbow=1.0, friction=False, springs={}, contact={})
-
-    def _phase(self, model: Model, duration: float, points: Array) -> Phase:
-        rows = np.zeros((model.n, len(points)))
-        rows[self.joint - 1] = points
-        return Phase("q", duration, rows)
+        phases = tuple(
+            Phase("q", half, np.array([points if k == self.joint else 0.0 * points for k in range(1, model.n + 1)]))
+            for points in (there, there[::-1])
+        )
+        return Trajectory(
+            arm=model.name,
+            scenario=f"identification of {self}",
+            phases=phases,
+            periodic=True,
+            elbow=1.0,
+            friction=False,
+            springs={},
+            contact={},
+        )
 
 
 COSINES = tuple(Cosine(joint, speed) for joint, row in enumerate(TABLE_1, 1) for speed in row.speeds)
-"""Those of Table I."""
+"""The motions of Table I."""
 
 
 def printed() -> list[Hidden]:
-    """Table I as the arm has it: the model file's cubic term of joint 4 is another."""
+    """Effects of the simulated arm with the values of Table I; the model file has another cubic term of joint 4."""
     found: Structure = {}
     for joint, row in enumerate(TABLE_1, 1):
         for column, (effect, parameter) in PLACES.items():
@@ -108,15 +121,16 @@ def record(
     model: Model,
     controller: Path,
     cosines: Sequence[Cosine] = COSINES,
+    *,
     trials: int = TRIALS,
     seconds: float = SECONDS,
     done: Callable[[Cosine], None] = lambda _: None,
 ) -> dict[Cosine, Recording]:
-    """The experiment; friction is not compensated, and no spring is mounted.
+    """The experiment, without friction compensation and springs.
 
     controller   directory of the arm's compiled controller
     done         called after each cosine
-    Raises PlantError where the arm stops.
+    Raises PlantError if the arm is stopped.
     """
     found = {}
     for seed, cosine in enumerate(cosines):
@@ -125,13 +139,13 @@ def record(
         settings = ExecutionSettings(trials, cycles, seed, friction_compensation=False)
         made = execute(model, controller, trajectory, settings, changed=printed())
         if made.recording is None or not made.completed:
-            raise PlantError(f"{trajectory.scenario}: {made.to_json()['reason']}")
+            raise PlantError(f"{trajectory.scenario}: {made.reason}")
         found[cosine] = made.recording
         done(cosine)
     return found
 
 
-# --- what it tells ---
+# --- the fit ---
 
 
 @dataclass(frozen=True)
@@ -145,12 +159,12 @@ class Recovered:
 
     @property
     def within_precision(self) -> bool:
-        """Whether it is the printed value, as far as that is printed."""
+        """Whether it equals the printed value to the printed precision."""
         return abs(self.ours.value - self.paper) <= PRECISION
 
     @property
     def within_interval(self) -> bool:
-        """Whether the interval holds the printed value."""
+        """Whether the interval contains the printed value."""
         low, high = self.ours.interval or (np.nan, np.nan)
         return low <= self.paper <= high
 
@@ -159,25 +173,35 @@ class Recovered:
         """Whether the printed value counts as recovered."""
         return self.within_precision or self.within_interval
 
-    def to_json(self) -> dict[str, Any]:
-        """difference: relative to the paper's."""
-        return {
-            "joint": self.joint,
-            "name": self.column,
-            "unit": self.ours.unit,
-            "paper": self.paper,
-            "ours": self.ours.known_value,
-            "interval": self.ours.known_interval,
-            "difference": self.ours.value / self.paper - 1.0,
-            "within_precision": self.within_precision,
-            "within_interval": self.within_interval,
-            "met": self.met,
-        }
+    def claim(self) -> ClaimEntry:
+        """That the parameter is recovered."""
+        interval = ", ".join(f"{end:.3f}" for end in self.ours.interval or ())
+        return ClaimEntry(
+            text=f"joint {self.joint}: {self.column}",
+            paper=f"{self.paper:g}",
+            ours=f"{self.ours.value:.3f} [{interval}]",
+            holds=self.met,
+            unclaimed="",
+        )
+
+    def entry(self) -> RecoveredEntry:
+        return RecoveredEntry(
+            joint=self.joint,
+            name=self.column,
+            unit=self.ours.unit,
+            paper=self.paper,
+            ours=self.ours.known_value,
+            interval=self.ours.known_interval,
+            difference=self.ours.value / self.paper - 1.0,
+            within_precision=bool(self.within_precision),
+            within_interval=bool(self.within_interval),
+            met=bool(self.met),
+        )
 
 
 @dataclass(frozen=True)
 class JointFriction:
-    """What was identified at a joint (1-based) from the recordings of its cosines, which are in their order."""
+    """Friction of a joint (1-based), identified from the recordings of its cosines, in their order."""
 
     model: Model
     joint: int
@@ -196,7 +220,7 @@ class JointFriction:
     def measured(self) -> list[tuple[Array, Array]]:
         """Speed (M,) rad/s and friction torque (M,) N m in each trial.
 
-        The torque is the recorded one less that of the inverse dynamics, both within the band of the fit.
+        The torque is the recorded one minus that of the inverse dynamics, both within the band of the fit.
         """
         found, i = self.identification, self.joint - 1
         speed = found.motion.rows("qd", i)[i]
@@ -217,26 +241,26 @@ class JointFriction:
         library = self.model.library
         return np.sum([library.torque(t.effect, {"qd": speeds}, values) for t, values in terms.items()], axis=0)
 
-    def to_json(self) -> dict[str, Any]:
-        """reached: the largest speed in either direction; without compensation a joint lags behind its cosine."""
+    def entry(self) -> Table1JointEntry:
+        """Without compensation a joint lags behind its cosine and does not reach its speed."""
         motion = self.identification.motion
         cosines = []
         for number, cosine in enumerate(self.cosines):
             trials = [piece for piece in motion.pieces if piece.recording == number]
             reached = max(float(np.abs(piece.qd[self.joint - 1]).max()) for piece in trials)
-            cosines.append({"speed": cosine.speed, "omega": cosine.omega, "reached": reached, "trials": len(trials)})
-        return {
-            "joint": self.joint,
-            "cosines": cosines,
-            "band": motion.band.document(),
-            "skew": self.identification.inference.skew_entry(),
-            "parameters": [parameter.to_json() for parameter in self.parameters],
-        }
+            cosines.append(CosineEntry(speed=cosine.speed, omega=cosine.omega, reached=reached, trials=len(trials)))
+        return Table1JointEntry(
+            joint=self.joint,
+            cosines=cosines,
+            band=motion.band.document(),
+            skew=self.identification.inference.skew_entry(),
+            parameters=[parameter.entry() for parameter in self.parameters],
+        )
 
 
 @dataclass(frozen=True)
 class Table1:
-    """Table I as far as its cosines were recorded."""
+    """Table I for the joints whose cosines were recorded."""
 
     fits: tuple[JointFriction, ...]
 
@@ -246,22 +270,23 @@ class Table1:
         return tuple(parameter for fit in self.fits for parameter in fit.parameters)
 
     def joint(self, number: int) -> JointFriction:
-        """Of a joint (1-based) that was recorded."""
+        """Friction of a joint (1-based)."""
         return next(fit for fit in self.fits if fit.joint == number)
 
-    def to_json(self) -> dict[str, Any]:
-        """Every figure in SI; what of the experiment is published and what is assumed is told apart."""
-        return {
-            "published": {"speeds": [list(row.speeds) for row in TABLE_1], "precision": PRECISION},
-            "assumed": {"amplitude": AMPLITUDE, "start": START},
-            "joints": [fit.to_json() for fit in self.fits],
-        }
+    def entry(self) -> Table1Entry:
+        """Every figure in SI, with the published and the assumed values of the experiment."""
+        return Table1Entry(
+            published=Table1Published(speeds=[list(row.speeds) for row in TABLE_1], precision=PRECISION),
+            assumed=Table1Assumed(amplitude=AMPLITUDE, start=START),
+            joints=[fit.entry() for fit in self.fits],
+            claims=[parameter.claim() for parameter in self.parameters],
+        )
 
 
 def table1(model: Model, recordings: Mapping[Cosine, Recording]) -> Table1:
-    """Friction of each joint that moved. Raises RecordingError.
+    """Friction of each joint that moved, from its own recordings: in others it creeps, where (4) does not hold.
 
-    Each from its own recordings: in those of others it creeps, and what it then feels is no friction of (4).
+    Raises RecordingError.
     """
     joints = sorted({cosine.joint for cosine in recordings})
     return Table1(
@@ -272,16 +297,16 @@ def table1(model: Model, recordings: Mapping[Cosine, Recording]) -> Table1:
 def _fit(model: Model, joint: int, recordings: Mapping[Cosine, Recording]) -> JointFriction:
     known: Structure = {Term(effect, joint): {} for effect, _ in PLACES.values()}
     motion = prepared(model, _with_rigid_torque(model, list(recordings.values())))
-    # The controller holds each torque for a period, and nothing else lies between it and the encoder.
+    # The only delay between torque and encoder is that the controller holds each torque for a period.
     found = identify_motion(model, motion, known, skew=NOMINAL_SKEW)
     return JointFriction(model, joint, tuple(recordings), found)
 
 
 def _with_rigid_torque(model: Model, recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings with what the inverse dynamics ask for their motion.
+    """The recordings with the torque of the inverse dynamics along their motion.
 
-    A joint that moves alone tells its own inertia and no more of the arm's ten base parameters. The paper takes all
-    of them as known, and so do we: the simulated arm has the model's inertia.
+    A joint that moves alone determines one of the arm's ten base parameters only. The paper takes all of them as known,
+    and so does this fit: the simulated arm has the model's inertia.
     """
     cutoff = choose_band(recordings, np.abs(model.inertia(np.zeros(model.n)))).cutoffs.max()
     return [replace(r, tau_rigid=_rigid_torque(model, r, cutoff)) for r in recordings]
@@ -291,7 +316,7 @@ def _rigid_torque(model: Model, recording: Recording, cutoff: float) -> Array:
     derive = differentiator(cutoff, 1 / recording.dt)
     found = np.empty_like(recording.tau)
     for segment in recording.segments:
-        # The ends, which no whole kernel covers, are dropped by the fit for the same reason.
+        # The fit drops the ends, where the kernel is not covered by samples.
         whole = np.pad(recording.q[:, segment], ((0, 0), (derive.half, derive.half)), "reflect", reflect_type="odd")
         q, qd, qdd = (np.array(part) for part in zip(*(derive(row) for row in whole), strict=True))
         found[:, segment] = model.inverse_dynamics(q, qd, qdd)

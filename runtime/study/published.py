@@ -1,9 +1,11 @@
-"""What the paper prints. Torques in N m, costs in N²m²s, stiffnesses in N/m, times in s, speeds in rad/s."""
+"""Figures of the paper. Torques in N m, costs in N²m²s, stiffnesses in N/m, times in s, speeds in rad/s."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+TRIALS = 3
+"""Trials of each case in the experiment."""
 CYCLES_1 = (1.2, 2.0)
 """Cycle times of Table II."""
 CYCLES_2 = (1.2, 1.6, 2.0)
@@ -14,7 +16,7 @@ PLATES = (600.0, 1300.0)
 
 @dataclass(frozen=True)
 class Friction:
-    """A row of Table I: the largest speeds of the cosines, and the parameters of (4) with their printed precision."""
+    """A row of Table I: the largest speeds of the cosines, and the parameters of (4)."""
 
     speeds: tuple[float, ...]
     positive: float
@@ -77,4 +79,4 @@ COMPRESSION = {None: 0.050, 600.0: 0.045, 1300.0: 0.041}
 JOINT_4 = {600.0: 25.6, 1300.0: 50.2}
 """Joint 4's part of the cost of case 2C at 1.6 s, by plate (section V.B)."""
 JOINT_4_LEFT = (13.0, 16.0)
-"""What the spring leaves of it in case 2D, whatever the cycle time."""
+"""The same in case 2D, at any cycle time."""

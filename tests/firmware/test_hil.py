@@ -21,8 +21,7 @@ from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
 from runtime.planning.settings import PlanningSettings
 from runtime.planning.trajectory import Trajectory
-from runtime.study.cases import StudyCase
-from runtime.study.experiment import HIDDEN
+from runtime.study.cases import HIDDEN, StudyCase
 from runtime.workspace.source import Source
 
 EMULATED = [

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.documents.plans import ClaimEntry
 from runtime.model.loader import Model
 from runtime.study import figures, published
-from runtime.study.cases import StudyCase
-from runtime.study.experiment import StudyBench
-from runtime.study.study import Study
-from runtime.study.tables import Claim, Row
+from runtime.study.cases import StudyCase, StudyExperiment
+from runtime.study.identification import Table1
+from runtime.study.study import Row, Study
 from runtime.workspace.compiled import CompiledArm
 from runtime.workspace.source import Source
 
@@ -78,7 +80,7 @@ def test_the_arm_is_the_calibrated_one(model: Model) -> None:
 
 
 def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Source, study: Study) -> None:
-    bench = StudyBench(study.model, source.compiled.controller(), 1, lambda _: None)
+    bench = StudyExperiment(study.model, source.compiled.controller(), 1, lambda _: None)
     case = StudyCase("D", 1.6, 600.0)
     plan = study.plans.of(case)
     row = Row(case, plan, bench.run(case, plan), published.TABLE_3[1.6, 600.0, "D"])
@@ -98,7 +100,7 @@ def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Sour
 
 
 def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Source, study: Study) -> None:
-    bench = StudyBench(study.model, source.compiled.controller(), 1, lambda _: None)
+    bench = StudyExperiment(study.model, source.compiled.controller(), 1, lambda _: None)
     runs = {letter: bench.run(case, study.plans.of(case)) for letter in "BD" if (case := StudyCase(letter, 1.2))}
     planned = {letter: study.plans.of(StudyCase(letter, 1.2)).cost for letter in "BD"}
     friction = planned["D"] - planned["B"]
@@ -113,11 +115,14 @@ def test_the_exit_status_says_whether_the_study_keeps_what_it_claims(
     unclaimed: str, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What is known not to come out is said with the reason, and costs no exit status."""
-    claim = Claim("the spring leaves joint 4", "13 to 16", "12 to 25", False, unclaimed)
+    text = "the spring leaves joint 4"
+    claim = ClaimEntry(text=text, paper="13 to 16", ours="12 to 25", holds=False, unclaimed=unclaimed)
+    table = Table1(()).entry()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(CompiledArm, "model", lambda _: None)
     monkeypatch.setattr(CompiledArm, "controller", lambda _: tmp_path)
-    monkeypatch.setattr(Study, "table", lambda *_: {"parameters": [], "claims": [vars(claim)]})
+    found = SimpleNamespace(entry=lambda: msgspec.structs.replace(table, claims=[claim]))
+    monkeypatch.setattr(Study, "table1", found)
     assert output.run(app, ["paper", "table1"]) == status
     out = capsys.readouterr().out
     assert 'Not reproduced: "the spring leaves joint 4 13 to 16", here 12 to 25; ' in out

@@ -13,9 +13,8 @@ from scipy.signal import butter, filtfilt
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
-from runtime.plain_json import plain
 from runtime.recordings.recording import Recording
-from runtime.study import figure4, identification, published
+from runtime.study import figures, identification, published
 from runtime.study.identification import AMPLITUDE, COSINES, START, Cosine, Table1, printed, record, table1
 from runtime.workspace.source import Source
 
@@ -139,7 +138,7 @@ def _friction(model: Model, recording: Recording, joint: int) -> tuple[Array, Ar
 
 
 def test_the_document_is_json_and_tells_published_from_assumed(table: Table1) -> None:
-    document = json.loads(json.dumps(plain(table.to_json()), allow_nan=False))
+    document = json.loads(json.dumps(table.entry().to_json(), allow_nan=False))
     assert document["published"]["speeds"][3] == [1.0, 3.0, 5.0]
     assert document["assumed"]["amplitude"] == AMPLITUDE
     (joint,) = document["joints"]
@@ -157,7 +156,7 @@ def test_the_document_is_json_and_tells_published_from_assumed(table: Table1) ->
 
 def test_the_figure_shows_measured_torque_around_the_map(table: Table1) -> None:
     found = table.joint(4)
-    figure = figure4.friction(found)
+    figure = figures.figure4(found)
     (ax,) = figure.axes
     legend = ax.get_legend()
     assert legend is not None
