@@ -38,6 +38,7 @@ DEAR = 1.0
 """Tests and groups of at least this many seconds begin first, the longest ahead, so that none is alone at the end."""
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Dear units first. A unit is what one process runs: a group of tests that share a dear fixture, else one test."""
     try:
@@ -48,6 +49,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         seconds[_unit(item)] += known.get(item.nodeid, 0.0)
     items.sort(key=lambda item: -seconds[_unit(item)] if seconds[_unit(item)] >= DEAR else 0.0)
+    for item in items:
+        # pytest-xdist 3.8 appends the group to `_nodeid`, which pytest 9.2 no longer reads.
+        grouped, own = getattr(item, "_nodeid", None), getattr(item, "_id", None)
+        if isinstance(grouped, str) and own is not None:
+            item._id = type(own).parse(grouped)  # type: ignore[attr-defined]
 
 
 def _unit(item: pytest.Item) -> str:

@@ -53,7 +53,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, np.
 
 
 def test_the_script_says_what_the_guide_says(solved: tuple[str, dict[str, np.ndarray]]) -> None:
-    assert f"It says `{solved[0]}`" in GUIDE
+    assert f"It prints `{solved[0]}`" in GUIDE
 
 
 def torques(model: Model, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

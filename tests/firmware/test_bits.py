@@ -9,10 +9,11 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import kept
 import motions
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
 
+pytestmark = pytest.mark.xdist_group("bits")
 SLOW = pytest.mark.slow
 STEPS = 10_000
 """Of the motion."""
@@ -36,7 +38,6 @@ KINDS = [pytest.param("zig"), pytest.param("gcc", marks=GCC)]
 TARGETS = list(cross.TARGETS)
 LEVELS = ["-O0", "-O3"]
 Results = np.ndarray
-Images = Callable[[str, str, str], Path]
 
 
 @pytest.fixture(scope="module")
@@ -50,18 +51,17 @@ def sources(vishard4: Arm, model: Model, tmp_path_factory: pytest.TempPathFactor
 
 def on_this_computer(directory: Path, command: tuple[str, ...], level: str) -> Results:
     """The motion's results as a shared library of this computer gives them."""
-    library = directory / f"host{abs(hash((command, level)))}.so"
-    flags = list(build.FLAGS)
     # Else zig compiles runtime libraries first.
-    flags += ["-fno-sanitize=all", "-nostdlib"] if "ziglang" in command else []
+    own = ("-fno-sanitize=all", "-nostdlib") if "ziglang" in command else ()
+    flags = [*build.FLAGS, *own, level]
     environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(build.cache_directory() / "zig")}
-    subprocess.run(
-        [*command, *flags, level, *motions.units(directory), "-o", str(library)],
-        cwd=directory,
-        check=True,
-        env=environment,
-    )
-    loaded = ctypes.CDLL(str(library))
+
+    def fill(into: Path) -> None:
+        units, output = motions.units(directory), str(into / "motion.so")
+        subprocess.run([*command, *flags, *units, "-o", output], cwd=directory, check=True, env=environment)
+
+    key = build.key(*command, *flags, "", *kept.texts(directory))
+    loaded = ctypes.CDLL(str(build.entry(f"motion-{key}", fill) / "motion.so"))
     loaded.motion()
     return shaped(bytes((ctypes.c_uint32 * (STEPS * 6)).in_dll(loaded, "results")))
 
@@ -75,27 +75,8 @@ def expected(sources: Path) -> Results:
     return on_this_computer(sources, build.compiler(), "-O2")
 
 
-@pytest.fixture(scope="module")
-def images(sources: Path) -> Images:
-    """Of compiler, processor and optimisation; each compiled once."""
-    made: dict[tuple[str, str, str], Path] = {}
-
-    def image(kind: str, target: str, level: str) -> Path:
-        key = (kind, target, level)
-        if key not in made:
-            made[key] = cross.compile_image(
-                sources,
-                motions.units(sources),
-                "motion.ld",
-                cross.TARGETS[target],
-                cross.find(kind),
-                output=f"{'-'.join(key)}/motion",
-                include=(".",),
-                optimisation=level,
-            ).elf
-        return made[key]
-
-    return image
+def image(sources: Path, kind: str, target: str, level: str) -> Path:
+    return kept.image(sources, motions.units(sources), kind, target, level)
 
 
 def test_the_motion_is_demanding(expected: Results) -> None:
@@ -118,8 +99,8 @@ def test_on_this_computer(sources: Path, expected: Results, command: tuple[str, 
 @pytest.mark.parametrize("level", [*(pytest.param(x, marks=SLOW) for x in LEVELS), cross.FAST, cross.SMALL])
 @pytest.mark.parametrize("target", ["cortex-m4f", *(pytest.param(x, marks=SLOW) for x in TARGETS if x != "cortex-m4f")])
 @pytest.mark.parametrize("kind", KINDS)
-def test_on_unicorn(images: Images, expected: Results, kind: str, target: str, level: str) -> None:
-    processor = Processor(images(kind, target, level), target)
+def test_on_unicorn(sources: Path, expected: Results, kind: str, target: str, level: str) -> None:
+    processor = Processor(image(sources, kind, target, level), target)
     processor.call("motion")
     assert (shaped(processor.variable("results")) == expected).all()
 
@@ -129,10 +110,10 @@ def test_on_unicorn(images: Images, expected: Results, kind: str, target: str, l
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_on_qemu(images: Images, expected: Results, tmp_path: Path, kind: str, target: str, level: str) -> None:
+def test_on_qemu(sources: Path, expected: Results, tmp_path: Path, kind: str, target: str, level: str) -> None:
     machine = cross.TARGETS[target].machine
-    command = ["qemu-system-arm", "-M", machine, "-kernel", str(images(kind, target, level)), "-display", "none"]
-    command += ["-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
+    command = ["qemu-system-arm", "-M", machine, "-kernel", str(image(sources, kind, target, level)), "-display"]
+    command += ["none", "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
     subprocess.run(command, cwd=tmp_path, check=True, timeout=60, stdin=subprocess.DEVNULL)
     assert (shaped((tmp_path / "results.bin").read_bytes()) == expected).all()
 
@@ -146,9 +127,7 @@ def test_on_unicorn_it_is_what_sympy_says(vishard4: Arm, tmp_path: Path, kind: s
     # Functions are called one by one; an image has to have an entry all the same.
     (tmp_path / "start.c").write_text("void start(void);\nvoid start(void)\n{\n}\n")
     shutil.copy(motions.HERE / "motion.ld", tmp_path)
-    target, tools = cross.TARGETS["cortex-m4f"], cross.find(kind)
-    image = cross.compile_image(tmp_path, motions.units(tmp_path), "motion.ld", target, tools, include=(".",))
-    processor = Processor(image.elf)
+    processor = Processor(kept.image(tmp_path, motions.units(tmp_path), kind))
     for subject in [*verify.arm_subjects(derived), *verify.controller_subjects(derived, LIBRARY)]:
         emulated = verify.Subject(subject.function, {"C float": called(processor, subject)}, subject.draw)
         rng = random.Random(3)

@@ -34,6 +34,7 @@ from symbolic.model import derive
 from symbolic.model_file.arm import Arm
 from tests.variants import slow
 
+pytestmark = pytest.mark.xdist_group("firmware tree")
 CROSS = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
 QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 CMAKE = pytest.mark.skipif(shutil.which("cmake") is None, reason="needs cmake")
@@ -46,11 +47,19 @@ TEXT, STACK = 16 * 1024, 1024
 
 
 @pytest.fixture(scope="module")
-def tree(vishard4: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The firmware's tree, as a user has it."""
-    directory = tmp_path_factory.mktemp("firmware")
-    source_tree.FirmwareTree.of(derive(vishard4), LIBRARY, directory).write()
-    return directory
+def tree(vishard4: Arm) -> Path:
+    """The firmware's tree, as a user has it, with what the same compilers have built from the same files."""
+    files = source_tree.firmware_files(derive(vishard4), LIBRARY)
+    kinds = [kind for kind in ("zig", "gcc") if kind == "zig" or shutil.which("arm-none-eabi-gcc")]
+    content = [part for item in files.items() for part in item]
+    key = build.key(*(cross.find(kind).identity for kind in kinds), *content)
+
+    def fill(into: Path) -> None:
+        for path, text in files.items():
+            (into / "tree" / path).parent.mkdir(parents=True, exist_ok=True)
+            (into / "tree" / path).write_text(text)
+
+    return build.entry(f"tree-{key}", fill) / "tree"
 
 
 def prepared(arm: Arm, target: str, kind: str) -> tuple[Path, dict[str, Any]]:
@@ -105,19 +114,21 @@ def test_cmake_builds_it(vishard4: Arm, tree: Path, kind: str) -> None:
 
 @CMAKE
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
-def test_a_project_takes_it_in(tree: Path, tmp_path: Path) -> None:
+def test_a_project_takes_it_in(tree: Path) -> None:
     """By CMake, with the project's own compiler; it calls the machine itself."""
-    (tmp_path / "CMakeLists.txt").write_text(
+    project = tree / "build" / "project"
+    project.mkdir(parents=True, exist_ok=True)
+    (project / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.16)\nproject(own C)\n"
         f"add_subdirectory({tree} firmware)\nadd_executable(own own.c)\ntarget_link_libraries(own vishard4)\n"
     )
-    (tmp_path / "own.c").write_text(
+    (project / "own.c").write_text(
         '#include "tendon_machine.h"\nstatic tendon_machine machine;\n'
         "int main(void)\n{\n    tendon_machine_start(&machine);\n    return tendon_machine_enabled(&machine);\n}\n"
     )
-    run(["cmake", "-S", str(tmp_path), "-B", str(tmp_path / "build")])
-    run(["cmake", "--build", str(tmp_path / "build")])
-    run([str(tmp_path / "build" / "own")])
+    run(["cmake", "-S", str(project), "-B", str(project / "build")])
+    run(["cmake", "--build", str(project / "build")])
+    run([str(project / "build" / "own")])
 
 
 def test_make_builds_a_library_for_this_computer(tree: Path) -> None:
@@ -138,18 +149,22 @@ def test_make_says_what_there_is(tree: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [*KINDS, pytest.param("host")])
-def test_everything_compiles_without_a_warning(tree: Path, tmp_path: Path, kind: str) -> None:
+def test_everything_compiles_without_a_warning(tree: Path, kind: str) -> None:
     """The stub of a board, too, which is in no image; and what we compile for this computer."""
     if kind == "host":
         command = [*build.compiler(), build.LOOPS, *build.FLAGS, "-pedantic"]
     else:
         tools = cross.find(kind)
         command = [*tools.compile, *tools.flags(cross.TARGETS["cortex-m4f"])]
-    pages = {*tree.glob("src/*.c"), *tree.glob("boards/own/*.c")}
-    for source in sorted(pages):
-        output = str(tmp_path / f"{source.stem}.o")
-        run([*command, *build.WARNINGS, "-c", f"-I{tree / 'src'}", str(source), "-o", output])
-    assert len(list(tmp_path.glob("*.o"))) == len(pages)
+    pages = sorted({*tree.glob("src/*.c"), *tree.glob("boards/own/*.c")})
+
+    def fill(into: Path) -> None:
+        for source in pages:
+            output = ["-o", str(into / f"{source.stem}.o")]
+            run([*command, *build.WARNINGS, "-c", f"-I{tree / 'src'}", str(source), *output])
+
+    made = build.entry(f"objects-{build.key(tree.parent.name, *command, *build.WARNINGS)}", fill)
+    assert len(list(made.glob("*.o"))) == len(pages)
 
 
 BOARDS = [pytest.param(UnicornBoard, id="unicorn"), pytest.param(QemuBoard, id="qemu", marks=QEMU)]
@@ -211,7 +226,10 @@ def test_a_fault_of_the_processor_takes_the_torque_away(
     tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the loop, an address that is not there is written, after a torque was given."""
-    broken = shutil.copytree(tree, tmp_path / "broken", ignore=shutil.ignore_patterns("build"))
+    broken = tree / "build" / "broken"
+    if not broken.exists():
+        made = shutil.copytree(tree, tmp_path / "broken", ignore=shutil.ignore_patterns("build"))
+        shutil.move(made, broken)
     step = "tendon_board_torque(torque);"
     change = f"""
         tendon_board_enable(true);
@@ -220,8 +238,9 @@ def test_a_fault_of_the_processor_takes_the_torque_away(
         if (time_us == 2000U) {{
             *(volatile uint32_t *)0xFFFFFFF0U = 1U;
         }}"""
-    source = (broken / "src" / "main.c").read_text()
-    (broken / "src" / "main.c").write_text(source.replace(step, change))
+    source, main = (tree / "src" / "main.c").read_text(), broken / "src" / "main.c"
+    if main.read_text() == source:
+        main.write_text(source.replace(step, change))
     run(["make", "-C", str(broken), "BUILD=build", "TOOLCHAIN=zig", f"ZIG={sys.executable} -m ziglang", "elf"])
     shutil.copy(broken / "protocol.json", broken / "build")
     board = QemuBoard(broken / "build", "vishard4", 4)
@@ -279,9 +298,12 @@ def own_board(tree: Path, board: Path, start: str) -> None:
 @pytest.fixture
 def mine(tree: Path, request: pytest.FixtureRequest) -> Iterator[Path]:
     board = tree / "boards" / "mine"
+    shutil.rmtree(board, ignore_errors=True)
     own_board(tree, board, getattr(request, "param", START))
     yield board
     shutil.rmtree(board)
+    for image in tree.glob("build/*-mine/vishard4.elf"):
+        image.unlink()
 
 
 def makes(tree: Path, kind: str, *words: str) -> list[str]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 from math import pi
 from pathlib import Path
 
+import kept
 import motions
 import numpy as np
 import pytest
@@ -45,8 +46,7 @@ def motion(vishard4: Arm, model: Model, tmp_path_factory: pytest.TempPathFactory
     def image(kind: str, plan: Trajectory) -> Path:
         directory = tmp_path_factory.mktemp("motion")
         motions.write(directory, vishard4, model, plan, STEPS)
-        tools = cross.find(kind)
-        return cross.compile_image(directory, motions.units(directory), "motion.ld", M4F, tools, include=(".",)).elf
+        return kept.image(directory, motions.units(directory), kind)
 
     return image
 

@@ -9,6 +9,7 @@ import struct
 from math import pi
 from pathlib import Path
 
+import kept
 import motions
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from symbolic.model import derive
 from symbolic.model_file.arm import Arm
 from tests.six_joints import START, six_joints
 
+pytestmark = pytest.mark.xdist_group("six joints")
 QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 EMULATED = [pytest.param("unicorn"), pytest.param("qemu", marks=[QEMU, pytest.mark.slow])]
 M4F = cross.TARGETS["cortex-m4f"]
@@ -101,8 +103,8 @@ def test_the_same_recording_bit_for_bit(six: Model, arm: Arm, plan: Trajectory, 
         np.testing.assert_array_equal(own, other, err_msg=name)
 
 
-def test_the_image_fits(arm: Arm) -> None:
-    image = json.loads((prepare.prepare_firmware(arm, LIBRARY, M4F.name, "zig") / "image.json").read_text())
+def test_the_image_fits(board: Path) -> None:
+    image = json.loads((board / "image.json").read_text())
     assert image["text"] <= TEXT
     assert image["stack"]["worst"] <= STACK
     assert image["forbidden"] == []
@@ -135,8 +137,7 @@ def test_what_the_inverse_dynamics_cost(six: Model, arm: Arm, tmp_path: Path) ->
             (tmp_path / path).write_text(text)
     (tmp_path / "alone.c").write_text(ALONE)
     shutil.copy(Path(motions.__file__).with_name("motion.ld"), tmp_path)
-    built = cross.compile_image(tmp_path, motions.units(tmp_path), "motion.ld", M4F, cross.find("zig"), include=(".",))
-    processor = Processor(built.elf)
+    processor = Processor(kept.image(tmp_path, motions.units(tmp_path), "zig"))
     parameters = processor.place(bytes(4 * len(six.metadata["struct"])))
     processor.call("six_default_parameters_f32", parameters)
     q, qd, qdd, tau = (processor.place(bytes(24)) for _ in range(4))

@@ -7,13 +7,13 @@ import struct
 from math import pi
 from pathlib import Path
 
+import kept
 import numpy as np
 import pytest
 import spatial_arms
 from emulation import Meter, Processor
 
 from codegen import render
-from codegen.toolchain import cross
 from symbolic.model import derive
 
 GCC = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
@@ -42,10 +42,7 @@ def test_inverse_dynamics(name: str, kind: str, tmp_path: Path) -> None:
             (tmp_path / path).write_text(text)
     (tmp_path / "motion.c").write_text(CALLS.format(name=name, n=n))
     shutil.copy(HERE / "motion.ld", tmp_path)
-    tools = cross.find(kind)
-    units = ["motion.c", f"{name}_f32.c"]
-    image = cross.compile_image(tmp_path, units, "motion.ld", cross.TARGETS["cortex-m4f"], tools, include=(".",)).elf
-    processor = Processor(image)
+    processor = Processor(kept.image(tmp_path, ["motion.c", f"{name}_f32.c"], kind))
     meter = Meter(processor.cpu, processor.symbols, f"{name}_inverse_dynamics_f32")
     parameters = processor.place(bytes(4 * len(model.struct.symbols)))
     q, qd, qdd, tau = (processor.place(bytes(4 * n)) for _ in range(4))

@@ -4,23 +4,20 @@ but damping after a stop: every state and every event, and every float where a t
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 from pathlib import Path
 
+import kept
 import pytest
 from random_arms import MIXED
 
 from codegen.firmware.protocol import REASONS
 from codegen.firmware.source_tree import machine_files
 from codegen.render import arm_files, controller_files
-from codegen.toolchain import build
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 
 ARM = MIXED["r"]
 HERE = Path(__file__).resolve().parent
-SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 MADE_BY_THE_CONTROLLER = f"{ARM.name}_controller_f32.c"
 
 
@@ -40,35 +37,21 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def printed(directory: Path, output: str, units: list[str], *flags: str) -> dict[str, int]:
-    """Compiled and run: the figures that it prints; all is well with it."""
-    command = [*build.compiler(), "-std=c99", "-ffp-contract=off", *flags, *units, "-o", output, "-lm"]
-    made = subprocess.run(command, cwd=directory, capture_output=True, text=True, check=False)
-    if made.returncode and "san" in made.stderr and "-fsanitize" in " ".join(flags):
-        pytest.skip("this compiler has no sanitizers")
-    assert made.returncode == 0, made.stderr[:3000]
-    environment = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
-    done = subprocess.run([f"./{output}"], cwd=directory, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr[:3000]
-    print(f"\n{done.stdout.strip()}")
-    return {name: int(value, 0) for name, value in (word.split("=") for word in done.stdout.split())}
-
-
-def walked(directory: Path, output: str, *flags: str) -> None:
+def walked(directory: Path, *flags: str) -> None:
     units = [p.name for p in sorted(directory.glob("tendon_*.c"))] + ["walk.c"]
-    found = printed(directory, output, units, *flags)
+    found = kept.figures(kept.program(directory, units, *flags))
     assert found["states"] > 1000
     every = {reason.number for reason in REASONS if reason.name != "none"}
     assert {number for number in range(32) if found["reasons"] >> number & 1} == every
 
 
 def test_every_state_and_every_event(sources: Path) -> None:
-    walked(sources, "walk", "-O2")
+    walked(sources, "-O2")
 
 
 @pytest.mark.slow
 def test_every_state_and_every_event_under_the_sanitizers(sources: Path) -> None:
-    walked(sources, "walk_sanitized", "-O1", "-g", *SANITIZERS)
+    walked(sources, "-O1", "-g", *kept.SANITIZERS)
 
 
 @pytest.mark.parametrize(("stride", "cases"), [(1009, 4), pytest.param(1, 1, marks=pytest.mark.slow)])
@@ -77,6 +60,6 @@ def test_every_float(sources: Path, stride: int, cases: int) -> None:
     units = [p.name for p in sorted(sources.glob("tendon_*.c")) if p.name != "tendon_damping.c"]
     units += [f"{ARM.name}_f32.c", "floats.c"]
     own = (f"-DSTRIDE={stride}U", f"-DCASES={cases}U", f'-DCONTROLLER_SOURCE="{MADE_BY_THE_CONTROLLER}"')
-    found = printed(sources, f"floats_{stride}", units, "-O2", *own)
+    found = kept.figures(kept.program(sources, units, "-O2", *own))
     assert found["wrong"] == 0
     assert found["tried"] == -(-(2**32) // stride)

@@ -51,7 +51,7 @@ uint32_t tendon_board_send(const uint8_t *bytes, uint32_t count)
     return 0U;
 }
 
-/* Restart the hardware watchdog nowhere else, so that it also detects a stopped timer and a step that takes too long. */
+/* Restart the hardware watchdog nowhere else: it then also detects a stopped timer and a step that takes too long. */
 void tendon_board_watchdog(void)
 {
 }
