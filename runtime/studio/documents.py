@@ -1,95 +1,243 @@
-"""Documents of a session, read when they are another than before, and what they must be: the folder may be anyone's."""
+"""Documents of a session, as JSON: what the page shows of a recording, a step, its diagnosis and further questions.
+
+Names, sentences and numbers with their units are text; nothing in them is HTML.
+"""
 
 from __future__ import annotations
 
-import types
-from collections.abc import Sequence
-from dataclasses import is_dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Any, TypeVar, cast
 
-from runtime.studio.session import SessionError, StudioSession
+from runtime.documents.parts import Document
+from runtime.documents.recordings import ClockEntry
+from runtime.studio.session import JointError, PlacedEffect, SessionStep, Verdict, read
 from runtime.studio.settings import MOST_DOCUMENTS
-from symbolic.model_file.checks import quote
 
 T = TypeVar("T")
 
-
-class Documents:
-    """JSON files of a session, each kept for as long as it is the same."""
-
-    def __init__(self, session: StudioSession) -> None:
-        self._session = session
-        self._kept: dict[Path, tuple[int, Any]] = {}
-
-    def read(self, path: Path, kind: type[T]) -> T | None:
-        """A document of a kind: a class of shown.py, or a list of such; None where there is none.
-
-        Raises SessionError where it is none of that kind.
-        """
-        if not path.is_file():
-            return None
-        changed = path.stat().st_mtime_ns
-        if path not in self._kept or self._kept[path][0] != changed:
-            found = self._session.document(path)
-            try:
-                check(found, kind)
-            except TypeError as error:
-                raise SessionError(f"{path}: {error}") from error
-            if len(self._kept) >= MOST_DOCUMENTS:
-                self._kept.clear()
-            self._kept[path] = changed, found
-        return cast(T, self._kept[path][1])
+Row = dict[str, Any]
+"""A row of the report: runtime/report/page has its keys."""
 
 
-def check(value: object, kind: Any, where: str = "document") -> None:
-    """Whether JSON is of a kind: a TypedDict or a dataclass, whose keys beyond its fields do not matter, or what their
-    fields may be. Raises TypeError, which says where it is not."""
-    origin, inside = get_origin(kind), get_args(kind)
-    if kind is Any:
-        return
-    if origin in (Union, types.UnionType):
-        _one_of(value, inside, where)
-    elif origin is Literal:
-        _must(value in inside, value, where, f"one of {', '.join(map(repr, inside))}")
-    elif is_typeddict(kind) or is_dataclass(kind):
-        _must(isinstance(value, dict), value, where, "an object")
-        _fields(cast(dict[str, object], value), get_type_hints(kind), where)
-    elif origin is list:
-        _must(isinstance(value, list), value, where, "a list")
-        for k, entry in enumerate(cast(Sequence[object], value)):
-            check(entry, inside[0], f"{where}[{k}]")
-    elif origin is tuple:
-        _must(isinstance(value, list) and len(value) == len(inside), value, where, f"a list of {len(inside)}")
-        for entry, own in zip(cast(Sequence[object], value), inside, strict=True):
-            check(entry, own, where)
-    elif origin is dict:
-        _must(isinstance(value, dict), value, where, "an object")
-        for name, entry in cast(dict[str, object], value).items():
-            check(entry, inside[1], f"{where}.{name}")
-    else:
-        plain = (int, float) if kind is float else kind
-        _must(isinstance(value, plain) and (kind is bool or not isinstance(value, bool)), value, where, kind.__name__)
+class Cure(Document, frozen=True, kw_only=True):
+    """Something that looks wrong with a recording, and its cure: entries of `--map`, or a split at the gaps.
+
+    Without either, a person has to decide.
+    """
+
+    said: str
+    maps: tuple[str, ...] = ()
+    gaps: bool = False
 
 
-def _fields(value: dict[str, object], fields: dict[str, Any], where: str) -> None:
-    for name, own in fields.items():
-        _must(name in value, value, where, f"{name} in it")
-        check(value[name], own, f"{where}.{name}")
+class RecordingShown(Document, frozen=True, kw_only=True):
+    """A recording that was read.
+
+    clock     its sampling; None where the file cannot be read
+    problem   why it cannot be used as it is; None if it can
+    signals   names of the signal sets of its raw signals for /data, one a joint
+    """
+
+    name: str
+    clock: ClockEntry | None
+    problem: str | None
+    cures: list[Cure]
+    signals: list[str]
 
 
-def _one_of(value: object, kinds: Sequence[Any], where: str) -> None:
-    wrong = ""
-    for kind in kinds:
-        try:
-            check(value, kind, where)
-        except TypeError as error:
-            wrong = str(error)
-        else:
-            return
-    raise TypeError(wrong)
+class JointShown(JointError, frozen=True, kw_only=True):
+    """A joint: its residual and the signals that this follows.
+
+    instruments      noise of torque and encoder alone, part of the torque's rms; the floor may hold more than that
+    structure        signals, and the share of the residual's variance that each explains
+    signals, held    names of its signal sets for /data, fitted (None if it never moves) and held out (None without)
+    """
+
+    instruments: float
+    at_floor: bool
+    structure: list[tuple[str, float]]
+    signals: str | None
+    held_signals: str | None
 
 
-def _must(holds: bool, value: object, where: str, expected: str) -> None:
-    if not holds:
-        raise TypeError(f"{where} is {quote(str(value)[:40])}; expected {expected}")
+class ParameterRange(Document, frozen=True, kw_only=True):
+    """The range in which a parameter may be tried; None: not known."""
+
+    name: str
+    unit: str
+    value: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def movable(self) -> bool:
+        """Whether there is a range of values."""
+        return None not in (self.value, self.low, self.high) and (self.high or 0.0) > (self.low or 0.0)
+
+
+class EffectShown(Document, frozen=True, kw_only=True):
+    """An effect of a model or of a finding.
+
+    values   of its parameters as fitted, in words
+    """
+
+    placed: PlacedEffect
+    values: str
+    ranges: list[ParameterRange]
+
+
+class StepShown(Document, frozen=True, kw_only=True):
+    """A fitted model.
+
+    sentence   where it fails
+    active     the effects in the model
+    arm        holes of the report's picture of the arm; None where the model file does not say how the arm looks
+    cures      what of the recordings must be put right before a verdict is possible
+    """
+
+    sentence: str
+    joints: list[JointShown]
+    active: list[EffectShown]
+    arm: Row | None
+    cures: list[Cure]
+
+
+class FindingShown(EffectShown, frozen=True, kw_only=True):
+    """An effect that a diagnosis names.
+
+    title      effect and joint, in words         card   holes of the report's part `finding_of`
+    shows_at   the joint (1-based) whose residual shows it
+    rivals     effects that the data cannot distinguish from it
+    """
+
+    title: str
+    shows_at: int
+    rivals: list[PlacedEffect]
+    card: Row
+
+
+class CommandShown(Document, frozen=True, kw_only=True):
+    """A command line, and what it does."""
+
+    what: str
+    command: str
+
+
+class VerdictShown(Document, frozen=True, kw_only=True):
+    """A diagnosis.
+
+    kind        "effect", "more" (an effect, and a residual above the noise), "clean", "unexplained" or "refused"
+    tag         the kind in words
+    sentence    the verdict in one sentence; more: a second one, or ""
+    ruled_out, limits, left_over, to_record, experiments   holes of the report's parts of these names
+    commands    that continue from here in a terminal
+    """
+
+    kind: str
+    tag: str
+    sentence: str
+    more: str
+    findings: list[FindingShown]
+    ruled_out: dict[str, list[Any]]
+    limits: list[Row]
+    left_over: list[Row]
+    to_record: list[Row]
+    experiments: list[Row]
+    warnings: list[str]
+    commands: list[CommandShown]
+
+
+class ValuesFound(Document, frozen=True, kw_only=True):
+    """Values of an effect that a diagnosis names: the fit of a model with it starts from them."""
+
+    placed: PlacedEffect
+    values: dict[str, float | None]
+
+
+class JointTried(Document, frozen=True, kw_only=True):
+    """The error of a joint with other values, and relative with the fitted ones."""
+
+    joint: int
+    rms: float
+    relative: float
+    fitted: float
+    signals: str
+
+
+class TriedShown(Document, frozen=True, kw_only=True):
+    """The errors of a step's model with other values of an effect."""
+
+    placed: PlacedEffect
+    values: dict[str, float]
+    joints: list[JointTried]
+
+
+class HiddenShown(Document, frozen=True, kw_only=True):
+    """Whether a diagnosis would name an effect of these values in the recorded motion.
+
+    problem   what is wrong with that diagnosis; None where it names the effect and distinguishes it from all others
+    noise     of the simulated torque, part of its rms
+    """
+
+    placed: PlacedEffect
+    values: dict[str, float]
+    seen: bool
+    problem: str | None
+    noise: float
+
+
+class MotionShown(Document, frozen=True, kw_only=True):
+    """A motion: its duration, s, and of what it consists, in words."""
+
+    seconds: float
+    pieces: list[str]
+
+
+class ExperimentShown(Document, frozen=True, kw_only=True):
+    """The motion that distinguishes effects: of the keys of `tendon experiment --json` those that the page shows."""
+
+    reason: str
+    motion: MotionShown
+
+
+class EffectOffered(Document, frozen=True, kw_only=True):
+    """An effect of the library that may be added: at which joints, or to the whole arm (None)."""
+
+    effect: str
+    family: str
+    summary: str
+    equation: str
+    places: list[int | None]
+
+
+class PlanShown(Document, frozen=True, kw_only=True):
+    """A trajectory that was opened: the name of its file, and the cost of its motion in one sentence."""
+
+    name: str
+    headline: str
+
+
+class TaskResult(Document, frozen=True, kw_only=True):
+    """What a task has written into the session's work folder.
+
+    step       a new step, whose folder is `work/step`
+    answered   the step whose folder takes the files of `work/answer`; verdict: of its diagnosis
+    plans      number of plans in `work/plan0` ...
+    """
+
+    step: SessionStep | None = None
+    answered: int | None = None
+    verdict: Verdict | None = None
+    plans: int = 0
+
+
+def document(path: Path, kind: type[T]) -> T | None:
+    """A document of a session; None where there is none. Raises SessionError where it is not of that kind."""
+    return cast(T, _read(path, path.stat().st_mtime_ns, cast(Any, kind))) if path.is_file() else None
+
+
+@lru_cache(maxsize=MOST_DOCUMENTS)
+def _read(path: Path, _changed: int, kind: Any) -> Any:
+    """Kept in memory for as long as the file is the same."""
+    return read(path, kind)

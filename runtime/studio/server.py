@@ -1,6 +1,6 @@
-"""The studio's server: the page, the signals of its drawings, what is sent to it and what is taken from it.
+"""The studio's server: the page, the signals of its drawings, uploads and downloads.
 
-Only this module and the page know of NiceGUI, which is an extra.
+Only this module and the page import NiceGUI, which is an extra.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import os
 import socket
 import sys
 import webbrowser
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,14 +19,14 @@ from runtime.report.page.filling import policy
 from runtime.report.signals.signal_set import AskedWrongly, SignalSet
 from runtime.studio.guard import App, Guard, new_token
 from runtime.studio.session import SessionError, safe_name
-from runtime.studio.settings import MOST_MESSAGE, MOST_SETS
+from runtime.studio.settings import MOST_REQUEST, MOST_SETS
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkError
 
 HOST = "127.0.0.1"
 GIVEN = "/given"
 _DOWNLOADED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
-"""What a file of the session that a browser shows may do: the folder may come from somebody else."""
+"""Policy of a file of the session that a browser shows: the folder may come from somebody else."""
 
 
 class StudioError(RuntimeError):
@@ -34,7 +34,7 @@ class StudioError(RuntimeError):
 
 
 def needed() -> None:
-    """Refuse before any work is done where NiceGUI is not installed. Raises StudioError."""
+    """Raises StudioError where NiceGUI is not installed."""
     if importlib.util.find_spec("nicegui") is None:
         raise StudioError(
             "the studio needs NiceGUI, the extra `studio` (pip install -e '.[studio]'); "
@@ -45,14 +45,14 @@ def needed() -> None:
 def serve(studio: Studio, listening: socket.socket, say: Callable[[str], None], browser: bool) -> None:
     """Serve a session until Ctrl-C.
 
-    listening  as `bound` gives it
-    say        hears the address
-    browser    open it there
+    listening  a socket from `bound`
+    say        called with the address
+    browser    open the address in the browser
     """
     import uvicorn
 
     port, token = listening.getsockname()[1], new_token()
-    # NiceGUI keeps what belongs to a user in a folder, which is then the session's.
+    # The folder in which NiceGUI keeps what belongs to a user.
     os.environ["NICEGUI_STORAGE_PATH"] = str(studio.session.folder / "browser")
     config = uvicorn.Config(
         Guard(application(studio), token, port, [GIVEN]),
@@ -60,36 +60,36 @@ def serve(studio: Studio, listening: socket.socket, say: Callable[[str], None], 
         access_log=False,
         server_header=False,
         date_header=False,
-        ws_max_size=MOST_MESSAGE,
+        ws_max_size=MOST_REQUEST,
         timeout_graceful_shutdown=1,
     )
     address = f"http://{HOST}:{port}/?token={token}"
     say(address)
-    door = studio.session.folder / "open.html"
+    start = studio.session.folder / "open.html"
     try:
         if browser:
-            write_door(door, address)
-            webbrowser.open(door.as_uri())
+            write_start_file(start, address)
+            webbrowser.open(start.as_uri())
         uvicorn.Server(config).run([listening])
     finally:
-        door.unlink(missing_ok=True)
+        start.unlink(missing_ok=True)
         studio.close()
 
 
-def write_door(path: Path, address: str) -> None:
-    """A file that leads to an address, for its owner alone: a browser's command line is there for everyone to read."""
+def write_start_file(path: Path, address: str) -> None:
+    """A file that opens an address, readable by its owner alone: everyone on the machine can read a command line."""
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as out:
         out.write(f'<!doctype html><title>Tendon studio</title><meta http-equiv="refresh" content="0;url={address}">\n')
 
 
 def bound(port: int) -> socket.socket:
-    """What listens on a port of this machine; 0: any that is free. Raises StudioError."""
+    """A socket that listens on a port of this machine; 0: any free one. Raises StudioError."""
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((HOST, port))
-        listening.listen()  # who comes before the server is ready waits, and is not refused
+        listening.listen()  # requests before the server is ready wait, and are not refused
     except OSError as error:
         listening.close()
         raise StudioError(
@@ -107,7 +107,7 @@ def application(studio: Studio) -> App:
     from runtime.studio.page.page import build
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    _answers(app, studio)
+    _add_routes(app, studio)
     home = Path(runtime.__file__).parent
     app.mount("/static/signals", StaticFiles(directory=home / "report" / "signals" / "static"))
     app.mount("/static/page", StaticFiles(directory=home / "studio" / "page" / "static"))
@@ -122,25 +122,29 @@ def application(studio: Studio) -> App:
         dark=None,
         tailwind=False,
         show_welcome_message=False,
-        gzip_middleware_factory=None,  # nothing leaves this machine, and the guard reads the pages
+        gzip_middleware_factory=None,  # the guard reads the pages
     )
     return app
 
 
-def _answers(app: App, studio: Studio) -> None:
-    """What is asked for beside the page."""
+def _add_routes(app: App, studio: Studio) -> None:
+    """Everything beside the page."""
     from fastapi import FastAPI, Request
     from starlette.responses import PlainTextResponse, Response
 
     assert isinstance(app, FastAPI)
-    sets = lru_cache(maxsize=MOST_SETS)(_loaded)
+
+    @lru_cache(maxsize=MOST_SETS)
+    def loaded(path: Path, _changed: int) -> SignalSet:
+        """Kept in memory for as long as the file is the same."""
+        return SignalSet.load(path)
 
     def data(request: Request) -> Response:
         found = studio.signals(request.path_params["name"])
         if found is None:
             return PlainTextResponse("there is no such signal set\n", 404)
         try:
-            kept = sets(found, found.stat().st_mtime_ns)
+            kept = loaded(found, found.stat().st_mtime_ns)
             body, kind = kept.answer(request.path_params["what"], dict(request.query_params))
         except (AskedWrongly, OSError, ValueError, KeyError) as error:
             return PlainTextResponse(f"{error}\n", 400)
@@ -149,7 +153,7 @@ def _answers(app: App, studio: Studio) -> None:
     async def given(request: Request) -> Response:
         role, name = request.query_params.get("as", ""), request.query_params.get("name", "")
         try:
-            await _take(studio, role, name, request.stream())
+            await studio.receive(role, name, request.stream())
         except (SessionError, WorkError) as error:
             return PlainTextResponse(f"{error}\n", 413 if "larger" in str(error) else 400)
         return Response(status_code=204)
@@ -164,8 +168,8 @@ def _answers(app: App, studio: Studio) -> None:
 
     def plan(request: Request) -> Response:
         number = request.path_params["number"]
-        path = studio.plan_page(int(number)) if number.isdecimal() else None
-        if path is None:
+        path = studio.session.plan(int(number)) / "page.html" if number.isdecimal() else None
+        if path is None or not path.is_file():
             return PlainTextResponse("there is no such plan\n", 404)
         page = path.read_text(encoding="utf-8")
         # Its scripts run in an origin of their own: they cannot act on the session, whoever wrote the page.
@@ -178,34 +182,17 @@ def _answers(app: App, studio: Studio) -> None:
     app.add_route("/plan/{number}", plan, ["GET"])
 
 
-def _loaded(path: Path, _changed: int) -> SignalSet:
-    """Kept for as long as the file is the same."""
-    return SignalSet.load(path)
-
-
-async def _take(studio: Studio, role: str, name: str, chunks: AsyncIterator[bytes]) -> None:
-    """A file that the browser sends. Raises SessionError."""
-    if role == "model":
-        await studio.send_model(name, chunks)
-    elif role == "plan":
-        await studio.send_plan(name, chunks)
-    elif role in ("fitted", "held_out"):
-        await studio.send_recording(name, chunks, role == "held_out")
-    else:
-        raise SessionError("a file is sent as model, as fitted, as held_out or as plan")
-
-
 def _file(studio: Studio, what: str, step: int) -> tuple[str, bytes, str]:
-    """Name, content and type of what is downloaded. Raises ValueError."""
-    model = "model.toml" if studio.inputs.model is None else safe_name(studio.inputs.model.name)
+    """Name, content and type of a download. Raises ValueError."""
     if what == "model":
-        return model, studio.model_text(step).encode(), "application/toml"
+        name = "model.toml" if studio.inputs.model is None else safe_name(studio.inputs.model.name)
+        return name, studio.model_text(step).encode(), "application/toml"
     if what == "commands":
         lines = ["#!/bin/sh", *studio.commands(step)]
         return "commands.sh", ("\n".join(lines) + "\n").encode(), "text/x-shellscript"
-    motion, report = studio.motion(step), studio.report(step)
-    if what == "motion" and motion is not None:
-        return f"motion-{step}.csv", motion.read_bytes(), "text/csv"
-    if what == "report" and report is not None:
-        return f"report-{step}.html", report.read_bytes(), "text/html"
-    raise ValueError("there is no such file")
+    known = {"motion": ("motion.csv", "text/csv"), "report": ("report.html", "text/html")}
+    name, kind = known.get(what, ("", ""))
+    path = studio.file(step, name) if name else None
+    if path is None:
+        raise ValueError("there is no such file")
+    return f"{path.stem}-{step}{path.suffix}", path.read_bytes(), kind

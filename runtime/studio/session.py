@@ -1,14 +1,14 @@
 """A session: a folder that holds everything that was given and found, so that it can be opened again at any time.
 
-    session.json     what was given, and the history of steps; replaced whole
-    given/           model file and recordings, as they were given
+    session.json     inputs and history; replaced as a whole
+    given/           copies of the model file and the recordings
     recordings/1/    what was read of the first recording: recording.json, joint1.npz ...
-    steps/0/         model.toml (with the effects), fitted.toml (with the fitted values), shown.json, joint1.npz ...,
-                     and once it is diagnosed verdict.json, report.html
-    plans/1/         plan.json, page.html: the report's page of a plan that was opened
-    work/            what a process is at; moved to its place when all of it is there
+    steps/0/         model.toml, fitted.toml (with the fitted values), shown.json, joint1.npz ...,
+                     and after its diagnosis verdict.json, report.html
+    plans/1/         plan.json, page.html: the report's page of a trajectory
+    work/            results of the running task; moved to their places once they are complete
 
-The folder may come from somebody else: nothing in it is run, and no name in it leads out of it.
+A folder may come from somebody else: nothing in it is executed, and no name in it leads out of it.
 """
 
 from __future__ import annotations
@@ -17,65 +17,77 @@ import fcntl
 import json
 import os
 import re
+import shlex
 import shutil
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Literal, TypeVar
+
+import msgspec
+from msgspec import Meta
+from msgspec.structs import replace
 
 from runtime import files
+from runtime.documents.parts import Document
+from runtime.model.terms import Term
 from runtime.plain_json import plain
-from runtime.studio.history import History, HistoryError
+from runtime.report.follow_up import Invocation, reading
 from runtime.studio.settings import MOST_NAME, MOST_RECORDINGS, MOST_SESSION
 from symbolic.model_file.checks import quote
 
-SCHEMA = 1
 FILE = "session.json"
-_PLAIN = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*", re.ASCII)
+
+T = TypeVar("T")
+Kind = Literal["given", "added", "without"]
+"""How a step was made: the model as given, effects added, or an effect left out."""
+Verdict = Literal["effect", "clean", "unexplained", "refused"]
+JointNumber = Annotated[int, Meta(ge=1)]
+Magnitude = Annotated[float, Meta(ge=0)]
 
 
 class SessionError(ValueError):
     """A folder that is no session, or something that cannot be put into one; the message says why."""
 
 
-@dataclass(frozen=True)
-class GivenFile:
-    """A file in `given/`: its name there, what people call it, and for a command line where it came from.
+class HistoryError(ValueError):
+    """A move in the history that is not possible, or a step that does not exist; the message says which."""
 
-    origin   a path as it was typed; None: it was sent by a browser
-    """
 
-    file: str
+# Inputs
+
+
+class GivenFile(Document, frozen=True):
+    """A file in `given/`: its name there, its original name, and its path as typed; None: a browser sent it."""
+
+    file: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*\Z")]
     name: str
     origin: str | None = None
 
     @property
     def typed(self) -> str:
-        """What stands for it on a command line."""
+        """The file on a command line."""
         return self.name if self.origin is None else self.origin
 
 
-@dataclass(frozen=True)
-class GivenRecording:
-    """A recording, and whether it is fitted or held out to judge on."""
+class GivenRecording(Document, frozen=True):
+    """A recording, and whether it is held out: not fitted, only compared."""
 
     given: GivenFile
     held_out: bool = False
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """Everything that a session works on.
+class Inputs(Document, frozen=True, kw_only=True):
+    """What a session works on.
 
-    like   the arm of Tendon whose model file was taken
-    maps   entries of `--map`; allow_gaps: as on the command line
-    effects   the name of a file of the user's own effects that belongs to it; it is no part of the folder, since it is
-              code: whoever opens the session says again where it is
+    like       the shipped arm whose model file was taken
+    maps       entries of `--map`; allow_gaps: as on the command line
+    effects    name of the file of the user's own effects. The file is code and no part of the folder: whoever opens
+               the session names it again
     """
 
     model: GivenFile | None = None
     like: str | None = None
-    recordings: tuple[GivenRecording, ...] = ()
+    recordings: Annotated[tuple[GivenRecording, ...], Meta(max_length=MOST_RECORDINGS)] = ()
     maps: tuple[str, ...] = ()
     allow_gaps: bool = False
     effects: str | None = None
@@ -90,16 +102,151 @@ class Inputs:
 
     @property
     def complete(self) -> bool:
-        """Whether there is a model and something to fit it to."""
+        """Whether there is a model and a recording to fit it to."""
         return self.model is not None and bool(self.fitted)
 
 
-@dataclass(frozen=True)
-class SessionState:
+# History
+
+
+class PlacedEffect(Document, frozen=True):
+    """An effect of a model file: its name there, and its joint (1-based), None: of the whole arm."""
+
+    effect: Annotated[str, Meta(pattern=r"^[A-Za-z_][A-Za-z0-9_]*\Z")]  # it stands in commands
+    joint: JointNumber | None
+
+    def __str__(self) -> str:
+        return self.effect if self.joint is None else f"{self.effect}@{self.joint}"
+
+
+class JointError(Document, frozen=True, kw_only=True):
+    """The residual of a joint's torque with a fitted model, and its noise floor.
+
+    called                 number and name, as headings have it
+    rms, floor             in `unit`; relative, relative_floor: parts of the torque's rms
+    held, held_floor       relative error and noise floor of the held-out recordings; None without any
+    """
+
+    joint: JointNumber
+    called: str
+    unit: str
+    rms: Magnitude
+    relative: Magnitude
+    floor: Magnitude
+    relative_floor: Magnitude
+    held: Magnitude | None = None
+    held_floor: Magnitude | None = None
+
+    @property
+    def floors(self) -> float | None:
+        """The error in noise floors; None where there is no floor."""
+        return self.rms / self.floor if self.floor else None
+
+
+class SessionStep(Document, frozen=True, kw_only=True):
+    """A fitted model.
+
+    number    of the step, from 0; parent: the step that it changes, None for the model as given
+    changed   the effects that were added or left out
+    verdict   of its diagnosis; None before that
+    """
+
+    number: int
+    parent: int | None
+    kind: Kind
+    changed: tuple[PlacedEffect, ...]
+    joints: tuple[JointError, ...]
+    verdict: Verdict | None = None
+
+    @property
+    def title(self) -> str:
+        """The change in a few words."""
+        names = ", ".join(map(str, self.changed))
+        return {"given": "as given, fitted", "added": f"+ {names}", "without": f"without {names}"}[self.kind]
+
+
+class History(Document, frozen=True):
+    """Steps in the order in which they were made. Steps that were undone stay.
+
+    current   number of the step that is shown; None before the first
+    undone    numbers of the steps that redo returns to, the next one last
+    """
+
+    steps: tuple[SessionStep, ...] = ()
+    current: int | None = None
+    undone: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for number, step in enumerate(self.steps):
+            if step.number != number or (step.parent is None) != (number == 0) or not -1 < (step.parent or 0) <= number:
+                raise HistoryError(f"step {number} has a wrong number or follows no earlier step")
+        if (self.current is None) != (not self.steps):
+            raise HistoryError("the number of the current step is missing")
+        for number in (*self.undone, *(() if self.current is None else (self.current,))):
+            self.step(number)
+
+    def step(self, number: int) -> SessionStep:
+        """Raises HistoryError where there is no such step."""
+        if not 0 <= number < len(self.steps):
+            raise HistoryError(f"there is no step {number}; expected 0 to {len(self.steps) - 1}")
+        return self.steps[number]
+
+    @property
+    def here(self) -> SessionStep | None:
+        """The current step."""
+        return None if self.current is None else self.steps[self.current]
+
+    def path(self, number: int) -> tuple[SessionStep, ...]:
+        """From the model as given to a step."""
+        found = [self.step(number)]
+        while (parent := found[0].parent) is not None:
+            found.insert(0, self.steps[parent])
+        return tuple(found)
+
+    def with_step(self, step: SessionStep) -> History:
+        """With a further step, which becomes the current one."""
+        return History((*self.steps, step), step.number)
+
+    def judged(self, number: int, verdict: Verdict) -> History:
+        """With the verdict of a step's diagnosis."""
+        step = replace(self.step(number), verdict=verdict)
+        return replace(self, steps=(*self.steps[:number], step, *self.steps[number + 1 :]))
+
+    @property
+    def can_undo(self) -> bool:
+        return self.here is not None and self.here.parent is not None
+
+    @property
+    def can_redo(self) -> bool:
+        return bool(self.undone)
+
+    def undo(self) -> History:
+        """Back to the step that the current one changes."""
+        here = self.here
+        if here is None or here.parent is None:
+            raise HistoryError("there is nothing to undo")
+        return replace(self, current=here.parent, undone=(*self.undone, here.number))
+
+    def redo(self) -> History:
+        """To the step that was undone last."""
+        if not self.undone:
+            raise HistoryError("there is nothing to redo")
+        return replace(self, current=self.undone[-1], undone=self.undone[:-1])
+
+    def at(self, number: int) -> History:
+        """At any step."""
+        return replace(self, current=self.step(number).number, undone=())
+
+
+# The folder
+
+
+class SessionState(Document, frozen=True, kw_only=True):
     """What session.json holds."""
 
-    inputs: Inputs = field(default_factory=Inputs)
-    history: History = field(default_factory=History)
+    schema: Literal[1] = 1
+    inputs: Inputs
+    history: History
 
 
 class StudioSession:
@@ -111,47 +258,44 @@ class StudioSession:
 
     @classmethod
     def create(cls, folder: Path) -> StudioSession:
-        """In a folder that is not there or empty. Raises SessionError, OSError."""
+        """In a folder that does not exist or is empty. Raises SessionError, OSError."""
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise SessionError(f"{folder}: is not empty; expected a new folder for the session, or that of one")
-        session = cls(folder, SessionState())
+        session = cls(folder, SessionState(inputs=Inputs(), history=History()))
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # recordings are the user's alone
         for name in ("given", "recordings", "steps"):
             (folder / name).mkdir()
-        session._write()
+        session.change()
         return session
 
     @classmethod
     def open(cls, folder: Path) -> StudioSession:
-        """One that is there. Raises SessionError, OSError."""
+        """An existing session. Raises SessionError, OSError."""
         path = folder / FILE
         if not path.is_file():
             raise SessionError(f"{folder}: is no session of the studio; expected a folder with {FILE}")
         linked = next((p for p in folder.rglob("*") if p.is_symlink()), None)
         if linked is not None:
             raise SessionError(f"{linked}: is a link, which may lead out of the session; it cannot be opened")
-        session = cls(folder, _read(path))
-        missing = [given.file for given in session._given() if not session.given(given).is_file()]
-        if missing:
-            raise SessionError(f"{folder}: lacks given/{missing[0]}, which {FILE} names; the session cannot be opened")
+        session = cls(folder, read(path, SessionState))
+        given = [recording.given for recording in session.inputs.recordings]
+        for file in (*given, *filter(None, [session.inputs.model])):
+            if not session.given(file).is_file():
+                raise SessionError(f"{folder}: lacks given/{file.file}, which {FILE} names; the session is incomplete")
         return session
 
-    def claimed(self) -> int:
-        """A descriptor that holds the session for one server; closed, or its process ended, another may open it.
+    def locked(self) -> int:
+        """A file descriptor that holds the session's lock until it is closed or the process ends.
 
-        Raises SessionError where it is open already.
+        Raises SessionError where another studio holds it.
         """
-        held = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        lock = os.open(self.folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
         try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            os.close(held)
+            os.close(lock)
             raise SessionError(f"{self.folder}: is open in another studio; close that one first") from error
-        return held
-
-    def tidy(self) -> None:
-        """Take away what a process left that was ended."""
-        shutil.rmtree(self.scratch, ignore_errors=True)
+        return lock
 
     @property
     def inputs(self) -> Inputs:
@@ -161,35 +305,34 @@ class StudioSession:
     def history(self) -> History:
         return self._state.history
 
-    @property
-    def scratch(self) -> Path:
-        """Where a process writes what is not finished."""
-        return self.folder / "work"
-
     def change(self, inputs: Inputs | None = None, history: History | None = None) -> None:
-        """Write what was given, or the history, anew. Raises OSError."""
-        self._state = SessionState(inputs or self.inputs, history or self.history)
-        self._write()
+        """Write other inputs or another history. Raises OSError."""
+        self._state = SessionState(inputs=inputs or self.inputs, history=history or self.history)
+        text = json.dumps(plain(self._state), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        files.replace(self.folder / FILE, text.encode(errors="replace"))
 
-    def started_over(self, inputs: Inputs) -> None:
-        """With other inputs: the steps, which are those of the earlier ones, are put aside."""
+    def restart(self, inputs: Inputs) -> None:
+        """With other inputs and an empty history; the folders of the steps move to `earlier/`."""
         old = self.folder / "steps"
         if any(old.iterdir()):
             aside = self.folder / "earlier"
             aside.mkdir(exist_ok=True)
             old.rename(aside / f"steps-{1 + sum(1 for _ in aside.iterdir())}")
             old.mkdir()
-        self._state = SessionState(inputs, History())
-        self._write()
+        shutil.rmtree(self.folder / "recordings", ignore_errors=True)
+        self.change(inputs, History())
 
-    # --- files ---
+    @property
+    def scratch(self) -> Path:
+        """The folder of results that are not complete."""
+        return self.folder / "work"
 
     def given(self, file: GivenFile) -> Path:
-        """Where a given file lies."""
+        """The path of a given file."""
         return self.folder / "given" / file.file
 
     def step(self, number: int) -> Path:
-        """The folder of a step."""
+        """The folder of a step, from 0."""
         return self.folder / "steps" / str(int(number))
 
     def recording(self, number: int) -> Path:
@@ -201,7 +344,7 @@ class StudioSession:
         return self.folder / "plans" / str(int(number))
 
     def place_for(self, name: str) -> GivenFile:
-        """A name in `given/` that is free, for a file of any name."""
+        """A free name in `given/` for a file of any name."""
         taken = {path.name for path in (self.folder / "given").iterdir()}
         wanted = safe_name(name)
         stem, dot, ending = wanted.partition(".")
@@ -212,30 +355,25 @@ class StudioSession:
         return GivenFile(free, Path(name).name or free)
 
     def copied(self, path: Path) -> GivenFile:
-        """A file of this machine, taken into the session. Raises OSError."""
+        """A copy of a file of this machine in `given/`. Raises OSError."""
         given = replace(self.place_for(path.name), origin=str(path))
         shutil.copyfile(path, self.given(given))
         return given
 
-    def document(self, path: Path) -> Any:
-        """What a JSON file of this session holds; None where it is not there. Raises SessionError."""
-        try:
-            return _json(path) if path.is_file() else None
-        except (ValueError, RecursionError) as error:
-            raise SessionError(f"{path}: is no JSON of a session: {error}") from error
 
-    def _given(self) -> list[GivenFile]:
-        model = [] if self.inputs.model is None else [self.inputs.model]
-        return [*model, *(r.given for r in self.inputs.recordings)]
-
-    def _write(self) -> None:
-        document = {"schema": SCHEMA, "inputs": asdict(self.inputs), "history": self.history.to_json()}
-        text = json.dumps(plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-        files.replace(self.folder / FILE, text.encode(errors="backslashreplace"))
+def read(path: Path, kind: type[T]) -> T:
+    """A JSON document of a session. Raises SessionError: the file may be anyone's."""
+    try:
+        if path.stat().st_size > MOST_SESSION:
+            raise SessionError(f"{path}: is larger than {MOST_SESSION // 1_000_000} MB")
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise SessionError(f"{path}: is no document of a session of this version: {reason}") from error
 
 
 def safe_name(name: str) -> str:
-    """A file's name of letters, digits, dots, dashes that is no hidden file, leads nowhere and keeps its endings."""
+    """A file name of letters, digits, dots, dashes and underscores, without folders, that keeps its endings."""
     kept = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(name.replace("\\", "/")).name).lstrip("._-") or "file"
     if len(kept) <= MOST_NAME:
         return kept
@@ -243,46 +381,49 @@ def safe_name(name: str) -> str:
     return kept[: MOST_NAME - len(ending)] + ending
 
 
-def _read(path: Path) -> SessionState:
-    try:
-        document = _json(path)
-        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-            raise SessionError(f"{path}: is no session of this version; expected schema {SCHEMA}")
-        return SessionState(_inputs(document["inputs"]), History.of_json(document["history"]))
-    except HistoryError as error:
-        raise SessionError(f"{path}: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        if isinstance(error, SessionError):
-            raise
-        raise SessionError(f"{path}: is no session of the studio: {error}") from error
+# The same in a terminal
 
 
-def _json(path: Path) -> Any:
-    if path.stat().st_size > MOST_SESSION:
-        raise ValueError(f"it is larger than {MOST_SESSION // 1_000_000} MB")
-    return json.loads(path.read_bytes())
-
-
-def _inputs(document: Mapping[str, Any]) -> Inputs:
-    entries = cast(list[Mapping[str, Any]], document["recordings"])
-    if len(entries) > MOST_RECORDINGS:
-        raise ValueError(f"{len(entries)} recordings; expected at most {MOST_RECORDINGS}")
-    return Inputs(
-        None if document["model"] is None else _file(document["model"]),
-        _text(document["like"]),
-        tuple(GivenRecording(_file(e["given"]), bool(e["held_out"])) for e in entries),
-        tuple(str(entry) for entry in document["maps"]),
-        bool(document["allow_gaps"]),
-        _text(document["effects"]),
+def invocation(inputs: Inputs, about: str = "") -> Invocation:
+    """The command line with the inputs of a session."""
+    assert inputs.model is not None
+    return Invocation(
+        model=Path(f"{inputs.like}.toml" if inputs.like else inputs.model.typed),
+        recordings=tuple(Path(r.given.typed) for r in inputs.fitted),
+        held_out=tuple(Path(r.given.typed) for r in inputs.held_out),
+        effects=None if inputs.effects is None else Path(inputs.effects),
+        maps=inputs.maps,
+        allow_gaps=inputs.allow_gaps,
+        about=about,
+        like=inputs.like,
     )
 
 
-def _file(entry: Mapping[str, Any]) -> GivenFile:
-    file = str(entry["file"])
-    if not _PLAIN.fullmatch(file) or file in (os.curdir, os.pardir):
-        raise ValueError(f"{quote(file)} is no name of a file in given/")
-    return GivenFile(file, str(entry["name"]), _text(entry["origin"]))
+def commands(inputs: Inputs, path: Sequence[SessionStep]) -> list[str]:
+    """Command lines that lead from the model as given to the last step of a path."""
+    given = invocation(inputs)
+    added, removed = changes(path)
+    held = [part for r in given.held_out for part in ("--held-out", str(r))]
+    own = [] if given.effects is None else ["--effects", str(given.effects)]
+    data = [*map(str, given.recordings), *reading(inputs.maps, inputs.allow_gaps), *held]
+    return [
+        *([given.copy()] if given.like else []),
+        shlex.join(["tendon", "improve", str(given.model), *data, "--report", "report", *own]),
+        *(f"# remove {effect} from {quote(str(given.model))}" for effect in removed),
+        *(given.add(Term(effect.effect, effect.joint)) for effect in added),
+        given.identify(),
+    ]
 
 
-def _text(value: object) -> str | None:
-    return None if value is None else str(value)
+def changes(path: Sequence[SessionStep]) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
+    """The effects that the last step of a path has and the first has not, and the reverse."""
+    added: list[PlacedEffect] = []
+    removed: list[PlacedEffect] = []
+    for step in path:
+        own, opposite = (removed, added) if step.kind == "without" else (added, removed)
+        for effect in step.changed:
+            if effect in opposite:
+                opposite.remove(effect)
+            else:
+                own.append(effect)
+    return added, removed

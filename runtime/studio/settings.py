@@ -11,10 +11,7 @@ MOST_MODEL: Final = 10_000_000
 """bytes of a model file, URDF or plan that a browser sends; the largest URDFs of arms have some 100 kB; a choice."""
 
 MOST_REQUEST: Final = 1_000_000
-"""bytes of any other request: clicks and texts have some 100; a choice."""
-
-MOST_MESSAGE: Final = 1_000_000
-"""bytes of a message of a page's socket; a choice."""
+"""bytes of any other request and of a message of a page's socket: clicks and texts have some 100; a choice."""
 
 MOST_SETS: Final = 24
 """number of signal sets that are kept in memory, with their pyramids: three steps of seven joints; a choice."""
@@ -34,8 +31,8 @@ MOST_SESSION: Final = 50_000_000
 ENDS_WITHIN: Final = 0.5
 """s between asking a process to end and ending it; cancelling is to take less than one; a choice."""
 
-TOLD_EVERY: Final = 0.1
-"""s between two words of how far the same part of the work is: a page does not show more; a choice."""
+PROGRESS_EVERY: Final = 0.1
+"""s between two messages about the progress of the same part of a task: a page does not show more; a choice."""
 
 TOKEN_BYTES: Final = 32
 """number of random bytes in the address: nobody guesses 256 bits; NIST SP 800-63B asks for 64."""

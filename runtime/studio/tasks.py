@@ -1,212 +1,478 @@
-"""The work of a session, task by task: what is read, fitted and diagnosed is written into the session's `work` folder,
-and what is fitted once is kept for the next task."""
+"""The tasks of a session's process: fit, diagnose, answer a question about the model, open a plan.
+
+A task writes its results into the session's `work` folder and says in a TaskResult which of them are complete. What was
+read and fitted is kept in memory for the next task.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
-from runtime import files
 from runtime.diagnosis.branches import complete
-from runtime.diagnosis.diagnose import Diagnosis, conclude
-from runtime.diagnosis.steps import Finding, Step
-from runtime.estimation.compare import Comparison, as_written
-from runtime.inspection.inspection import Inspection
-from runtime.loop import held_out
+from runtime.diagnosis.diagnose import begin as begun
+from runtime.diagnosis.diagnose import conclude, judged
+from runtime.diagnosis.search import Search
+from runtime.diagnosis.steps import Step
+from runtime.documents.parts import Document
+from runtime.estimation.compare import Comparison, JointSeries, as_written
+from runtime.estimation.identify import Identification
+from runtime.estimation.regressors import Signals
+from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
+from runtime.inspection.inspection import Inspection, inspect
+from runtime.loop.held_out import HeldOut, left
+from runtime.model.loader import Model
+from runtime.model.terms import Prediction, Term, joints_of, structure
+from runtime.motion.piece import Piece
 from runtime.plain_json import plain
 from runtime.planning import results, trajectory
+from runtime.progress import Progress
+from runtime.recordings.recording import Recording
 from runtime.report import plans
 from runtime.report.follow_up import about
 from runtime.report.page import planned_page
 from runtime.report.page.html_page import render
-from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording
-from runtime.report.summary import ResultSummary
+from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording, of_series
+from runtime.report.summary import ResultSummary, relative_floor
+from runtime.simulation.options import SimulationSettings
+from runtime.simulation.settings import RATE
+from runtime.simulation.simulate import parse_hidden, simulate
 from runtime.studio import describe
-from runtime.studio.bench import Bench, Found, Opened, Tell, empty, write
-from runtime.studio.commands import invocation
-from runtime.studio.history import PlacedEffect
-from runtime.studio.session import SessionError
+from runtime.studio.documents import HiddenShown, JointTried, PlanShown, TaskResult, TriedShown, ValuesFound, document
+from runtime.studio.session import Inputs, Kind, PlacedEffect, SessionError, SessionStep, StudioSession, invocation
+from runtime.studio.settings import PROGRESS_EVERY
 from runtime.wording import percent
-from runtime.workspace.names import ARMS
+from runtime.workspace.names import ARMS, column_mapping
 from runtime.workspace.source import Source
 from symbolic.model_file.checks import quote
 
+Array = NDArray[np.float64]
+
 READING, COMPILING, FITTING = "reading the recordings", "deriving and compiling the model", "fitting the model"
-LOOKING, WEIGHING = "looking for missing effects", "weighing what would have been seen"
-DRAWING, EVALUATING = "drawing what was found", "evaluating the plan"
-_FITTING = (COMPILING, FITTING, DRAWING)
-
-# --- tasks: (bench, tell, what the server says) -> what the server takes ---
-
-
-def begin(bench: Bench, tell: Tell) -> Found:
-    """Look at the recordings, and where they can be used fit the model as given: step 0."""
-    opened = bench.opened()
-    tell.parts((READING, *_FITTING))
-    tell.part(READING)
-    for number, inspection in enumerate(opened.inspections, 1):
-        _keep_recording(opened, number, inspection)
-    problems = [i.problem for i in opened.inspections if i.problem is not None]
-    if problems or not opened.inputs.complete or opened.session.history.steps:
-        return {"step": None, "problems": problems}
-    return {"step": _fitted(opened, tell, 0, opened.source.text, None, "given", ())}
+SEARCHING, LIMITS = "looking for missing effects", "computing the detection limits"
+DRAWING, EVALUATING = "drawing the results", "evaluating the plan"
+HIDING, DIAGNOSING = "simulating the model with the hidden effect", "diagnosing that simulation"
+DESIGNING = "designing a motion"
 
 
-def fit(bench: Bench, tell: Tell, step: int, number: int, kind: str, changed: Sequence[Mapping[str, Any]]) -> Found:
-    """A step's model with effects more, or without one, fitted: the next step.
+class Reporter:
+    """Messages to the server about the progress of a task, a line of JSON each."""
 
-    Where the diagnosis of the step has named an effect, its fit begins at what was found.
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._time, self._doing = 0.0, ""
+        self._parts: tuple[str, ...] = ()
+        self._at, self._share = 0, 0.0
+
+    def message(self, **fields: Any) -> None:
+        self._out.write(json.dumps(plain(fields), allow_nan=False) + "\n")
+        self._out.flush()
+
+    def parts(self, *parts: str) -> None:
+        """The parts of the task, in words."""
+        self._parts, self._at, self._share = parts, 0, 0.0
+        self.message(parts=parts)
+
+    def part(self, what: str) -> None:
+        """The part that begins; its duration is not known yet."""
+        self._at = self._parts.index(what)
+        self._share = max(self._share, self._at / len(self._parts))
+        self.message(at=self._at, share=self._share, doing="", left=None)
+
+    def progress(self, progress: Progress) -> None:
+        """Of the current part, at most every PROGRESS_EVERY. A part may consist of several jobs, each of which starts
+        at zero: the share of the whole never falls."""
+        now, last = time.monotonic(), progress.done >= progress.parts
+        if now - self._time >= PROGRESS_EVERY or progress.what != self._doing or last:
+            self._time, self._doing = now, progress.what
+            inside = min(progress.done / progress.parts, 1.0)
+            self._share = max(self._share, (self._at + inside) / max(len(self._parts), 1))
+            self.message(at=self._at, share=self._share, doing=progress.what, left=progress.left)
+
+    def line(self, text: str) -> None:
+        """An intermediate result, for people."""
+        self.message(said=text)
+
+
+class LoadedSession:
+    """The files of a session as read, and the models that were fitted to them in this process."""
+
+    def __init__(self, session: StudioSession, effects: Path | None) -> None:
+        self.session = session
+        self.effects = effects
+        self._searches: dict[int, Search] = {}
+        self._steps: dict[int, Step] = {}
+        self._held_out: dict[int, HeldOut] = {}
+        self._with: dict[tuple[int, PlacedEffect], Step] = {}
+
+    @property
+    def inputs(self) -> Inputs:
+        return self.session.inputs
+
+    @cached_property
+    def source(self) -> Source:
+        if self.inputs.model is None:
+            raise SessionError("there is no model yet; give one")
+        return Source.read(self.session.given(self.inputs.model), self.effects)
+
+    @cached_property
+    def inspections(self) -> list[Inspection]:
+        arm = None if self.inputs.model is None else self.source.recorded_arm()
+        columns = column_mapping(self.inputs.maps)
+        paths = [self.session.given(r.given) for r in self.inputs.recordings]
+        return [inspect(path, arm, columns, self.inputs.allow_gaps) for path in paths]
+
+    def recordings(self, held_out: bool) -> list[Recording]:
+        """The fitted or the held-out recordings. Raises SessionError."""
+        found = []
+        for given, inspection in zip(self.inputs.recordings, self.inspections, strict=True):
+            if given.held_out == held_out:
+                if inspection.problem is not None or inspection.recording is None:
+                    raise SessionError(inspection.problem or f"{given.given.name}: cannot be read")
+                found.append(inspection.recording)
+        return found
+
+    def model(self, text: str) -> Model:
+        """The compiled model of a model file's text."""
+        return self.source.with_text(text).compiled.model()
+
+    def text(self, number: int) -> str:
+        """The model file of a step, before the fit."""
+        return (self.session.step(number) / "model.toml").read_text(encoding="utf-8")
+
+    def fitted_text(self, number: int) -> str:
+        """The model file of a step with the fitted values."""
+        return (self.session.step(number) / "fitted.toml").read_text(encoding="utf-8")
+
+    def values_found(self, number: int) -> dict[PlacedEffect, dict[str, float]]:
+        """Of the effects that a step's diagnosis names."""
+        entries = document(self.session.step(number) / "found.json", list[ValuesFound]) or []
+        return {e.placed: {k: v for k, v in e.values.items() if v is not None} for e in entries}
+
+    def search(self, number: int, text: str) -> Search:
+        """The fitted model from which a diagnosis starts. A diagnosis changes it: take it with `take_search`."""
+        if number not in self._searches:
+            search = begun(self.model(text), self.recordings(False), self.recordings(True))
+            self._searches[number], self._steps[number] = search, search.steps[0]
+        return self._searches[number]
+
+    def take_search(self, number: int) -> Search:
+        """The same, to be changed."""
+        self.search(number, self.text(number))
+        return self._searches.pop(number)
+
+    def fitted(self, number: int) -> Step:
+        """A step's model, fitted."""
+        return self._steps[number] if number in self._steps else self.search(number, self.text(number)).steps[0]
+
+    def held_out(self, number: int) -> HeldOut | None:
+        """The residuals of a step's model on the held-out recordings; None without any."""
+        if number not in self._held_out and self.inputs.held_out:
+            self._held_out[number] = left(self.fitted(number).identification, self.recordings(True))
+        return self._held_out.get(number)
+
+    def fitted_with(self, number: int, placed: PlacedEffect) -> Step:
+        """A step's model with a further effect, fitted from the values that the step's diagnosis found."""
+        if (number, placed) not in self._with:
+            edits = self.source.with_text(self.text(number)).edits
+            text = edits.add(placed.effect, placed.joint, self.values_found(number).get(placed)).text
+            self._with[number, placed] = begun(self.model(text), self.recordings(False)).steps[0]
+        return self._with[number, placed]
+
+    def new_folder(self, name: str) -> Path:
+        """A new folder for results."""
+        folder = self.session.scratch / name
+        folder.mkdir(parents=True)
+        return folder
+
+
+def _write(path: Path, found: Document | Sequence[Document]) -> None:
+    path.write_text(json.dumps(plain(found), ensure_ascii=False, allow_nan=False), encoding="utf-8")
+
+
+# The loop
+
+
+def begin(loaded: LoadedSession, report: Reporter) -> TaskResult:
+    """Read the recordings, and where they can be used fit the model as given: step 0."""
+    report.parts(READING, COMPILING, FITTING, DRAWING)
+    report.part(READING)
+    for number in range(1, len(loaded.inspections) + 1):
+        _keep_recording(loaded, number)
+    problems = any(i.problem is not None for i in loaded.inspections)
+    if problems or not loaded.inputs.complete or loaded.session.history.steps:
+        return TaskResult()
+    return TaskResult(step=_fitted(loaded, report, loaded.source.text, parent=None, kind="given", changed=()))
+
+
+def fit(loaded: LoadedSession, report: Reporter, step: int, kind: Kind, changed: Sequence[PlacedEffect]) -> TaskResult:
+    """A step's model with further effects, or without one, fitted: the next step.
+
+    The fit starts from the values that the step's diagnosis found.
     """
-    opened = bench.opened()
-    tell.parts(_FITTING)
-    values = opened.values_found(step)
-    edits, done = opened.source.with_text(opened.text(step)).edits, []
-    for entry in changed:
-        effect, joint = str(entry["effect"]), entry["joint"]
+    report.parts(COMPILING, FITTING, DRAWING)
+    values, done = loaded.values_found(step), []
+    edits = loaded.source.with_text(loaded.text(step)).edits
+    for effect in changed:
         if kind == "added":
-            name = edits.name_of_next(effect, joint)
-            edits, effect = edits.add(effect, joint, values.get((effect, joint))), name
+            done.append(PlacedEffect(edits.name_of_next(effect.effect, effect.joint), effect.joint))
+            edits = edits.add(effect.effect, effect.joint, values.get(effect))
         else:
-            edits = edits.remove(effect, joint)
-        done.append(PlacedEffect(effect, joint))
-    return {"step": _fitted(opened, tell, number, edits.text, step, kind, done)}
-
-
-def diagnose(bench: Bench, tell: Tell, step: int) -> Found:
-    """Which effects a step's model lacks."""
-    opened = bench.opened()
-    tell.parts((FITTING, LOOKING, WEIGHING, DRAWING))
-    tell.part(FITTING)
-    pristine = opened.search(step, opened.text(step))
-    del opened.searches[step]  # a diagnosis goes on from it, and so changes it
-    tell.part(LOOKING)
-    search = complete(pristine, lambda reached: tell.said(_progress(reached)))
-    tell.part(WEIGHING)
-    result = conclude(search, opened.source.compiled.model_with_guesses)
-    tell.part(DRAWING)
-    given = invocation(opened.inputs, about(opened.source.text))
-    held = [held_out.left(s.identification, opened.recordings(True)) for s in _ends(result) if opened.inputs.held_out]
-    summary = ResultSummary(result, given, tuple(joint.floor for joint in held[-1].joints) if held else ())
-    work = empty(opened.session.scratch / "verdict")
-    write(work / "verdict.json", describe.verdict(summary))
-    write(work / "found.json", {"values": _values(result.findings, result.steps[-1])})
-    files.replace(work / "report.html", render(summary).encode())
-    for joint in range(len(summary.first.joints)):
-        added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
-        of_joint(summary.first, summary.last, joint, added).save(work / f"joint{joint + 1}.npz")
-        if held:
-            before = held[0] if len(held) > 1 else None
-            of_held_out(before, held[-1], joint, added).save(work / f"held{joint + 1}.npz")
-    return {"judged": step, "verdict": result.verdict}
-
-
-def open_plans(bench: Bench, tell: Tell, files: Sequence[Mapping[str, str]]) -> Found:
-    """Render the report's page of each trajectory, as `tendon optimize --report` does, from the file alone.
-
-    files   name in given/, and what it was called
-    """
-    opened, made = bench.opened(), []
-    tell.parts((COMPILING, EVALUATING))
-    for k, entry in enumerate(files):
-        path = opened.session.folder / "given" / entry["file"]
-        source = _arm_of_plan(opened, trajectory.arm_of(path))
-        tell.part(COMPILING)
-        model = source.compiled.model()
-        planned = trajectory.read(path, model)
-        tell.part(EVALUATING)
-        document = plain(results.stated(model, planned))
-        work = empty(opened.session.scratch / f"plan{k}")
-        (work / "page.html").write_text(planned_page.render(model, planned, document), encoding="utf-8")
-        write(work / "plan.json", {"name": entry["name"], "headline": plans.headline(document)})
-        made.append(work.name)
-    return {"opened": made}
-
-
-TASKS: dict[str, Callable[..., Found]] = {"begin": begin, "fit": fit, "diagnose": diagnose, "open_plans": open_plans}
-
-
-# --- what they have in common ---
+            done.append(effect)
+            edits = edits.remove(effect.effect, effect.joint)
+    return TaskResult(step=_fitted(loaded, report, edits.text, parent=step, kind=kind, changed=done))
 
 
 def _fitted(
-    opened: Opened, tell: Tell, number: int, text: str, parent: int | None, kind: str, changed: Sequence[PlacedEffect]
-) -> Found:
-    """A step, written; what the server needs of it for the history."""
-    tell.part(COMPILING)
-    opened.model(text)
-    tell.part(FITTING)
-    search = opened.search(number, text)
-    step, held = search.steps[0], opened.held(number)
+    loaded: LoadedSession,
+    report: Reporter,
+    text: str,
+    *,
+    parent: int | None,
+    kind: Kind,
+    changed: Sequence[PlacedEffect],
+) -> SessionStep:
+    """The next step: its model fitted, and its files written."""
+    number = len(loaded.session.history.steps)
+    report.part(COMPILING)
+    loaded.model(text)
+    report.part(FITTING)
+    search = loaded.search(number, text)
+    step, held = search.steps[0], loaded.held_out(number)
     held_joints = () if held is None else held.joints
-    tell.part(DRAWING)
+    report.part(DRAWING)
     comparison = Comparison(step.identification, step.joints, as_written(step.identification))
-    summary = ResultSummary(comparison, invocation(opened.inputs, about(opened.source.text)))
-    work = empty(opened.session.scratch / "step")
-    (work / "model.toml").write_text(text, encoding="utf-8")
-    put = opened.source.with_text(text).edits.set(step.identification.document()).text
-    (work / "fitted.toml").write_text(put, encoding="utf-8")
-    write(work / "shown.json", describe.step(number, summary, held_joints, search.suspicions))
-    write(work / "library.json", describe.offered(search))
-    _keep_signals(work, opened, number, parent, ", ".join(map(str, changed)))
-    return {
-        "parent": parent,
-        "kind": kind,
-        "changed": [{"effect": e.effect, "joint": e.joint} for e in changed],
-        "joints": describe.errors(step, held_joints),
-    }
+    summary = ResultSummary(comparison, invocation(loaded.inputs, about(loaded.source.text)))
+    folder = loaded.new_folder("step")
+    (folder / "model.toml").write_text(text, encoding="utf-8")
+    fitted = loaded.source.with_text(text).edits.set(step.identification.document()).text
+    (folder / "fitted.toml").write_text(fitted, encoding="utf-8")
+    _write(folder / "shown.json", describe.step(number, summary, held_joints, search.suspicions))
+    _write(folder / "library.json", describe.offered(search))
+    before, held_before = (None, None) if parent is None else (loaded.fitted(parent), loaded.held_out(parent))
+    names = ", ".join(map(str, changed))
+    for k, series in enumerate(step.joints):
+        comparable = before is not None and np.array_equal(before.joints[k].t, series.t)
+        of_joint(before if before and comparable else step, step, k, names).save(folder / f"joint{k + 1}.npz")
+        if held is not None:
+            of_held_out(held_before, held, k, names).save(folder / f"held{k + 1}.npz")
+    errors = [describe.error(s, held_joints[k] if held_joints else None) for k, s in enumerate(step.joints)]
+    return SessionStep(number=number, parent=parent, kind=kind, changed=tuple(changed), joints=tuple(errors))
 
 
-def _arm_of_plan(opened: Opened, arm: str) -> Source:
+def _keep_recording(loaded: LoadedSession, number: int) -> None:
+    """What was read of a recording (from 1), in its folder."""
+    target, inspection = loaded.session.recording(number), loaded.inspections[number - 1]
+    if (target / "recording.json").is_file():
+        return
+    folder, found = loaded.new_folder("recording"), inspection.recording
+    joints = 0 if found is None else len(found.q)
+    for joint in range(joints):
+        assert found is not None
+        of_recording(found, joint).save(folder / f"joint{joint + 1}.npz")
+    name = loaded.inputs.recordings[number - 1].given.name
+    _write(folder / "recording.json", describe.recording(number, name, inspection, joints))
+    target.parent.mkdir(exist_ok=True)
+    folder.rename(target)
+
+
+def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
+    """Which effects a step's model lacks."""
+    report.parts(FITTING, SEARCHING, LIMITS, DRAWING)
+    report.part(FITTING)
+    search = loaded.take_search(step)
+    report.part(SEARCHING)
+    search = complete(search, lambda reached: report.line(_reached(reached)))
+    report.part(LIMITS)
+    result = conclude(search, loaded.source.compiled.model_with_guesses)
+    report.part(DRAWING)
+    first, last = result.steps[0], result.steps[-1]
+    ends = [first] if first is last else [first, last]
+    held = [left(end.identification, loaded.recordings(True)) for end in ends if loaded.inputs.held_out]
+    given = invocation(loaded.inputs, about(loaded.source.text))
+    summary = ResultSummary(result, given, tuple(joint.floor for joint in held[-1].joints) if held else ())
+    folder = loaded.new_folder("answer")
+    named = [f.term for f in result.findings if f.term in last.values]
+    found = [ValuesFound(placed=PlacedEffect(t.name, t.joint), values=dict(last.values[t])) for t in named]
+    _write(folder / "verdict.json", describe.verdict(summary))
+    _write(folder / "found.json", found)
+    (folder / "report.html").write_text(render(summary), encoding="utf-8")
+    for joint in range(len(first.joints)):
+        added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
+        of_joint(first, last, joint, added).save(folder / f"joint{joint + 1}.npz")
+        if held:
+            before = held[0] if len(held) > 1 else None
+            of_held_out(before, held[-1], joint, added).save(folder / f"held{joint + 1}.npz")
+    return TaskResult(answered=step, verdict=result.verdict)
+
+
+def _reached(step: Step) -> str:
+    model = "as in the file" if step.added is None else f"with {step.added}"
+    return f"{model}: error {', '.join(percent(r) for r in step.fitted.relative)}"
+
+
+# Questions about a fitted model
+
+
+def tried(
+    loaded: LoadedSession, report: Reporter, step: int, effect: PlacedEffect, values: Mapping[str, float]
+) -> TaskResult:
+    """The residual of a step's model with other values of an effect of the model, or of one that the diagnosis names.
+
+    All other values stay as fitted.
+    """
+    report.parts(FITTING)
+    report.part(FITTING)
+    before = fitted = loaded.fitted(step)
+    if _term(fitted, effect) is None and effect in loaded.values_found(step):
+        fitted = loaded.fitted_with(step, effect)
+    term = _term(fitted, effect)
+    if term is None:
+        raise SessionError(
+            f"step {step} has no {effect}, nor does its diagnosis name it; choose an effect of its model"
+        )
+    model, known = fitted.identification.model, fitted.identification.fit.prediction
+    for name, value in values.items():
+        low, high = model.library.effects[term.effect].parameter(name).bounds
+        if not math.isfinite(value) or not low <= value <= high:
+            raise SessionError(f"{term}: {name} is {value:g}; expected {low:g} to {high:g}")
+    other = replace(known, values={**known.values, term: {**known.values[term], **values}})
+    folder, joints = loaded.new_folder("answer"), []
+    for i in joints_of(model, term):
+        series, fit = _with_values(fitted, other, i), fitted.joints[i]
+        comparable = np.array_equal(before.joints[i].t, series.t)
+        of_series(before.joints[i] if comparable else fit, series, str(term)).save(folder / f"tried{i + 1}.npz")
+        signals = f"step{step}-tried{i + 1}"
+        joints.append(
+            JointTried(joint=i + 1, rms=series.rms, relative=series.relative, fitted=fit.relative, signals=signals)
+        )
+    _write(folder / "tried.json", TriedShown(placed=effect, values=other.values[term], joints=joints))
+    return TaskResult(answered=step)
+
+
+def _term(fitted: Step, effect: PlacedEffect) -> Term | None:
+    """The term of an effect in a fitted model; None where it has no such effect."""
+    terms = fitted.identification.fit.prediction.values
+    return next((t for t in terms if (t.name, t.joint) == (effect.effect, effect.joint)), None)
+
+
+def _with_values(fitted: Step, other: Prediction, joint: int) -> JointSeries:
+    """A joint (0-based) with the torque that other values predict."""
+    found, series = fitted.identification, fitted.joints[joint]
+    pieces = found.motion.pieces_of(joint)
+    change = np.concatenate([_change(found, piece, other, joint) for piece in pieces])
+    if not np.isfinite(change).all():
+        raise SessionError("with these values the torque is not finite; choose others")
+    return replace(series, predicted=series.predicted + change[found.motion.moving(joint)])
+
+
+def _change(found: Identification, piece: Piece, other: Prediction, joint: int) -> Array:
+    """Predicted torque of a joint with other values minus that with the fitted ones, at the rows of the band."""
+    total = np.zeros(len(piece.t))
+    for prediction, sign in ((other, 1.0), (found.fit.prediction, -1.0)):
+        signals = Signals(found.model, piece, prediction)
+        for term in prediction.values:
+            if joint in joints_of(found.model, term):
+                total += sign * signals.torque(term, joint)
+    return piece.equation(piece.in_band(total), joint)
+
+
+def hidden(
+    loaded: LoadedSession, report: Reporter, step: int, effect: PlacedEffect, values: Mapping[str, float]
+) -> TaskResult:
+    """Whether a diagnosis would name an effect in the recorded motion.
+
+    The fitted model is simulated along that motion with the effect and the noise of the recordings, and diagnosed.
+    """
+    report.parts(FITTING, HIDING, DIAGNOSING)
+    report.part(FITTING)
+    fitted = loaded.fitted(step)
+    model = loaded.model(loaded.fitted_text(step))
+    place = parse_hidden(_typed(effect, values), model, "hide")
+    report.part(HIDING)
+    noise = max(relative_floor(series) for series in fitted.joints)
+    longest = max(loaded.recordings(False), key=lambda r: max(s.stop - s.start for s in r.segments))
+    made, there = simulate(model, [place], SimulationSettings(noise=noise), _path(longest))
+    report.part(DIAGNOSING)
+    result = judged(complete(begun(model, [made])))
+    term = next(iter(there.keys() - structure(model).keys()))
+    rivals = tuple(result.findings[0].rivals) if result.findings else ()
+    named = tuple(f.term for f in result.findings)
+    trial = SimulatedDiagnosis(term, rivals, SimulationSettings.seed, result.verdict, named, rivals)
+    shown = HiddenShown(placed=effect, values=there[term], seen=term in named, problem=trial.problem, noise=noise)
+    _write(loaded.new_folder("answer") / "hidden.json", shown)
+    return TaskResult(answered=step)
+
+
+def _path(recording: Recording) -> Array:
+    """(n, N) positions of the longest stretch of a recording at the rate of a simulation."""
+    samples = max(recording.segments, key=lambda s: s.stop - s.start)
+    t, q = recording.t[samples], recording.q[:, samples]
+    even = np.arange(t[0], t[-1], 1 / RATE)
+    return np.ascontiguousarray(make_interp_spline(t, q.T, k=3)(even).T)
+
+
+def experiment(loaded: LoadedSession, report: Reporter, step: int, rivals: Sequence[PlacedEffect]) -> TaskResult:
+    """The motion that distinguishes effects that a step's model lacks, at the values that its diagnosis found."""
+    found = loaded.values_found(step)
+    texts = [_typed(rival, found.get(rival, {})) for rival in rivals]
+    report.parts(COMPILING, DESIGNING)
+    report.part(COMPILING)
+    model = loaded.model(loaded.fitted_text(step))
+    report.part(DESIGNING)
+    proposal = propose(model, parse_rivals(",".join(texts), model), tell=report.line)
+    folder = loaded.new_folder("answer")
+    if proposal.separated:
+        write_motion(folder / "motion.csv", model, proposal.motion)
+    _write(folder / "experiment.json", proposal.document())
+    return TaskResult(answered=step)
+
+
+def _typed(effect: PlacedEffect, values: Mapping[str, float]) -> str:
+    """As on a command line: EFFECT@JOINT:KEY=VALUE,..."""
+    return str(effect) + (":" + ",".join(f"{name}={value!r}" for name, value in values.items()) if values else "")
+
+
+def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]) -> TaskResult:
+    """The report's page of each trajectory, as `tendon optimize --report` writes it, from the file alone.
+
+    names   of the files in given/ -> original names
+    """
+    report.parts(COMPILING, EVALUATING)
+    for k, (file, name) in enumerate(names.items()):
+        path = loaded.session.folder / "given" / file
+        source = _arm_of_plan(loaded, trajectory.arm_of(path))
+        report.part(COMPILING)
+        model = source.compiled.model()
+        planned = trajectory.read(path, model)
+        report.part(EVALUATING)
+        stated = plain(results.stated(model, planned))
+        folder = loaded.new_folder(f"plan{k}")
+        (folder / "page.html").write_text(planned_page.render(model, planned, stated), encoding="utf-8")
+        _write(folder / "plan.json", PlanShown(name=name, headline=plans.headline(stated)))
+    return TaskResult(plans=len(names))
+
+
+def _arm_of_plan(loaded: LoadedSession, arm: str) -> Source:
     """The model file of an arm: the session's, or one that ships with Tendon. Raises SessionError."""
-    given = opened.inputs.model
-    if given is not None and arm in (opened.source.arm().name, given.name.removesuffix(".toml")):
-        return opened.source
+    given = loaded.inputs.model
+    if given is not None and arm in (loaded.source.arm().name, given.name.removesuffix(".toml")):
+        return loaded.source
     if arm in {path.stem for path in ARMS.glob("*.toml")}:
-        return Source.shipped(arm, opened.effects)
+        return Source.shipped(arm, loaded.effects)
     raise SessionError(f"the plan is for the arm {quote(arm)}, which is not the session's; give its model file first")
 
 
-def _keep_signals(work: Path, opened: Opened, number: int, parent: int | None, changed: str) -> None:
-    """The signal sets of a step beside the one that it changes, if it changes one."""
-    step, before = opened.fitted(number), None if parent is None else opened.fitted(parent)
-    held, held_before = opened.held(number), None if parent is None else opened.held(parent)
-    for k, series in enumerate(step.joints):
-        comparable = before is not None and np.array_equal(before.joints[k].t, series.t)
-        of_joint(before if before and comparable else step, step, k, changed).save(work / f"joint{k + 1}.npz")
-        if held is not None:
-            of_held_out(held_before, held, k, changed).save(work / f"held{k + 1}.npz")
-
-
-def _ends(result: Diagnosis) -> Sequence[Step]:
-    """The model as it was diagnosed, and with all that was found, where something was."""
-    return result.steps[:1] if len(result.steps) == 1 else (result.steps[0], result.steps[-1])
-
-
-def _keep_recording(opened: Opened, number: int, inspection: Inspection) -> None:
-    """What was read of a recording, in its folder."""
-    target = opened.session.recording(number)
-    if (target / "recording.json").is_file():
-        return
-    work = empty(opened.session.scratch / "recording")
-    joints = 0 if inspection.recording is None else len(inspection.recording.q)
-    for joint in range(joints):
-        assert inspection.recording is not None
-        of_recording(inspection.recording, joint).save(work / f"joint{joint + 1}.npz")
-    given = opened.inputs.recordings[number - 1]
-    write(work / "recording.json", describe.recording(number, given, inspection, joints))
-    target.parent.mkdir(exist_ok=True)
-    work.rename(target)
-
-
-def _values(findings: Sequence[Finding], last: Step) -> list[Found]:
-    """Where the fit of a model with the findings may begin."""
-    terms = [f.term for f in findings]
-    return [{"effect": t.name, "joint": t.joint, "values": dict(last.values[t])} for t in terms if t in last.values]
-
-
-def _progress(step: Step) -> str:
-    what = "as in the file" if step.added is None else f"with {step.added}"
-    return f"{what}: error {', '.join(percent(r) for r in step.fitted.relative)}"
+TASKS: dict[str, Callable[..., TaskResult]] = {
+    task.__name__: task for task in (begin, fit, diagnose, tried, hidden, experiment, open_plans)
+}

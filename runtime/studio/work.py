@@ -1,8 +1,7 @@
-"""Long work of a session in a process of its own: how far it is, its end, and ending it early.
+"""Long tasks of a session in a process of their own: begin, progress, end, cancel.
 
-The process reads one task a line from its standard input and writes one message a line. It keeps between tasks what it
-has read and fitted; when it is ended, by whatever, the session is as it was before the task: results are moved to
-their places whole.
+The process (worker.py) keeps between tasks what it has read and fitted. Whenever it ends, the session is as it was
+before the task: complete results are moved to their places by the server.
 """
 
 from __future__ import annotations
@@ -19,29 +18,33 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
+
 import runtime
+from runtime.plain_json import plain
+from runtime.studio.documents import TaskResult
 from runtime.studio.settings import ENDS_WITHIN
 
 State = Literal["running", "done", "cancelled", "failed"]
 
 
 class WorkError(RuntimeError):
-    """Work that cannot be begun while other work is under way."""
+    """A task that cannot begin while another one is running."""
 
 
 @dataclass(frozen=True)
 class WorkState:
-    """A piece of work.
+    """A task.
 
-    task     its kind, for programs; what: for people
-    parts    of which it consists, in words        at     which of them is under way, from 0
-    share    of the whole that is done, 0 to 1: each part counts the same, since nobody knows how long the next takes
-    doing    what of the part is being done, in words, and left: s until that is done; None: not known
-    said     lines of progress
-    result   what it found, once it is done             error  one line, if it failed
+    what     in words
+    parts    in words; at: the one that is running, from 0
+    share    of the whole that is done, 0 to 1: each part counts the same, since their durations are not known
+    doing    a job of the part, in words; left: s until it is done, None: not known
+    said     intermediate results, for people
+    result   once it is done
+    error    one line, if it failed
     """
 
-    task: str
     what: str
     state: State = "running"
     parts: tuple[str, ...] = ()
@@ -50,27 +53,22 @@ class WorkState:
     doing: str = ""
     left: float | None = None
     said: tuple[str, ...] = ()
-    result: Mapping[str, Any] | None = None
+    result: TaskResult | None = None
     error: str | None = None
 
 
 class Work:
     """The process of a session, started when it is first needed.
 
-    changed   is called from another thread whenever the state of the work is another; finished: before that, with a
-              state that is an end
+    changed    called after every change of the state, from another thread
+    finished   called before that with a state that is an end
     """
 
     def __init__(
         self, folder: Path, effects: Path | None, changed: Callable[[], None], finished: Callable[[WorkState], None]
     ) -> None:
-        self._command = [
-            sys.executable,
-            "-m",
-            "runtime.studio.worker",
-            str(folder),
-            *([str(effects)] if effects else []),
-        ]
+        arguments = [str(folder), *([str(effects)] if effects else [])]
+        self._command = [sys.executable, "-m", "runtime.studio.worker", *arguments]
         self._changed, self._finished = changed, finished
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.RLock()
@@ -78,45 +76,42 @@ class Work:
 
     @property
     def state(self) -> WorkState | None:
-        """Of the work that was begun last; None before any."""
+        """Of the last task; None before any."""
         return self._state
 
     @property
     def busy(self) -> bool:
-        """Whether work is under way."""
+        """Whether a task is running."""
         return self._state is not None and self._state.state == "running"
 
     @contextlib.contextmanager
-    def unchanged(self) -> Iterator[None]:
-        """While it is held nothing comes of the process: the state of the work and what it has found are of one moment.
-
-        Whoever shows them reads them more than once, and would else show what is no more.
-        """
+    def paused(self) -> Iterator[None]:
+        """Within, no message of the process is taken: all that is read of task and session belongs together."""
         with self._lock:
             yield
 
     def begin(self, task: str, what: str, arguments: Mapping[str, Any]) -> None:
-        """Begin a task. Raises WorkError where another one is under way."""
+        """Begin a task. Raises WorkError while another one is running."""
         with self._lock:
             if self.busy:
-                raise WorkError("something else is being worked on; wait for it, or cancel it")
+                raise WorkError("another task is running; wait for it, or cancel it")
             process = self._running()
-            self._state = WorkState(task, what)
+            self._state = WorkState(what)
             assert process.stdin is not None
-            process.stdin.write(json.dumps({"task": task, "arguments": dict(arguments)}).encode() + b"\n")
+            process.stdin.write(json.dumps(plain({"task": task, "arguments": arguments})).encode() + b"\n")
             process.stdin.flush()
         self._changed()
 
     def cancel(self) -> None:
-        """End the work at once; nothing of it stays."""
+        """End the task at once, without a result."""
         self._end("cancelled", None)
 
     def close(self) -> None:
-        """End the process, too."""
+        """End the task and the process."""
         self._end("cancelled", None)
         with self._lock:
             if self._process is not None:
-                _killed(self._process)
+                _kill(self._process)
                 self._process = None
 
     def _running(self) -> subprocess.Popen[bytes]:
@@ -142,7 +137,7 @@ class Work:
         with self._lock:
             lost = self._process is process and self.busy
         if lost:
-            self._end("failed", "the process that did the work has ended; memory may have run out")
+            self._end("failed", "the process of the task has ended; memory may have run out")
 
     def _hear(self, process: subprocess.Popen[bytes], message: Mapping[str, Any]) -> None:
         with self._lock:
@@ -151,14 +146,13 @@ class Work:
             state = self._state
             if "said" in message:
                 self._state = replace(state, said=(*state.said, str(message["said"])))
-            elif "parts" in message:
-                self._state = replace(state, parts=tuple(message["parts"]))
-            elif "at" in message:
-                self._state = replace(state, **message)
+            elif "result" in message:
+                result = msgspec.convert(message["result"], TaskResult)
+                self._conclude(replace(state, state="done", share=1.0, left=0.0, result=result))
             elif "error" in message:
                 self._conclude(replace(state, state="failed", error=str(message["error"])))
             else:
-                self._conclude(replace(state, state="done", share=1.0, left=0.0, result=message["result"]))
+                self._state = replace(state, **{**message, "parts": tuple(message.get("parts", state.parts))})
         self._changed()
 
     def _end(self, state: State, error: str | None) -> None:
@@ -167,23 +161,22 @@ class Work:
                 return
             process, self._process = self._process, None
             if process is not None:
-                _killed(process)
+                _kill(process)
             self._conclude(replace(self._state, state=state, error=error))
         self._changed()
 
     def _conclude(self, ended: WorkState) -> None:
-        """The end of the work is known once what it found is in its place."""
+        """The end is seen once the results are in their places."""
         try:
             self._finished(ended)
         except OSError as error:
-            ended = replace(
-                ended, state="failed", error=f"{error.filename or 'the session'}: {error.strerror or error}"
-            )
+            why = f"{error.filename or 'the session'}: {error.strerror or error}"
+            ended = replace(ended, state="failed", error=why)
         self._state = ended
 
 
-def _killed(process: subprocess.Popen[bytes]) -> None:
-    """End a process and those that it has forked, which are its group."""
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a process and its group: those that it has forked."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, number)

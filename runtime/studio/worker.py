@@ -1,8 +1,8 @@
 """The process of a session: `python -m runtime.studio.worker FOLDER [EFFECTS]`.
 
-Reads a task a line on standard input, writes messages a line on standard output: {"parts"} of which the work consists,
-{"at", "share", "doing", "left"} of how far it is, {"said"} a line for people, and in the end {"result"} or {"error"}.
-It ends when its input does.
+It reads a task a line from standard input, {"task", "arguments"}, and writes messages a line to standard output:
+{"parts"} of the task, {"at", "share", "doing", "left"} for its progress, {"said"} for people, and at the end {"result"}
+or {"error"}. It ends when its input does.
 """
 
 from __future__ import annotations
@@ -12,95 +12,57 @@ import os
 import signal
 import sys
 import threading
-import time
 import traceback
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TextIO
+from typing import get_type_hints
 
-from runtime.plain_json import plain
-from runtime.progress import Progress, heard_by
-from runtime.studio import questions, tasks
-from runtime.studio.bench import Bench, Tell
-from runtime.studio.settings import TOLD_EVERY
+import msgspec
 
-TASKS = tasks.TASKS | questions.TASKS
+from runtime.progress import heard_by
+from runtime.studio.session import StudioSession
+from runtime.studio.tasks import TASKS, LoadedSession, Reporter
 
 
-class _Teller:
-    """Messages to the server."""
-
-    def __init__(self, out: TextIO) -> None:
-        self._out, self._last, self._doing = out, 0.0, ""
-        self._parts: tuple[str, ...] = ()
-        self._at, self._share = 0, 0.0
-
-    def message(self, **fields: Any) -> None:
-        self._out.write(json.dumps(plain(fields), allow_nan=False) + "\n")
-        self._out.flush()
-
-    def progress(self, progress: Progress) -> None:
-        """Not more often than a page can show. A part may consist of several works, each from its beginning: the share
-        of the whole never falls."""
-        now, last = time.monotonic(), progress.done >= progress.parts
-        if now - self._last >= TOLD_EVERY or progress.what != self._doing or last:
-            self._last, self._doing = now, progress.what
-            inside = min(progress.done / progress.parts, 1.0)
-            self._share = max(self._share, (self._at + inside) / max(len(self._parts), 1))
-            self.message(at=self._at, share=self._share, doing=progress.what, left=progress.left)
-
-    def parts(self, parts: Sequence[str]) -> None:
-        """Of which the work consists."""
-        self._parts, self._at, self._share = tuple(parts), 0, 0.0
-        self.message(parts=self._parts)
-
-    def part(self, what: str) -> None:
-        """The next of them, of which nobody knows yet how long it takes."""
-        self._at = self._parts.index(what)
-        self._share = max(self._share, self._at / len(self._parts))
-        self.message(at=self._at, share=self._share, doing="", left=None)
-
-
-def main(arguments: list[str]) -> None:
+def main(folder: str, effects: str | None = None) -> None:
     """Work until nothing more is asked for."""
-    # What libraries print is none of the messages.
-    told = _Teller(os.fdopen(os.dup(1), "w"))
+    # What libraries print must not mix with the messages.
+    report = Reporter(os.fdopen(os.dup(1), "w"))
     os.dup2(2, 1)
-    asked: SimpleQueue[str] = SimpleQueue()
-    threading.Thread(target=_read, args=(asked,), daemon=True).start()
-    bench = Bench(Path(arguments[0]), Path(arguments[1]) if len(arguments) > 1 else None)
+    lines: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_read, args=(lines,), daemon=True).start()
+    loaded: LoadedSession | None = None
     while True:
-        task = json.loads(asked.get())
-        _do(bench, task["task"], task["arguments"], told)
+        asked = json.loads(lines.get())
+        try:
+            session = StudioSession.open(Path(folder))
+            if loaded is None or loaded.inputs != session.inputs:
+                loaded = LoadedSession(session, None if effects is None else Path(effects))
+            loaded.session = session
+            task = TASKS[asked["task"]]
+            kinds = get_type_hints(task)
+            arguments = {name: msgspec.convert(value, kinds[name]) for name, value in asked["arguments"].items()}
+            with heard_by(report.progress):
+                report.message(result=task(loaded, report, **arguments))
+        except Exception as error:
+            report.message(error=_line(error, Path(folder).resolve()))
 
 
-def _read(asked: SimpleQueue[str]) -> None:
-    """Tasks as they come. Where the server has gone nobody wants what is being worked on."""
+def _read(lines: SimpleQueue[str]) -> None:
+    """Queue the tasks. Once the server has gone nobody needs the result of the current one."""
     for line in sys.stdin:
-        asked.put(line)
+        lines.put(line)
     os.killpg(0, signal.SIGKILL)
 
 
-def _do(bench: Bench, task: str, arguments: Mapping[str, Any], told: _Teller) -> None:
-    tell = Tell(told.parts, told.part, lambda line: told.message(said=line))
-    try:
-        with heard_by(told.progress):
-            result = TASKS[task](bench, tell, **arguments)
-    except Exception as error:
-        told.message(error=_line(error, bench))
-    else:
-        told.message(result=result)
-
-
-def _line(error: Exception, bench: Bench) -> str:
-    """An error as people read it: one line, without the place of the session."""
-    ours = type(error).__module__.split(".")[0] in ("runtime", "symbolic", "codegen")
+def _line(error: Exception, folder: Path) -> str:
+    """An error for people: one line, without the path of the session."""
+    ours = type(error).__module__.split(".")[0] in ("runtime", "symbolic", "codegen", "msgspec")
     if not ours and not isinstance(error, OSError):
         traceback.print_exc()
         return f"this is a mistake in Tendon: {type(error).__name__}: {error}"
-    return " ".join(str(error).split()).replace(f"{bench.folder / 'given'}{os.sep}", "")
+    return " ".join(str(error).split()).replace(f"{folder / 'given'}{os.sep}", "")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(*sys.argv[1:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import os
 import re
 import shutil
@@ -10,34 +11,64 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
+from tests.studio.waiting import PATIENCE
+
 ROOT = Path(__file__).resolve().parents[2]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-PATIENCE = 120.0
-"""s for what a studio says, on a machine that is busy with other tests."""
 
 
-@contextmanager
-def chromium() -> Iterator[Any]:
+def launched() -> Iterator[Any]:
     """A browser without a window; the test is skipped, with the reason, where there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="no browser: pip install playwright")
     if CHROMIUM is None:
         pytest.skip("no browser: apt-get install chromium")
     with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"], timeout=1000 * PATIENCE)
         try:
             yield browser
         finally:
             browser.close()
 
 
-@contextmanager
-def studio(folder: Path, *arguments: object) -> Iterator[str]:
-    """The address of `tendon studio ARGUMENTS`, run in a folder and ended afterwards."""
+chromium = contextmanager(launched)
+
+
+@dataclass
+class Server:
+    """A running studio: its address with the token, and the folder in which it was started."""
+
+    address: str
+    folder: Path
+
+    @property
+    def host(self) -> str:
+        return urlsplit(self.address).netloc
+
+    @property
+    def token(self) -> str:
+        return urlsplit(self.address).query.removeprefix("token=")
+
+    @cached_property
+    def cookie(self) -> str:
+        """The cookie for which the address is exchanged."""
+        connection = http.client.HTTPConnection(self.host, timeout=PATIENCE)
+        connection.request("GET", f"/?token={self.token}")
+        answer = connection.getresponse()
+        assert (answer.status, answer.getheader("location")) == (303, "/")
+        connection.close()
+        return str(answer.getheader("set-cookie")).partition(";")[0]
+
+
+def served(folder: Path, *arguments: object) -> Iterator[Server]:
+    """`tendon studio ARGUMENTS`, run in a folder and ended afterwards."""
     pytest.importorskip("nicegui", reason="no studio: pip install 'tendon[studio]'")
     command = [sys.executable, "-c", "from runtime.cli.main import main; main()", "studio", "--no-browser"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
@@ -49,11 +80,11 @@ def studio(folder: Path, *arguments: object) -> Iterator[str]:
         try:
             said = next((found for line in process.stdout if (found := re.search(r"http://\S+", line))), None)
             assert said is not None, (folder / "studio.log").read_text()
-            yield said[0]
+            yield Server(said[0], folder)
         finally:
             process.terminate()
             try:
-                process.wait(10)
+                process.wait(PATIENCE)
             except subprocess.TimeoutExpired:
                 process.kill()
             process.stdout.close()
@@ -63,10 +94,11 @@ class Watched:
     """A page, everything that it asked for, and everything that went wrong in it."""
 
     def __init__(self, browser: Any, address: str, width: int = 1360, scheme: str = "light") -> None:
-        context = browser.new_context(
+        self.context = browser.new_context(
             viewport={"width": width, "height": 950}, color_scheme=scheme, reduced_motion="reduce"
         )
-        self.page = context.new_page()
+        self.context.set_default_timeout(1000 * PATIENCE)
+        self.page = self.context.new_page()
         self.asked: list[str] = []
         self.wrong: list[str] = []
         self.page.on("request", lambda request: self.asked.append(request.url))
@@ -74,6 +106,25 @@ class Watched:
         self.page.on("pageerror", lambda error: self.wrong.append(str(error)))
         self.page.on("console", lambda said: self.wrong.append(said.text) if said.type == "error" else None)
         self.page.goto(address)
+
+    def at_step(self, number: int) -> Any:
+        """The page, once it shows a step."""
+        self.page.click(f"[data-step='{number}']:not([disabled])")
+        self.page.wait_for_selector(f"[data-step='{number}'][aria-current=step]")
+        return self.page
+
+    def emptied(self) -> Any:
+        """The page, once its session has no recordings: what needs the start page begins here."""
+        self.page.wait_for_selector("#plans h2")
+        while count := self.page.locator("#recordings article").count():
+            self.page.click("#recordings article button:has-text('Remove')")
+            self.page.wait_for_function(f"document.querySelectorAll('#recordings article').length < {count}")
+        self.page.wait_for_selector("#start h1")
+        return self.page
+
+    def error(self) -> float:
+        """Of the current step, per cent: the last figure beside the first bar."""
+        return float(re.findall(r"([\d.]+)\s%", self.page.inner_text(".bar-row.fitted .bar-value"))[-1])
 
     def slow(self) -> Delayed:
         """The page opened again, by a connection on which what the studio says can be kept back."""

@@ -1,34 +1,33 @@
-"""The page of a session: its sections, each drawn anew when what it shows has changed."""
+"""The page of a session: its sections, and the task that is running."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from nicegui import ui
 
-from runtime.report.page.filling import script, stylesheet
-from runtime.report.signals import SCRIPTS
-from runtime.studio.page import arm, joint_views, library, start, steps, trying, verdict, working
-from runtime.studio.page.parts import PageSection, put
-from runtime.studio.page.view import PageView
+from runtime.studio.page import joints, questions, start, steps, verdict
+from runtime.studio.page.view import PageSection, PageView, add_head, button, put
 from runtime.studio.studio import Studio
+from runtime.wording import number
 
-LOOK = 0.25
+POLL = 0.25
 """s between two looks at the session's version: a person sees no delay."""
 
 
 def build(studio: Studio) -> None:
     """The page of one browser tab."""
-    _head()
+    add_head()
     view = PageView(studio)
-    with put("div", classes="page").on("chosen", view.controls.hear, ["detail"]):
+    with put("div", classes="page").on("chosen", view.hear, ["detail"]):
         with put("header", classes="top"):
             put("span", "Tendon studio", "name")
             put("span", studio.session.folder.name, "of")
-            put("theme-switch")
         sections = _sections(view)
     seen = studio.version
 
     def look() -> None:
-        with studio.unchanged():
+        with studio.paused():
             for section in sections:
                 section.look()
 
@@ -40,89 +39,94 @@ def build(studio: Studio) -> None:
 
     view.changed = look
     look()
-    ui.timer(LOOK, poll)
-
-
-def _head() -> None:
-    """Styles and scripts: those of the report, of the signals, and the page's own."""
-    ui.add_head_html(f"<style>{stylesheet()}</style>")
-    ui.add_head_html('<link rel="stylesheet" href="/static/page/studio.css">')
-    ui.add_body_html(f"<script>{script()}</script>")
-    for name in SCRIPTS:
-        ui.add_body_html(f'<script src="/static/signals/{name}"></script>')
-    ui.add_body_html('<script src="/static/page/studio.js"></script>')
+    ui.timer(POLL, poll)
 
 
 def _sections(view: PageView) -> list[PageSection]:
-    """In the order of the page. Of what depends on a step the key says which, and what is known of it."""
+    """In the order of the page. The key of a section has everything on which its content depends."""
     studio = view.studio
+    made: list[PageSection] = []
 
-    def step() -> tuple[object, ...] | None:
-        return None if view.here is None else (view.here, view.busy)
+    def section(name: str, key: Callable[[], object], draw: Callable[[PageView], None], tag: str = "section") -> None:
+        classes = "short" if name in ("start", "verdict") else ""
+        made.append(PageSection(put(tag, id_=name, classes=classes), key, lambda: draw(view)))
 
-    def joint() -> tuple[object, ...] | None:
-        return None if view.here is None else (view.here, view.joint["joint"])
+    def step(*more: object) -> object:
+        """A key of a section that shows a step."""
+        return None if view.here is None else (view.here, view.busy, *more)
 
-    def judged() -> tuple[object, ...] | None:
-        return None if view.here is None or view.verdict is None else (view.here, view.busy, view.joint["joint"])
+    def joint() -> object:
+        return None if view.here is None else (view.here, view.joint.joint)
 
-    def found() -> tuple[object, ...] | None:
-        if view.here is None or view.verdict is None or not view.verdict["findings"]:
+    def found() -> object:
+        if view.verdict is None or not view.verdict.findings:
             return None
-        return judged(), repr(studio.tried(view.here.number))
-
-    def signals() -> None:
-        joint_views.signals(view, f"{view.here.number}-{view.here.verdict}" if view.here else "")
+        return step(view.joint.joint, questions.answers(view))
 
     with put("div", classes="at-work"):
-        made = [
-            PageSection("div", "work", lambda: (working.state(view), view.wrong), lambda: working.work(view)),
-            PageSection("div", "progress", lambda: studio.work if view.busy else None, lambda: working.progress(view)),
-        ]
-    made += [
-        PageSection(
-            "section",
-            "start",
-            lambda: None if view.here else (studio.inputs, view.busy),
-            lambda: start.start(view),
-            classes="short",
-        ),
-        PageSection(
-            "section",
-            "verdict",
-            lambda: joint() and (joint(), view.busy),
-            lambda: verdict.banner(view),
-            classes="short",
-        ),
-    ]
+        section("work", lambda: (_task(view), view.refused), _work, "div")
+        section("progress", lambda: studio.work if view.busy else None, _progress, "div")
+    section("start", lambda: None if view.here else (studio.inputs, view.busy), start.start)
+    section("verdict", lambda: view.here and step(joint()), verdict.banner)
     with put("div", classes="columns"):
         with put("div"):
-            made += [
-                PageSection("section", "errors", joint, lambda: arm.joints(view)),
-                PageSection(
-                    "section",
-                    "history",
-                    lambda: step() and (step(), joint(), studio.history),
-                    lambda: steps.history(view),
-                ),
-                PageSection("section", "model", lambda: step() and (step(), joint()), lambda: steps.model(view)),
-            ]
-        made.append(
-            PageSection("section", "motion", lambda: step() and (view.here, studio.inputs), lambda: arm.picture(view))
-        )
-    made += [
-        PageSection("section", "joint", lambda: joint() and (joint(), view.held_out), signals),
-        PageSection("section", "findings", found, lambda: verdict.cards(view)),
-        PageSection("section", "try", lambda: step() and (step(), view.offered), lambda: library.library(view)),
-        PageSection("section", "ask", lambda: trying.key(view), lambda: trying.trying(view)),
-        PageSection("section", "change", lambda: step() and (step(), view.against), lambda: steps.change(view)),
-        PageSection("section", "beside", judged, lambda: verdict.beside(view)),
-        PageSection(
-            "section",
-            "recordings",
-            lambda: (studio.inputs, view.busy, len(studio.recordings())) if studio.inputs.recordings else None,
-            lambda: start.recordings(view),
-        ),
-        PageSection("section", "plans", lambda: (view.busy, repr(studio.plans())), lambda: start.plans(view)),
-    ]
+            section("errors", joint, joints.errors)
+            section("history", lambda: view.here and step(joint(), studio.history), steps.history)
+            section("model", lambda: view.here and step(joint()), steps.model)
+        section("motion", lambda: view.here and (view.here, studio.inputs), joints.motion)
+    section("joint", lambda: view.here and (joint(), view.held_out), joints.joint)
+    section("findings", found, verdict.findings)
+    section("try", lambda: step(view.offered), steps.library)
+    section(
+        "ask", lambda: view.here and step(view.tried_effect, view.hidden_effect, questions.answers(view)), questions.ask
+    )
+    section("change", lambda: step(view.against), steps.change)
+    section("beside", lambda: view.verdict and joint(), verdict.beside)
+    section("recordings", lambda: _recordings(view), start.recordings)
+    section("plans", lambda: (view.busy, repr(studio.plans())), start.plans)
     return made
+
+
+def _recordings(view: PageView) -> object:
+    studio = view.studio
+    return (studio.inputs, view.busy, len(studio.recordings())) if studio.inputs.recordings else None
+
+
+def _task(view: PageView) -> tuple[str, str, str | None] | None:
+    """What of the task does not change with its progress."""
+    work = view.studio.work
+    return None if work is None else (work.what, work.state, work.error)
+
+
+def _work(view: PageView) -> None:
+    """The running task, or why it ended without a result; and why a command was refused."""
+    if view.refused:
+        with put("div", classes="wrong", role="alert"):
+            put("p", view.refused)
+            button("Close", lambda: view.set(refused=""))
+    task = view.studio.work
+    if task is None or task.state == "done":
+        return
+    if task.state == "running":
+        with put("div", classes="working", role="status"):
+            put("b", f"{task.what[:1].upper()}{task.what[1:]} …")
+            button("Cancel", lambda: view.act(view.studio.cancel), data_do="cancel")
+        return
+    with put("div", classes="wrong", role="alert"):
+        if task.state == "cancelled":
+            put("p", f"Cancelled: {task.what}. The session is as it was before.")
+        else:
+            put("p", task.error or "The task ended without a result.")
+
+
+def _progress(view: PageView) -> None:
+    """Parts and time of the running task."""
+    task = view.studio.work
+    assert task is not None
+    put("progress", max=1, value=task.share, aria_label=task.what)
+    with put("ol", classes="parts"):
+        for k, part in enumerate(task.parts):
+            state = "done" if k < task.at else "current" if k == task.at else "to-come"
+            put("li", part, state, aria_current="step" if state == "current" else None)
+    left = "" if task.left is None else f"about {number(max(task.left, 1.0), 2)} s left"
+    put("p", ". ".join(filter(None, [*task.said[-1:], task.doing, left])), "of")

@@ -1,133 +1,135 @@
-"""The history: every step with its error, undone, gone to and compared; what is in the model, and its share."""
+"""The steps and the model: go back and forth, leave effects out or add others, and what a step changes in the file."""
 
 from __future__ import annotations
 
-import difflib
-import json
 from functools import partial
 
-from runtime.studio.history import PlacedEffect, SessionStep
-from runtime.studio.page.parts import button, folded, put
-from runtime.studio.page.verdict import TAGS
-from runtime.studio.page.view import PageView
+from runtime.studio.documents import EffectOffered
+from runtime.studio.page.view import TAGS, PageView, button, folded, put
+from runtime.studio.session import PlacedEffect, SessionStep
 from runtime.wording import percent
 
 
 def history(view: PageView) -> None:
-    """All steps, and the way back and forth."""
+    """All steps with the error of the joint that is shown."""
     studio, busy = view.studio, view.busy
-    steps, here = studio.history.steps, view.here
     put("h2", "Steps")
     with put("div", classes="acts"):
         button("Undo", lambda: view.act(studio.undo), disabled=busy or not studio.history.can_undo, data_do="undo")
         button("Redo", lambda: view.act(studio.redo), disabled=busy or not studio.history.can_redo, data_do="redo")
     with put("ol", classes="steps"):
-        for step in steps:
-            _step(view, step, step is here)
-
-
-def _step(view: PageView, step: SessionStep, current: bool) -> None:
-    joint = step.joints[view.joint["joint"] - 1]
-    with put("li"):
-        pressed = put(
-            "button", classes="step", type="button", aria_current="step" if current else None, data_step=step.number
-        )
-        pressed.props["disabled"] = view.busy
-        with pressed.on("click", lambda _: view.act(lambda: view.studio.go_to(step.number))):
-            put("span", str(step.number), "step-number")
-            put("span", step.title, "step-title")
-            errors = percent(joint.relative) + ("" if joint.held is None else f", held out {percent(joint.held)}")
-            put("span", errors, "step-error")
-            if step.verdict is not None:
-                put("span", TAGS.get(step.verdict, step.verdict), f"tag {step.verdict}")
+        for step in studio.history.steps:
+            joint, current = step.joints[view.joint.joint - 1], "step" if step is view.here else None
+            with put("li"):
+                pressed = put("button", classes="step", type="button", aria_current=current, data_step=step.number)
+                pressed.props["disabled"] = busy
+                with pressed.on("click", partial(lambda number, _: view.act(studio.go_to, number), step.number)):
+                    put("span", str(step.number), "step-number")
+                    put("span", step.title, "step-title")
+                    held = "" if joint.held is None else f", held out {percent(joint.held)}"
+                    put("span", percent(joint.relative) + held, "step-error")
+                    if step.verdict is not None:
+                        put("span", TAGS.get(step.verdict, step.verdict), f"tag {step.verdict}")
 
 
 def model(view: PageView) -> None:
-    """The effects in the model with their values; each can be left out, to see its share."""
-    joint, several = view.joint, len(view.shown["joints"]) > 1
-    active = [row for row in view.shown["active"] if row["joint"] in (None, joint["joint"])]
-    where = f", joint {joint['called']} and the whole arm" if several else ""
-    put("h2", f"Effects in the model{where}")
+    """The effects in the model with their values, each with a button that leaves it out."""
+    joint, several = view.joint, len(view.shown.joints) > 1
+    active = [effect for effect in view.shown.active if effect.placed.joint in (None, joint.joint)]
+    put("h2", "Effects in the model" + (f", joint {joint.called} and the whole arm" if several else ""))
     if not active:
-        put("p", "None: rigid bodies alone.", "of")
+        put("p", "None: only rigid bodies.", "of")
     with put("ul", classes="effects"):
-        for row in active:
-            effect = PlacedEffect(row["effect"], row["joint"])
+        for effect in active:
             with put("li"):
-                put("b", str(effect))
-                values = "; ".join(f"{p['name']} {p['value']} {p['unit']}".strip() for p in row["parameters"])
-                put("span", values, "of")
+                put("b", str(effect.placed))
+                put("span", effect.values, "of")
                 button(
                     "Leave out",
-                    partial(view.act, view.studio.without, effect),
+                    partial(view.act, view.studio.without, effect.placed),
                     disabled=view.busy,
-                    title=f"Fit without {effect}, to see its share",
+                    title=f"Fit without {effect.placed}, to see its share",
                     data_do="without",
                 )
 
 
-def change(view: PageView) -> None:
-    """What the steps change in the model file, and the files to take away."""
-    studio, here = view.studio, view.here
-    assert here is not None
-    put("h2", "The model file")
+def library(view: PageView) -> None:
+    """Choose an effect of the library and its place, and add it."""
+    put("h2", "Add another effect")
+    put("p", "The model is fitted with it to the same recordings. Undo removes it.", "of")
+    offered = offers(view)
+    if not offered:
+        put("p", "Every effect of the library is in the model.", "of")
+        return
+    effect = chosen_effect(offered, view.offered)
+    texts = {name: f"{name} ({e.family})" for name, e in offered.items()}
+    chosen = offered[effect.effect]
     with put("div", classes="acts"):
-        for what, text in (("model", "Download the model file"), ("commands", "Download the commands")):
+        view.effect_choice("offered", texts, chosen.places, effect)
+        button(f"Add {effect}", lambda: view.act(view.studio.add, effect), disabled=view.busy, data_do="try")
+    put("p", chosen.summary)
+    with put("p"):
+        put("code", f"torque = {chosen.equation}")
+
+
+def offers(view: PageView) -> dict[str, EffectOffered]:
+    """The effects that may be added, by name."""
+    found = view.studio.answer(view.step.number, "library", list[EffectOffered]) or []
+    return {effect.effect: effect for effect in found if effect.places}
+
+
+def chosen_effect(offered: dict[str, EffectOffered], wanted: tuple[str, int | None] | None) -> PlacedEffect:
+    """The wanted effect at the wanted place, or the first ones where that is not offered."""
+    name, joint = wanted or ("", None)
+    found = offered.get(name) or next(iter(offered.values()))
+    return PlacedEffect(found.effect, joint if joint in found.places else found.places[0])
+
+
+def change(view: PageView) -> None:
+    """Downloads, what the step changes in the model file, and the commands that do the same."""
+    studio, here = view.studio, view.step
+    put("h2", "The model file")
+    downloads = {"model": "Download the model file", "commands": "Download the commands"}
+    if studio.file(here.number, "report.html") is not None:
+        downloads["report"] = "Download the report"
+    with put("div", classes="acts"):
+        for what, text in downloads.items():
             put("a", text, "download", href=f"/download/{what}?step={here.number}", download="")
-        if studio.report(here.number) is not None:
-            put("a", "Download the report", "download", href=f"/download/report?step={here.number}", download="")
-    others = [("", "the file as it was given")]
-    others += [(str(s.number), f"step {s.number}: {s.title}") for s in studio.history.steps if s is not here]
-    against = view.against if view.against is not None and view.against != here.number else None
-    view.controls.choice(
+    others = {str(s.number): f"step {s.number}: {s.title}" for s in studio.history.steps if s is not here}
+    against = view.against if view.against != here.number else None
+    view.choice(
         "against",
         "Compare this step with",
-        others,
-        "" if against is None else str(against),
-        lambda value: view.set(against=int(value) if value else None),
+        options={"": "the file as it was given", **others},
+        value="" if against is None else str(against),
+        chosen=lambda value: view.set(against=int(value) if value else None),
     )
     if against is not None:
         _errors(studio.history.step(against), here)
-    _difference(_text(view, against), studio.model_text(here.number))
+    lines = studio.difference(here.number, against)
+    if not lines:
+        put("p", "The two files are the same.", "of")
+    else:
+        with put("pre", classes="difference", data_difference="", aria_label="Changes in the model file"):
+            for line in lines:
+                kind = {"+": "came", "-": "went", "@": "where"}.get(line[:1], "same")
+                put("span", line if line.strip() else " ", kind)
     with folded("The commands that do the same in a terminal", open_=True):
         put("pre", "\n".join(studio.commands(here.number)), data_commands="")
 
 
-def _text(view: PageView, number: int | None) -> str:
-    return view.studio.given_text() if number is None else view.studio.model_text(number)
-
-
 def _errors(other: SessionStep, here: SessionStep) -> None:
-    """The errors of two steps beside each other."""
-    heads = (
-        "joint",
-        f"step {other.number}",
-        f"step {here.number}",
-        f"step {other.number}, held out",
-        f"step {here.number}, held out",
-    )
+    """A table of the errors of two steps."""
+    heads = [f"step {s.number}{held}" for held in ("", ", held out") for s in (other, here)]
     with put("div", classes="scroll"), put("table", classes="stack"):
         with put("thead"), put("tr"):
-            for head in heads if here.joints and here.joints[0].held is not None else heads[:3]:
+            for head in ("joint", *(heads if here.joints and here.joints[0].held is not None else heads[:2])):
                 put("th", head, scope="col")
         with put("tbody"):
             for before, after in zip(other.joints, here.joints, strict=True):
                 with put("tr"):
                     put("th", after.called, scope="row")
-                    for head, value in zip(
-                        heads[1:], (before.relative, after.relative, before.held, after.held), strict=True
-                    ):
+                    values = (before.relative, after.relative, before.held, after.held)
+                    for head, value in zip(heads, values, strict=True):
                         if value is not None:
                             put("td", percent(value), "n", data_is=head)
-
-
-def _difference(before: str, after: str) -> None:
-    """Lines that went and came, with a few around them."""
-    lines = list(difflib.unified_diff(before.splitlines(), after.splitlines(), lineterm=""))[2:]
-    if not lines:
-        put("p", "The two are the same.", "of")
-        return
-    with put("pre", classes="difference", data_difference="", aria_label=json.dumps("What changes in the model file")):
-        for line in lines:
-            kind = {"+": "came", "-": "went", "@": "where"}.get(line[:1], "same")
-            put("span", line if line.strip() else " ", kind)

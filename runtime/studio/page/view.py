@@ -1,27 +1,134 @@
-"""What one browser tab looks at, and how it acts: every error becomes a line on the page."""
+"""What the sections of the page are made of: HTML elements, controls, the report's parts, and what a browser tab shows.
+
+Texts are texts: only the report's templates make HTML, and they escape what they are given.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
-from runtime.studio.history import SessionStep
-from runtime.studio.page.controls import Controls
-from runtime.studio.shown import JointShown, StepShown, VerdictShown
+from markupsafe import Markup
+from nicegui import ui
+from nicegui.element import Element
+from nicegui.elements.mixins.text_element import TextElement
+from nicegui.events import GenericEventArguments
+
+from runtime.report.page.filling import embedded, part, script, stylesheet
+from runtime.report.signals import SCRIPTS
+from runtime.studio.documents import JointShown, Row, StepShown, VerdictShown
+from runtime.studio.session import PlacedEffect, SessionStep
 from runtime.studio.studio import Studio
+
+TAGS = {"effect": "effect found", "more": "effect found, more is left", "clean": "clean"}
+"""Verdicts in words, where these are others."""
+
+
+def add_head() -> None:
+    """Styles and scripts of the report, of the signals and of the page."""
+    ui.add_head_html(f"<style>{stylesheet()}</style>")
+    ui.add_head_html('<link rel="stylesheet" href="/static/page/studio.css">')
+    ui.add_body_html(f"<script>{script()}</script>")
+    for name in SCRIPTS:
+        ui.add_body_html(f'<script src="/static/signals/{name}"></script>')
+    ui.add_body_html('<script src="/static/page/studio.js"></script>')
+
+
+def put(tag: str, text: str = "", classes: str = "", **attributes: Any) -> Element:
+    """An element with a text. In names of attributes `_` stands for a dash; an attribute that is None is left out."""
+    made: Element = TextElement(tag=tag, text=text) if text else Element(tag)
+    if classes:
+        made.classes(classes)
+    for name, value in attributes.items():
+        if value is not None:
+            made.props[name.rstrip("_").replace("_", "-")] = value
+    return made
+
+
+def button(text: str, act: Callable[[], Any], classes: str = "", **attributes: Any) -> Element:
+    """A button; `disabled=True` where it cannot be pressed."""
+    disabled = attributes.pop("disabled", None) or None
+    return put("button", text, classes, type="button", disabled=disabled, **attributes).on("click", lambda _: act())
+
+
+def report_part(macro: str, *holes: Any) -> None:
+    """A part of the report's page."""
+    _markup(part("cards.html.j2", macro, *holes))
+
+
+def arm_in_motion(arm: Row) -> Element:
+    """The report's picture of the arm. A click on a joint is an event "joint" with its number, from 0."""
+    picture = {**arm, "data": Markup(embedded(arm["data"]))}
+    return _markup(part("arm_motion.html.j2", "arm_motion", picture), "arm-picture")
+
+
+def _markup(text: Markup, classes: str = "") -> Element:
+    """HTML from a template. NiceGUI's own element for HTML runs a script in the browser, which the policy forbids."""
+    return put("div", classes=classes, innerHTML=str(text))
+
+
+def signals(name: str, **attributes: Any) -> None:
+    """The canvases of a signal set."""
+    put("tendon-signals", src=f"/data/{name}", **attributes)
+
+
+@contextmanager
+def folded(title: str, open_: bool = False) -> Iterator[None]:
+    """Content that unfolds by a click."""
+    with put("details", open=open_ or None):
+        put("summary", title)
+        yield
+
+
+WRONG = (LookupError, TypeError, ValueError, AttributeError, OSError, ArithmeticError)
+"""Errors that come of a session with unexpected content: the folder may be anyone's."""
+
+
+class PageSection:
+    """A part of the page, drawn again whenever its key changes. A key of None hides it."""
+
+    def __init__(self, place: Element, key: Callable[[], object], draw: Callable[[], None]) -> None:
+        self._place, self._key, self._draw = place, key, draw
+        self._drawn: object = None
+        place.set_visibility(False)
+
+    def look(self) -> None:
+        """Draw it if its key has changed."""
+        problem = None
+        try:
+            key = self._key()
+        except WRONG as error:
+            key = problem = repr(error)
+        if key == self._drawn:
+            return
+        self._drawn = key
+        self._place.clear()
+        self._place.set_visibility(key is not None)
+        if key is None:
+            return
+        with self._place:
+            if problem is None:
+                try:
+                    self._draw()
+                except WRONG as error:
+                    problem = repr(error)
+                    self._place.clear()
+            if problem is not None:
+                put("p", f"This part of the session cannot be shown: {problem}", "warning")
 
 
 class PageView:
-    """A session as one tab sees it.
+    """A session as one browser tab shows it.
 
-    joint     the joint that is looked into, 1-based; None: the one with the largest residual over its floor
-    held_out  whether its held-out recording is shown beside it
-    against   the step with which the current one is compared, None: the model as given
-    offered   the effect and its joint that may be tried
-    tried_effect   the effect of the model whose values may be tried
-    hidden_effect  the effect and its joint that may be hidden in the motion
-    wrong     why the last command was refused; ""
-    controls  its lists and sliders
+    chosen         joint that is shown, 1-based; None: the one with the largest residual in noise floors
+    held_out       whether its held-out recording is shown
+    against        step with which the current one is compared; None: the model as given
+    offered        effect and joint that may be added
+    tried_effect   effect of the model whose values may be tried
+    hidden_effect  effect and joint that may be hidden in the motion
+    refused        why the last command was refused; ""
     """
 
     def __init__(self, studio: Studio) -> None:
@@ -32,54 +139,105 @@ class PageView:
         self.offered: tuple[str, int | None] | None = None
         self.tried_effect: str | None = None
         self.hidden_effect: tuple[str, int | None] | None = None
-        self.wrong = ""
-        self.controls = Controls()
+        self.refused = ""
         self.changed: Callable[[], None] = lambda: None
-
-    # --- what is there ---
+        self._controls: dict[str, tuple[Element, Callable[[str], Any]]] = {}
 
     @property
     def here(self) -> SessionStep | None:
-        """The step at which the session stands."""
+        """The current step."""
         return self.studio.history.here
 
     @property
+    def step(self) -> SessionStep:
+        """The current step, where there is one."""
+        assert self.here is not None
+        return self.here
+
+    @property
     def busy(self) -> bool:
-        """Whether something is worked on."""
+        """Whether a task is running."""
         work = self.studio.work
         return work is not None and work.state == "running"
 
     @property
     def shown(self) -> StepShown:
-        """What is known of the step; there must be one."""
-        assert self.here is not None
-        return self.studio.shown(self.here.number)
+        """The current step's model."""
+        found = self.studio.answer(self.step.number, "shown", StepShown)
+        if found is None:
+            raise LookupError(f"step {self.step.number} has no shown.json")
+        return found
 
     @property
     def verdict(self) -> VerdictShown | None:
-        """Its diagnosis."""
-        return None if self.here is None else self.studio.verdict(self.here.number)
+        """The current step's diagnosis; None before it."""
+        return None if self.here is None else self.studio.answer(self.here.number, "verdict", VerdictShown)
 
     @property
     def joint(self) -> JointShown:
-        """The joint that is looked into."""
-        joints = self.shown["joints"]
-        known = {shown["joint"]: shown for shown in joints}
-        return known.get(self.chosen or 0) or max(joints, key=lambda shown: shown["floors"] or 0.0)
-
-    # --- what is done ---
+        """The joint that is shown."""
+        joints = self.shown.joints
+        chosen = next((joint for joint in joints if joint.joint == self.chosen), None)
+        return chosen or max(joints, key=lambda joint: joint.floors or 0.0)
 
     def act(self, command: Callable[..., Any], *given: Any) -> None:
-        """Do something; what is refused is said."""
+        """Execute a command; if it is refused the page says why."""
         try:
             command(*given)
-            self.wrong = ""
+            self.refused = ""
         except (ValueError, RuntimeError, OSError) as error:
-            self.wrong = str(error)
+            self.refused = str(error)
         self.changed()
 
     def set(self, **values: Any) -> None:
-        """Look at something else."""
+        """Show something else."""
         for name, value in values.items():
             setattr(self, name, value)
         self.changed()
+
+    # Controls. A value is assigned by the control's name and not by its element: the element may have been replaced
+    # before the server receives it. The control with that name then takes the value.
+
+    def choice(
+        self, name: str, label: str, *, options: dict[str, str], value: str, chosen: Callable[[str], Any]
+    ) -> None:
+        """A list of options, value -> text."""
+        with put("label", classes="choice"):
+            put("span", label)
+            with put("select", value=value, data_control=name) as made:
+                for key, text in options.items():
+                    put("option", text, value=key, selected=(key == value) or None)
+        self._controls[name] = made, lambda said: chosen(said) if said in options else None
+
+    def effect_choice(self, name: str, effects: dict[str, str], places: list[int | None], value: PlacedEffect) -> None:
+        """Lists of effects, name -> text, and of the places of one. The choice becomes the attribute `name`."""
+        self.choice(
+            name,
+            "effect",
+            options=effects,
+            value=value.effect,
+            chosen=lambda effect: self.set(**{name: (effect, value.joint)}),
+        )
+        if len(places) > 1:
+            texts = {json.dumps(p): "whole arm" if p is None else f"joint {p}" for p in places}
+            self.choice(
+                f"{name}-where",
+                "at",
+                options=texts,
+                value=json.dumps(value.joint),
+                chosen=lambda place: self.set(**{name: (value.effect, json.loads(place))}),
+            )
+
+    def slider(self, name: str, label: str, moved: Callable[[str], Any], **attributes: Any) -> None:
+        """A value between `min` and `max`; `disabled=True` where it cannot be moved."""
+        with put("label", classes="choice"):
+            put("span", label)
+            made = put("input", type="range", data_control=name, **attributes)
+        self._controls[name] = made, moved
+
+    def hear(self, event: GenericEventArguments) -> None:
+        """Take the value to which the browser says that a control was set."""
+        said = event.args["detail"]
+        made, heard = self._controls.get(str(said["control"]), (None, None))
+        if made is not None and heard is not None and not made.is_deleted:
+            heard(str(said["value"]))

@@ -1,5 +1,5 @@
 "use strict";
-/* The page's own elements: a place to drop files, the choice of light and dark, and what a list was set to. */
+/* The page's own elements and events: a place to drop files, and the value to which a control is set. */
 (() => {
   document.addEventListener("change", (event) => {
     const from = event.target;
@@ -8,7 +8,7 @@
     from.dispatchEvent(new CustomEvent("chosen", { detail, bubbles: true }));
   });
 
-  /* A part of the page that is drawn anew gives the focus back to what had it. */
+  /* A section that is drawn again returns the focus to the element that had it. */
   const KEYS = ["data-control", "data-do", "data-step", "data-joint"];
   let focused = null;
   document.addEventListener("focusin", (event) => {
@@ -48,36 +48,13 @@
           const answer = await fetch(`/given?${query}`, { method: "POST", body: file, credentials: "same-origin" });
           if (!answer.ok) { this.say((await answer.text()).trim(), true); return; }
         } catch { this.say(`${file.name} could not be sent; is the studio still running?`, true); return; }
-        this.say(`${file.name} is there.`);
+        this.say(`${file.name} received.`);
       }
     }
 
     say(text, wrong = false) {
       this.said.textContent = text;
       this.said.className = wrong ? "warning" : "of";
-    }
-  });
-
-  const THEMES = ["system", "light", "dark"], KEPT = "tendon-theme";
-  const chosen = () => { try { return localStorage.getItem(KEPT) ?? "system"; } catch { return "system"; } };
-  const dress = (theme) => { if (theme === "system") document.documentElement.removeAttribute("data-theme"); else document.documentElement.dataset.theme = theme; };
-  dress(chosen());
-
-  customElements.define("theme-switch", class extends HTMLElement {
-    connectedCallback() {
-      if (this.firstChild) return;
-      const button = document.createElement("button");
-      let theme = chosen();
-      const show = () => { button.textContent = { system: "Light or dark: as the system", light: "Light", dark: "Dark" }[theme]; };
-      button.type = "button";
-      button.addEventListener("click", () => {
-        theme = THEMES[(THEMES.indexOf(theme) + 1) % THEMES.length];
-        try { localStorage.setItem(KEPT, theme); } catch { /* then it lasts as long as the page */ }
-        dress(theme);
-        show();
-      });
-      show();
-      this.append(button);
     }
   });
 })();

@@ -1,0 +1,120 @@
+"""The joints: the arm in motion, the error of each joint, and the signals of the one that is shown."""
+
+from __future__ import annotations
+
+import json
+
+from runtime.studio.page.view import PageView, arm_in_motion, button, put, signals
+from runtime.studio.session import JointError
+from runtime.wording import MORE_THAN_NOISE, number, percent
+
+
+def motion(view: PageView) -> None:
+    """The arm in motion. A click on a joint shows that joint."""
+    arm = view.shown.arm
+    put("h2", "The arm in motion")
+    if arm is None:
+        put("p", "There is no picture: the rigid-body torque comes from your own model.", "of")
+        return
+    arm_in_motion(arm).on("joint", lambda e: view.set(chosen=int(e.args["detail"]) + 1), ["detail"])
+
+
+def errors(view: PageView) -> None:
+    """The error of every joint, of the model as given and of the current step, beside its noise floor."""
+    here, given = view.step, view.studio.history.steps[0]
+    put("h2", "Error against the noise floor")
+    ends = [
+        end
+        for j in (*given.joints, *here.joints)
+        for end in (j.relative, j.relative_floor, j.held, j.held_floor)
+        if end
+    ]
+    with put("div", classes="bars"):
+        for before, after in zip(given.joints, here.joints, strict=True):
+            _joint(view, before if here.number else None, after, max(ends, default=1.0))
+    notes = ["Vertical line: noise floor, the error of a perfect model."]
+    if any(j.held is not None for j in here.joints):
+        notes.append("Thin bar: error on the held-out recording.")
+    if here.number:
+        notes.append("Outline: the model as given.")
+    put("p", " ".join(notes), "of")
+
+
+def _joint(view: PageView, before: JointError | None, after: JointError, longest: float) -> None:
+    """Bars of a joint; `before`: with the model as given, if that is another one."""
+    chosen = view.joint.joint == after.joint
+    pressed = put("button", classes="bar-joint", type="button", aria_pressed=json.dumps(chosen), data_joint=after.joint)
+    with pressed.on("click", lambda _: view.set(chosen=after.joint)):
+        with put("span", classes="bar-head"):
+            left_over = [] if view.verdict is None else view.verdict.left_over
+            unexplained = after.joint in [row["joint"] for row in left_over]
+            put("span", classes="spot", data_level="2" if unexplained else _level(after.floors))
+            put("b", f"Joint {after.called}")
+            put("span", "the residual is more than sensor noise" if unexplained else _floors(after), "of")
+        _bar(
+            "fitted",
+            None if before is None else before.relative,
+            after.relative,
+            floor=after.relative_floor,
+            longest=longest,
+        )
+        if after.held is not None:
+            _bar(
+                "held out", None if before is None else before.held, after.held, floor=after.held_floor, longest=longest
+            )
+
+
+def _level(floors: float | None) -> str:
+    """The colour of a joint, as in the picture of the arm."""
+    return "0" if floors is None else str(1 + (floors > MORE_THAN_NOISE) + (floors > 2 * MORE_THAN_NOISE))
+
+
+def _floors(joint: JointError) -> str:
+    if joint.floors is None:
+        return "never moves"
+    return "at its noise floor" if joint.floors < MORE_THAN_NOISE else f"{number(joint.floors, 2)} × its noise floor"
+
+
+def _bar(name: str, before: float | None, after: float, *, floor: float | None, longest: float) -> None:
+    """An error, in parts of the longest bar; `before`: from where it falls."""
+    said = percent(after) if before is None else f"{percent(before)} → {percent(after)}"
+    with put("span", classes=f"bar-row {name.replace(' ', '-')}"):
+        put("span", name, "bar-name")
+        with put("span", classes="bar-track", role="img", aria_label=f"error {name} {said}"):
+            width = f"width:{100 * after / longest:.2f}%"
+            if before is None:
+                put("span", classes="bar", style=width)
+            else:
+                put("span", classes="bar ghost", style=f"width:{100 * before / longest:.2f}%")
+                put("span", classes="bar bar-now", style=f"{width};--from:{100 * before / longest:.2f}%")
+            if floor is not None:
+                put("span", classes="bar-floor", style=f"left:{100 * floor / longest:.2f}%")
+        put("span", said, "bar-value")
+
+
+def joint(view: PageView) -> None:
+    """Torque, prediction and residual of the chosen joint over time, and the residual over every signal."""
+    shown = view.joint
+    put("h2", f"Joint {shown.called}")
+    if shown.signals is None:
+        put("p", "This joint never moves in these recordings; there is nothing to compare.", "warning")
+        return
+    follows = ", ".join(f"{name} ({percent(share, 0)})" for name, share in shown.structure)
+    if shown.at_floor:
+        put("p", "The residual of this joint is at its noise floor.", "of")
+    else:
+        put("p", f"The residual follows {follows or 'none of the recorded signals'}.", "of")
+    beside = view.held_out and shown.held_signals is not None
+    if shown.held_signals is not None:
+        with put("div", classes="acts"):
+            text = "Hide the held-out recording" if view.held_out else "Show the held-out recording"
+            button(text, lambda: view.set(held_out=not view.held_out), data_do="held-out")
+    sets = {"Fitted": shown.signals, "Held out": shown.held_signals if beside else None}
+    with put("div", classes="beside" if beside else ""):
+        for title, name in sets.items():
+            if name is not None:
+                with put("div"):
+                    if beside:
+                        put("h3", title)
+                    # Another mark makes the browser load the signals again, after a diagnosis for instance.
+                    signals(name, data_mark=f"{view.step.number}-{view.step.verdict}")

@@ -1,0 +1,38 @@
+"""Waiting for a condition, as long as a busy machine may need."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from runtime.studio.studio import Studio
+
+PATIENCE = 300.0
+"""s after which a condition will not come true any more."""
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Until it holds."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def done(studio: Studio) -> None:
+    """Until the task has ended, without an error."""
+    until(lambda: studio.work is None or studio.work.state != "running")
+    assert studio.work is not None
+    assert (studio.work.state, studio.work.error) == ("done", None)
+
+
+def failed(studio: Studio) -> str:
+    """The error of the task once it has failed: one line without the session's path."""
+    until(lambda: studio.work is None or studio.work.state != "running")
+    assert studio.work is not None
+    assert studio.work.error is not None
+    assert studio.work.state == "failed"
+    assert "\n" not in studio.work.error
+    assert str(studio.session.folder) not in studio.work.error
+    assert "mistake" not in studio.work.error
+    return studio.work.error
