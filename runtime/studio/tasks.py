@@ -408,7 +408,14 @@ def hidden(
     term = next(iter(there.keys() - structure(model).keys()))
     rivals = tuple(result.findings[0].rivals) if result.findings else ()
     named = tuple(f.term for f in result.findings)
-    trial = SimulatedDiagnosis(term, rivals, SimulationSettings.seed, result.verdict, named, rivals)
+    trial = SimulatedDiagnosis(
+        hidden=term,
+        others=rivals,
+        seed=SimulationSettings.seed,
+        verdict=result.verdict,
+        named=named,
+        rivals=rivals,
+    )
     shown = HiddenShown(placed=effect, values=there[term], seen=term in named, problem=trial.problem, noise=noise)
     _write(loaded.new_folder("answer") / "hidden.json", shown)
     return TaskResult(answered=step)

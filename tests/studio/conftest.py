@@ -50,7 +50,7 @@ def recorded(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:  # 
     folder = tmp_path_factory.mktemp("recorded")
     (folder / "drive.toml").write_text(MODEL)
     for seed, name in enumerate((EVIL, "held.csv"), 1):
-        hide = ["--hide", "linear_spring@1:stiffness=3,rest=0.1", "--seed", str(seed), "--seconds", "8"]
+        hide = ["--hide", "linear_spring@1:stiffness=3,rest=0.1", "--seed", str(seed), "--seconds", "16"]
         assert output.run(app, ["simulate", str(folder / "drive.toml"), "--out", str(folder / name), *hide]) == 0
     return folder
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ from runtime.report.signals.joint_signals import of_series
 from runtime.report.signals.panels import DrawnLine, SignalPanel, around, curve
 from runtime.report.signals.reduction import Pyramid
 from runtime.report.signals.signal_set import MOST_ROWS, AskedWrongly, SignalSet
-from tests.studio.browser import chromium
 from tests.studio.signal_page import served
+from tests.studio.waiting import PATIENCE
 
 
 def walk(samples: int, seed: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -115,7 +116,17 @@ def test_a_wrong_question_is_refused(what: str, query: dict[str, str]) -> None:
         signals().answer(what, query)
 
 
-def test_the_canvas_draws_zooms_and_tells() -> None:
+@pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    """A page of 900 by 900 pixels."""
+    made = browser.new_page(viewport={"width": 900, "height": 900})
+    made.set_default_timeout(1000 * PATIENCE)
+    yield made
+    made.close()
+
+
+@pytest.mark.xdist_group("studio")
+def test_the_canvas_draws_zooms_and_tells(page: Any) -> None:
     """Pixels of the line's colour are there; closer up there are other ones; a name is text, not HTML."""
     colour = """(number) => {
       const panel = document.querySelector('tendon-signals').panels[number], { pen, canvas } = panel;
@@ -124,8 +135,7 @@ def test_the_canvas_draws_zooms_and_tells() -> None:
       for (let k = 0; k < seen.length; k += 4) if (seen[k] > seen[k + 2] + 30) count += 1;
       return count;
     }"""
-    with chromium() as browser, served({"one": signals()}) as address:
-        page = browser.new_page(viewport={"width": 900, "height": 900})
+    with served({"one": signals()}) as address:
         page.goto(address)
         page.wait_for_selector("tendon-signals[data-ready]")
         whole = page.evaluate(colour, 0)
@@ -153,33 +163,32 @@ def figures(page: Any) -> list[float]:
     return [float(re.findall(r"[\d.]+", text.replace(",", ""))[0]) for text in said]
 
 
-def test_a_page_that_stands_alone_draws_and_selects_the_same(tmp_path: Path) -> None:
+@pytest.mark.xdist_group("studio")
+def test_a_page_that_stands_alone_draws_and_selects_the_same(tmp_path: Path, page: Any) -> None:
     """Its numbers are those of the set but for the steps in which they are written; nothing is asked of anybody."""
     shown = signals(2500)
     scripts = "".join(f"<script>{(STATIC / name).read_text()}</script>" for name in EMBEDDED_SCRIPTS)
     data = f'<script type="application/json">{filling.embedded(shown.embedded())}</script>'
     path = tmp_path / "page.html"
     path.write_text(f'<meta charset="utf-8"><tendon-signals>{data}</tendon-signals>{scripts}')
-    with chromium() as browser:
-        page = browser.new_page(viewport={"width": 900, "height": 900})
-        asked: list[str] = []
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(path.as_uri())
-        page.wait_for_selector("tendon-signals[data-ready]")
-        for name, values in shown.signals.items():
-            there = np.array(page.evaluate(f"[...document.querySelector('tendon-signals').rows.signals['{name}']]"))
-            assert np.allclose(there, values, rtol=0, atol=np.ptp(values) / 65535)
-        page.evaluate("document.querySelector('tendon-signals').select({ noise: [0, 10] })")
-        page.wait_for_selector(".signals-said[data-lit]")
-        lit = page.evaluate("document.querySelector('tendon-signals').lit.count")
-        assert abs(lit - np.count_nonzero(shown.lines["noise"] >= 0)) <= 2
-        inside = shown.lines["noise"][shown.lines["noise"] >= 0]
-        said = dict(zip(page.locator(".signals-said dt").all_inner_texts(), figures(page), strict=True))
-        assert said["noise, mean"] == pytest.approx(inside.mean(), rel=5e-3)
-        assert said["noise, rms"] == pytest.approx(np.sqrt(np.mean(inside**2)), rel=5e-3)
-        share = np.sum(inside**2) / np.sum(shown.lines["noise"] ** 2)
-        assert said["of all squares of noise"] == pytest.approx(100 * share, rel=1e-2)
-        assert asked == [path.as_uri()]
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(path.as_uri())
+    page.wait_for_selector("tendon-signals[data-ready]")
+    for name, values in shown.signals.items():
+        there = np.array(page.evaluate(f"[...document.querySelector('tendon-signals').rows.signals['{name}']]"))
+        assert np.allclose(there, values, rtol=0, atol=np.ptp(values) / 65535)
+    page.evaluate("document.querySelector('tendon-signals').select({ noise: [0, 10] })")
+    page.wait_for_selector(".signals-said[data-lit]")
+    lit = page.evaluate("document.querySelector('tendon-signals').lit.count")
+    assert abs(lit - np.count_nonzero(shown.lines["noise"] >= 0)) <= 2
+    inside = shown.lines["noise"][shown.lines["noise"] >= 0]
+    said = dict(zip(page.locator(".signals-said dt").all_inner_texts(), figures(page), strict=True))
+    assert said["noise, mean"] == pytest.approx(inside.mean(), rel=5e-3)
+    assert said["noise, rms"] == pytest.approx(np.sqrt(np.mean(inside**2)), rel=5e-3)
+    share = np.sum(inside**2) / np.sum(shown.lines["noise"] ** 2)
+    assert said["of all squares of noise"] == pytest.approx(100 * share, rel=1e-2)
+    assert asked == [path.as_uri()]
 
 
 @pytest.mark.parametrize("recorded", [True, False])

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -21,11 +21,10 @@ from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import arm, there
-from tests.studio.browser import Watched, chromium, studio
-from tests.studio.test_work import failed, wait
+from tests.studio.browser import Server, Watched
+from tests.studio.waiting import done, failed
 
-SOON, WORK = 20_000, 120_000
-"""ms, on a machine that is busy with other tests."""
+pytestmark = pytest.mark.xdist_group("studio")
 
 
 @pytest.fixture(scope="module")
@@ -62,19 +61,19 @@ def test_a_trajectory_alone_is_told_as_its_plan_was(library):
 
 def test_a_plan_is_opened_found_again_and_closed(made, files):
     made.open_plans(files / "plan.json", files / "plan.json")
-    wait(made)
-    assert [plan["name"] for plan in made.plans().values()] == ["plan.json"] * 2
-    assert made.plans()[1]["headline"].startswith("there and back in 1.4 s, with friction")
-    page = made.plan_page(1).read_text()
+    done(made)
+    assert [plan.name for plan in made.plans().values()] == ["plan.json"] * 2
+    assert made.plans()[1].headline.startswith("there and back in 1.4 s, with friction")
+    page = (made.session.plan(1) / "page.html").read_text()
     assert "Spring at joint 1: 3000 N/m, taut below -0.5 rad." in page
     assert "25 N m" in page  # the torque's limit
     assert list((made.session.folder / "given").iterdir()) == [made.session.given(made.inputs.model)]
     made.close()
     again = Studio(StudioSession.open(made.session.folder))
     try:
-        again.remove_plan(1)
+        again.close_plan(1)
         assert list(again.plans()) == [2]
-        assert again.plan_page(1) is None
+        assert not again.session.plan(1).exists()
     finally:
         again.close()
 
@@ -86,8 +85,8 @@ def test_an_arm_of_the_toolkit_needs_no_model_and_a_foreign_one_does(made, tmp_p
     assert "give its model file first" in failed(made)
     assert output.run(app, ["optimize", "scenario1", "--starts", "1", "--out", str(tmp_path / "own.json")]) == 0
     made.open_plans(tmp_path / "own.json")
-    wait(made)
-    assert made.plans()[1]["headline"].startswith("scenario1 in 1.2 s")
+    done(made)
+    assert made.plans()[1].headline.startswith("scenario1 in 1.2 s")
 
 
 async def chunks(content: bytes) -> AsyncIterator[bytes]:
@@ -111,13 +110,13 @@ BROKEN = {
 def test_what_is_broken_gives_a_line_and_leaves_nothing(made):
     before = sorted(p.relative_to(made.session.folder) for p in made.session.folder.rglob("*"))
     for name, (content, said) in BROKEN.items():
-        asyncio.run(made.send_plan(name, chunks(content)))
+        asyncio.run(made.receive("plan", name, chunks(content)))
         assert said in failed(made), name
     after = sorted(p.relative_to(made.session.folder) for p in made.session.folder.rglob("*"))
     assert after == before
     for name, content, said in (("plan.toml", b"", "expected a trajectory"), ("big.json", b"x" * 10_000_001, "larger")):
         with pytest.raises(SessionError, match=said):
-            asyncio.run(made.send_plan(name, chunks(content)))
+            asyncio.run(made.receive("plan", name, chunks(content)))
     assert sorted(p.relative_to(made.session.folder) for p in made.session.folder.rglob("*")) == before
 
 
@@ -135,30 +134,34 @@ def test_the_verb_refuses_what_it_could_not_open_before_a_folder_is_made(tmp_pat
     assert [p.name for p in tmp_path.iterdir()] == ["plan.txt"]
 
 
-def test_a_plan_is_opened_and_its_page_shown_by_clicks(files, tmp_path):
+def test_a_plan_is_opened_and_its_page_shown_by_clicks(
+    files: Path, tab: Callable[..., Watched], new_server: Server, tmp_path: Path
+) -> None:
     """The page of the plan runs its own scripts, apart from the studio's; no name becomes a part of either."""
     hostile = tmp_path / "<img src=x onerror=alert(1)>.json"
     document = json.loads((files / "plan.json").read_text()) | {"scenario": "<b>there</b>"}
     hostile.write_text(json.dumps(document))
-    with chromium() as browser, studio(tmp_path, files / "bench.toml") as address:
-        seen = Watched(browser, address)
-        seen.page.set_input_files("#plans file-drop input", hostile, timeout=SOON)
-        link = seen.page.locator("#plans a")
-        link.wait_for(timeout=WORK)
-        text = seen.page.inner_text("#plans")
-        assert "<img src=x onerror=alert(1)>.json" in text
-        assert "<b>there</b> in 1.4 s, with friction" in text
-        assert seen.page.locator("#plans img, #plans b").count() == 0
-        with seen.page.context.expect_page() as opened:
-            link.click()
-        plan = opened.value
-        plan.wait_for_selector("h1:has-text('<b>there</b> in 1.4 s')", timeout=SOON)
-        assert plan.locator("figure svg").count() > 0
-        before = plan.locator("#motion svg").first.inner_html()
-        plan.click("#motion [data-play]")
-        plan.wait_for_function("before => document.querySelector('#motion svg').innerHTML !== before", arg=before)
-        assert plan.evaluate("window.origin") == "null"
-        seen.page.click("[data-do=close-plan-1]")
-        link.wait_for(state="detached", timeout=SOON)
-        assert seen.wrong == []
-        assert seen.outside() == []
+    seen = tab(new_server)
+    page = seen.emptied()
+    page.set_input_files("#start file-drop[as=model] input", files / "bench.toml")
+    page.wait_for_selector("#start .given:has-text('bench.toml')")
+    page.set_input_files("#plans file-drop input", hostile)
+    link = page.locator("#plans a")
+    link.wait_for()
+    text = page.inner_text("#plans")
+    assert "<img src=x onerror=alert(1)>.json" in text
+    assert "<b>there</b> in 1.4 s, with friction" in text
+    assert page.locator("#plans img, #plans b").count() == 0
+    with page.context.expect_page() as opened:
+        link.click()
+    plan = opened.value
+    plan.wait_for_selector("h1:has-text('<b>there</b> in 1.4 s')")
+    assert plan.locator("figure svg").count() > 0
+    before = plan.locator("#motion svg").first.inner_html()
+    plan.click("#motion [data-play]")
+    plan.wait_for_function("before => document.querySelector('#motion svg').innerHTML !== before", arg=before)
+    assert plan.evaluate("window.origin") == "null"
+    page.click("[data-do=close-plan-1]")
+    link.wait_for(state="detached")
+    assert seen.wrong == []
+    assert seen.outside() == []

@@ -8,34 +8,27 @@ import json
 import os
 import socket
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
 
-from runtime.cli import output
-from runtime.cli.main import app
-from tests import one_joint
-from tests.studio import browser
+from tests.studio.browser import Server
+from tests.studio.waiting import PATIENCE
 
-MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
+pytestmark = pytest.mark.xdist_group("studio")
 
 
-@dataclass
-class Server:
-    """A running studio, its session's folder, and the cookie that its address was exchanged for."""
+class Asked:
+    """A running studio, asked by a program that has its cookie unless other headers are given."""
 
-    host: str
-    cookie: str
-    token: str
-    folder: Path
+    def __init__(self, server: Server) -> None:
+        self.host, self.token, self.cookie = server.host, server.token, server.cookie
+        self.folder = server.folder / "studio-session"
 
     def ask(
         self, path: str, method: str = "GET", body: object = None, **headers: str
     ) -> tuple[int, dict[str, str], bytes]:
         given = {"Cookie": self.cookie} | {name.replace("_", "-"): value for name, value in headers.items()}
-        connection = http.client.HTTPConnection(self.host, timeout=30)
+        connection = http.client.HTTPConnection(self.host, timeout=PATIENCE)
         try:
             connection.request(method, path, body, given)  # type: ignore[arg-type]
             answer = connection.getresponse()
@@ -59,24 +52,14 @@ class Server:
             "GET /_nicegui_ws/socket.io/?EIO=4&transport=websocket HTTP/1.1",
             *(f"{k}: {v}" for k, v in given.items()),
         ]
-        with socket.create_connection((host, int(port)), timeout=30) as sent:
+        with socket.create_connection((host, int(port)), timeout=PATIENCE) as sent:
             sent.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
             return int(sent.recv(100).split()[1])
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory) -> Iterator[Server]:
-    folder = tmp_path_factory.mktemp("served")
-    (folder / "drive.toml").write_text(MODEL)
-    with browser.studio(folder, "drive.toml") as address:
-        split = urlsplit(address)
-        connection = http.client.HTTPConnection(split.netloc, timeout=30)
-        connection.request("GET", f"{split.path}?{split.query}")
-        answer = connection.getresponse()
-        assert (answer.status, answer.getheader("location")) == (303, "/")
-        cookie = str(answer.getheader("set-cookie")).partition(";")[0]
-        connection.close()
-        yield Server(split.netloc, cookie, split.query.removeprefix("token="), folder / "studio-session")
+def server(new_server: Server) -> Asked:
+    return Asked(new_server)
 
 
 def test_it_listens_on_this_machine_alone(server):
@@ -84,7 +67,7 @@ def test_it_listens_on_this_machine_alone(server):
     own = {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
     for address in own:
         with pytest.raises(ConnectionRefusedError):
-            socket.create_connection((address, int(server.host.split(":")[1])), timeout=5)
+            socket.create_connection((address, int(server.host.split(":")[1])), timeout=PATIENCE)
 
 
 def test_the_page_is_served_to_who_has_the_key(server):
@@ -154,7 +137,7 @@ def test_requests_that_are_no_files_are_short(server):
         for _ in range(30):
             yield b"x" * 100_000
 
-    connection = http.client.HTTPConnection(server.host, timeout=30)
+    connection = http.client.HTTPConnection(server.host, timeout=PATIENCE)
     connection.request("POST", "/_nicegui_ws/socket.io/?EIO=4&transport=polling", endless(), {"Cookie": server.cookie})
     try:
         assert connection.getresponse().status >= 400
@@ -180,33 +163,3 @@ def test_there_is_nothing_else_to_be_had(server, path):
     status, _, body = server.ask(path)
     assert status in (400, 404)
     assert not any(text in body for text in (b"Traceback", b"MOST_UPLOADED", b'"schema"'))
-
-
-@pytest.fixture(scope="module")
-def hostile(tmp_path_factory) -> Iterator[str]:
-    """The address of a studio with a model that is fitted, of files with evil names and texts."""
-    folder = tmp_path_factory.mktemp("hostile")
-    (folder / "drive.toml").write_text(HOSTILE)
-    run = folder / EVIL
-    arguments = ["simulate", str(folder / "drive.toml"), "--out", str(run), "--seconds", "10"]
-    assert output.run(app, arguments) == 0
-    with browser.studio(folder, "drive.toml", EVIL) as address:
-        yield address
-
-
-EVIL = "<img src=x onerror=document.title='evil'>.csv"
-HOSTILE = f"# <script>document.title='evil'</script> {EVIL}\n{MODEL}"
-
-
-def test_no_name_becomes_a_part_of_the_page(hostile):
-    with browser.chromium() as chromium:
-        page = chromium.new_page()
-        asked: list[str] = []
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto(hostile)
-        page.get_by_text("as given, fitted").first.wait_for(timeout=120_000)
-        page.get_by_text(EVIL).first.wait_for()
-        assert page.title() == "Tendon studio"
-        assert page.locator("img").count() == 0
-        assert all(urlsplit(url).netloc == urlsplit(hostile).netloc for url in asked if not url.startswith("data:"))
-        assert not any(url.endswith("/x") for url in asked)

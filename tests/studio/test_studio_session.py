@@ -6,36 +6,47 @@ import asyncio
 import json
 import shlex
 from collections.abc import AsyncIterator
-from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from runtime.studio import studio as studios
-from runtime.studio.commands import changes, commands
-from runtime.studio.history import History, HistoryError, JointError, PlacedEffect, SessionStep
 from runtime.studio.session import (
     FILE,
     GivenFile,
     GivenRecording,
+    History,
+    HistoryError,
     Inputs,
+    JointError,
+    PlacedEffect,
     SessionError,
+    SessionStep,
     StudioSession,
+    changes,
+    commands,
     safe_name,
 )
 from runtime.studio.studio import Studio
 from tests import one_joint
 
-ERROR = JointError(1, "1 knee", "N m", 0.2, 0.06, 0.07, 0.02, 0.05, 0.02)
+ERROR = JointError(joint=1, called="1 knee", unit="N m", rms=0.2, relative=0.06, floor=0.07, relative_floor=0.02)
 MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
 
 
 def step(history: History, *changed: PlacedEffect, kind: str = "added") -> SessionStep:
     """A next step of a history."""
     made = "given" if history.current is None else kind
-    return SessionStep(len(history.steps), history.current, made, changed, (ERROR,))  # type: ignore[arg-type]
+    return SessionStep(
+        number=len(history.steps),
+        parent=history.current,
+        kind=made,
+        changed=changed,
+        joints=(ERROR,),  # type: ignore[arg-type]
+    )
 
 
 MOVES = st.lists(st.sampled_from(["fit", "fit", "undo", "redo", "judge"]), max_size=30)
@@ -60,7 +71,7 @@ def test_a_history_goes_back_and_forth_and_loses_nothing(moves):
             assert history.here.verdict == "effect"
         assert len(history.steps) == made
         assert history.can_redo == bool(stack)
-        assert History.of_json(json.loads(json.dumps(history.to_json()))) == history
+        assert msgspec.json.decode(msgspec.json.encode(history), type=History) == history
         if history.current is not None:
             way = history.path(history.current)
             assert way[0].parent is None
@@ -81,7 +92,8 @@ def test_what_was_added_and_left_out_again_is_in_no_command():
         way = way.with_step(step(way, effect, kind=kind))
     assert changes(way.path(4)) == ([ripple], [given])
     file = GivenFile("arm.toml", "arm.toml", "my arms/arm.toml")
-    inputs = Inputs(file, None, (GivenRecording(GivenFile("run.csv", "run $(reboot).csv")),), ("q1=-a b",))
+    run = GivenRecording(GivenFile("run.csv", "run $(reboot).csv"))
+    inputs = Inputs(model=file, recordings=(run,), maps=("q1=-a b",))
     lines = commands(inputs, way.path(4))
     assert lines[0] == "tendon improve 'my arms/arm.toml' 'run $(reboot).csv' --map 'q1=-a b' --report report"
     assert "tendon add 'my arms/arm.toml' torque_ripple --joint 1" in lines
@@ -124,7 +136,7 @@ def test_a_session_is_made_in_a_new_folder_only(tmp_path, session):
 def test_what_is_written_is_read_again(session):
     file = session.place_for('a "b"\n<i>.toml')
     session.given(file).write_text(MODEL)
-    inputs = Inputs(file, "drive", (GivenRecording(file, True),), ("q1=x",), True)
+    inputs = Inputs(model=file, like="drive", recordings=(GivenRecording(file, True),), maps=("q1=x",), allow_gaps=True)
     history = History().with_step(step(History())).judged(0, "clean")
     session.change(inputs, history)
     again = StudioSession.open(session.folder)
@@ -136,7 +148,7 @@ def test_another_input_puts_the_steps_aside(session):
         session.step(0).mkdir()
         (session.step(0) / "model.toml").write_text(f"run {k}")
         session.change(history=History().with_step(step(History())))
-        session.started_over(Inputs())
+        session.restart(Inputs())
         assert session.history == History()
         assert not session.step(0).exists()
         assert (session.folder / "earlier" / f"steps-{k}" / "0" / "model.toml").read_text() == f"run {k}"
@@ -258,7 +270,7 @@ def test_no_name_of_a_file_begins_a_line_of_a_script():
     way = History().with_step(step(History()))
     way = way.with_step(step(way, PlacedEffect("coulomb", 1), kind="without"))
     file = GivenFile("arm.toml", "arm\nrm -rf x.toml")
-    script = "\n".join(commands(Inputs(file, None, (GivenRecording(file),)), way.path(1)))
+    script = "\n".join(commands(Inputs(model=file, recordings=(GivenRecording(file),)), way.path(1)))
     # What a shell makes of it: whole words, and comments.
     words = shlex.split(script, comments=True)
     assert "rm" not in words
@@ -281,14 +293,14 @@ def studio(session):
 
 
 def test_a_model_that_is_sent_is_read_before_it_is_taken(studio):
-    asyncio.run(studio.send_model("<b>../arm.toml", _chunks(MODEL[:40].encode(), MODEL[40:].encode())))
+    asyncio.run(studio.receive("model", "<b>../arm.toml", _chunks(MODEL[:40].encode(), MODEL[40:].encode())))
     given = studio.inputs.model
     assert studio.session.given(given).read_text() == MODEL
     assert (given.file, given.name) == ("arm.toml", "arm.toml")
     before = studio.inputs
     for wrong, why in [(b"\xff\xfe\x00", "arm-2.toml"), (b"name = 3", "arm-2.toml"), (b"", "arm-2.toml")]:
         with pytest.raises(SessionError, match=why):
-            asyncio.run(studio.send_model("arm.toml", _chunks(wrong)))
+            asyncio.run(studio.receive("model", "arm.toml", _chunks(wrong)))
     assert studio.inputs == before
     assert {p.name for p in (studio.session.folder / "given").iterdir()} == {"arm.toml"}
 
@@ -296,24 +308,24 @@ def test_a_model_that_is_sent_is_read_before_it_is_taken(studio):
 def test_what_is_sent_is_bounded_and_leaves_nothing(studio, monkeypatch):
     monkeypatch.setattr(studios, "MOST_UPLOADED", 1000)
     with pytest.raises(SessionError, match=r'"run\.csv": is larger than'):
-        asyncio.run(studio.send_recording("run.csv", _chunks(*[b"x" * 400] * 3)))
+        asyncio.run(studio.receive("fitted", "run.csv", _chunks(*[b"x" * 400] * 3)))
 
     async def broken() -> AsyncIterator[bytes]:
         yield b"t,q1"
         raise ConnectionResetError
 
     with pytest.raises(ConnectionResetError):
-        asyncio.run(studio.send_recording("run.csv", broken()))
+        asyncio.run(studio.receive("fitted", "run.csv", broken()))
     assert list((studio.session.folder / "given").iterdir()) == []
     monkeypatch.setattr(studios, "MOST_RECORDINGS", 1)
-    asyncio.run(studio.send_recording("run.csv", _chunks(b"t")))
+    asyncio.run(studio.receive("fitted", "run.csv", _chunks(b"t")))
     with pytest.raises(SessionError, match="at most 1"):
-        asyncio.run(studio.send_recording("run2.csv", _chunks(b"t")))
+        asyncio.run(studio.receive("fitted", "run2.csv", _chunks(b"t")))
 
 
 def test_files_of_one_name_stand_beside_each_other(studio):
     for held_out in (False, True):
-        asyncio.run(studio.send_recording("run.csv", _chunks(b"t"), held_out))
+        asyncio.run(studio.receive("held_out" if held_out else "fitted", "run.csv", _chunks(b"t")))
     assert [(r.given.file, r.given.name, r.held_out) for r in studio.inputs.recordings] == [
         ("run.csv", "run.csv", False),
         ("run-2.csv", "run.csv", True),
@@ -321,7 +333,7 @@ def test_files_of_one_name_stand_beside_each_other(studio):
     studio.hold_out(1, True)
     studio.hold_out(2, False)
     assert [r.held_out for r in studio.inputs.recordings] == [True, False]
-    studio.take_back(1)
+    studio.remove_recording(1)
     assert [r.given.file for r in StudioSession.open(studio.session.folder).inputs.recordings] == ["run-2.csv"]
 
 
@@ -353,7 +365,7 @@ def test_a_signal_set_is_found_by_its_name(studio):
 
 
 def test_a_number_of_a_step_is_one(session):
-    session.change(history=replace(History().with_step(step(History()))))
+    session.change(history=History().with_step(step(History())))
     made = Studio(session)
     with pytest.raises(HistoryError):
         made.model_text(1)

@@ -66,7 +66,7 @@ def test_an_arm_of_tendon_and_a_robot_description(here, served):
     assert output.run(app, ["studio", "bench.urdf"]) == 0
     made = served[-1][0]
     assert made.inputs.model.file == "bench.toml"
-    assert 'name = "hinge"' in made.given_text()
+    assert 'name = "hinge"' in made.model_text(None)
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def test_the_model_as_given_is_fitted_and_shown(shared: Studio) -> None:
     assert joint.held is not None
     assert joint.held_floor is not None
     assert joint.held > 3 * joint.held_floor
-    assert len(signals(shared, "recording1-joint1").t) == 8000
+    assert len(signals(shared, "recording1-joint1").t) == 16_000
     assert signals(shared, joint.held_signals).title
     assert [r.name for r in shared.recordings()] == [EVIL, "held.csv"]
     offered = shared.answer(0, "library", list[EffectOffered])
@@ -106,7 +106,7 @@ def test_from_the_verdict_to_the_fallen_error_and_back(shared: Studio) -> None:
     assert report is not None
     assert report.read_text().startswith("<!doctype html>")
     before, after = (s.joints[0] for s in shared.history.path(1))
-    # Of 8 s the floor is known to a third.
+    # Of 16 s the floor is known to a third.
     assert after.relative < 1.33 * after.relative_floor < before.relative / 3
     assert after.held < before.held / 3  # type: ignore[operator]
     assert "+[joint.effects.linear_spring]" in shared.difference(1, None)
@@ -180,7 +180,7 @@ def test_a_session_outlives_a_server_that_is_killed_and_the_process_does_not(cop
 def broken(source: Path, target: Path) -> Path:
     """A recording with a gap, and with a torque of the other sign in another column."""
     head, *lines = source.read_text().splitlines()
-    target.write_text("\n".join([head.replace("tau1", "M"), *lines[:4500], *lines[4900:]]) + "\n")
+    target.write_text("\n".join([head.replace("tau1", "M"), *lines[:9000], *lines[9400:]]) + "\n")
     return target
 
 
