@@ -137,7 +137,7 @@ def offered(search: Search) -> list[EffectOffered]:
     return [
         EffectOffered(
             effect=name,
-            family=library[name].family,
+            title=f"{name} ({library[name].family})",
             summary=library[name].summary,
             equation=library[name].equation,
             places=places[name],

@@ -202,10 +202,10 @@ class ExperimentShown(Document, frozen=True, kw_only=True):
 
 
 class EffectOffered(Document, frozen=True, kw_only=True):
-    """An effect of the library that may be added: at which joints, or to the whole arm (None)."""
+    """An effect of the library that may be added: at which joints, or to the whole arm (None); title: with its family."""
 
     effect: str
-    family: str
+    title: str
     summary: str
     equation: str
     places: list[int | None]

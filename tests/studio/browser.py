@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -36,9 +35,6 @@ def launched() -> Iterator[Any]:
             yield browser
         finally:
             browser.close()
-
-
-chromium = contextmanager(launched)
 
 
 @dataclass
@@ -118,7 +114,7 @@ class Watched:
         self.page.wait_for_selector("#plans h2")
         while count := self.page.locator("#recordings article").count():
             self.page.click("#recordings article button:has-text('Remove')")
-            self.page.wait_for_function(f"document.querySelectorAll('#recordings article').length < {count}")
+            self.page.locator("#recordings article").nth(count - 1).wait_for(state="detached")
         self.page.wait_for_selector("#start h1")
         return self.page
 

@@ -95,9 +95,9 @@ def copied(prepared: Prepared, tmp_path: Path) -> Iterator[Studio]:
     made.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """A browser without a window."""
+    """A browser without a window. Its event loop forbids others in the process while it is open: one a module."""
     yield from launched()
 
 

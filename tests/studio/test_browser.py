@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bench_arm import BENCH, SPRING, THERE_AND_BACK, trajectory
 
 from runtime.studio.server import write_start_file
 from tests.studio.browser import ROOT, Server, Watched, served
@@ -232,6 +234,38 @@ def test_a_robot_description_is_dropped_and_a_broken_one_is_said(tab: Tab, new_s
     assert 'name = "hinge"' in (new_server.folder / "studio-session/given/bench.toml").read_text()
 
 
+def test_a_plan_is_opened_and_its_page_shown_by_clicks(tab: Tab, new_server: Server, tmp_path: Path) -> None:
+    """The page of the plan runs its own scripts, apart from the studio's; no name becomes a part of either."""
+    hostile = tmp_path / "<img src=x onerror=alert(1)>.json"
+    trajectory(THERE_AND_BACK, springs={1: SPRING}).write(hostile)
+    hostile.write_text(json.dumps(json.loads(hostile.read_text()) | {"scenario": "<b>there</b>"}))
+    (tmp_path / "bench.toml").write_text(BENCH)
+    seen = tab(new_server)
+    page = seen.emptied()
+    page.set_input_files("#start file-drop[as=model] input", tmp_path / "bench.toml")
+    page.wait_for_selector("#start .given:has-text('bench.toml')")
+    page.set_input_files("#plans file-drop input", hostile)
+    link = page.locator("#plans a")
+    link.wait_for()
+    text = page.inner_text("#plans")
+    assert "<img src=x onerror=alert(1)>.json" in text
+    assert "<b>there</b> in 1.4 s, with friction" in text
+    assert page.locator("#plans img, #plans b").count() == 0
+    with page.context.expect_page() as opened:
+        link.click()
+    plan = opened.value
+    plan.wait_for_selector("h1:has-text('<b>there</b> in 1.4 s')")
+    assert plan.locator("figure svg").count() > 0
+    before = plan.locator("#motion svg").first.inner_html()
+    plan.click("#motion [data-play]")
+    plan.wait_for_function("before => document.querySelector('#motion svg').innerHTML !== before", arg=before)
+    assert plan.evaluate("window.origin") == "null"
+    page.click("[data-do=close-plan-1]")
+    link.wait_for(state="detached")
+    assert seen.wrong == []
+    assert seen.outside() == []
+
+
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1360, "light")])
 def test_nothing_is_cut_off(tab: Tab, fitted_server: Server, width: int, scheme: str) -> None:
     """On a phone and on a desk, dark and light; and every control has a name."""
@@ -249,8 +283,8 @@ def test_nothing_is_cut_off(tab: Tab, fitted_server: Server, width: int, scheme:
 def test_by_the_keyboard_alone(fitted: Watched) -> None:
     """Undo is reached by Tab and pressed by Enter, and has the focus still; a view is zoomed and selected by keys."""
     page = fitted.page
+    page.reload()
     page.wait_for_selector("#joint tendon-signals[data-ready]")
-    page.evaluate("document.activeElement.blur(); document.getSelection().collapse(document.body, 0)")
     for _ in range(40):
         page.keyboard.press("Tab")
         if page.evaluate("document.activeElement.dataset.do") == "undo":

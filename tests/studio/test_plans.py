@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import pytest
@@ -21,10 +21,7 @@ from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import arm, there
-from tests.studio.browser import Server, Watched
 from tests.studio.waiting import done, failed
-
-pytestmark = pytest.mark.xdist_group("studio")
 
 
 @pytest.fixture(scope="module")
@@ -132,36 +129,3 @@ def test_the_verb_refuses_what_it_could_not_open_before_a_folder_is_made(tmp_pat
     assert output.run(app, ["studio", "--plan", "plan.txt"]) == 2
     assert "expected a trajectory" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["plan.txt"]
-
-
-def test_a_plan_is_opened_and_its_page_shown_by_clicks(
-    files: Path, tab: Callable[..., Watched], new_server: Server, tmp_path: Path
-) -> None:
-    """The page of the plan runs its own scripts, apart from the studio's; no name becomes a part of either."""
-    hostile = tmp_path / "<img src=x onerror=alert(1)>.json"
-    document = json.loads((files / "plan.json").read_text()) | {"scenario": "<b>there</b>"}
-    hostile.write_text(json.dumps(document))
-    seen = tab(new_server)
-    page = seen.emptied()
-    page.set_input_files("#start file-drop[as=model] input", files / "bench.toml")
-    page.wait_for_selector("#start .given:has-text('bench.toml')")
-    page.set_input_files("#plans file-drop input", hostile)
-    link = page.locator("#plans a")
-    link.wait_for()
-    text = page.inner_text("#plans")
-    assert "<img src=x onerror=alert(1)>.json" in text
-    assert "<b>there</b> in 1.4 s, with friction" in text
-    assert page.locator("#plans img, #plans b").count() == 0
-    with page.context.expect_page() as opened:
-        link.click()
-    plan = opened.value
-    plan.wait_for_selector("h1:has-text('<b>there</b> in 1.4 s')")
-    assert plan.locator("figure svg").count() > 0
-    before = plan.locator("#motion svg").first.inner_html()
-    plan.click("#motion [data-play]")
-    plan.wait_for_function("before => document.querySelector('#motion svg').innerHTML !== before", arg=before)
-    assert plan.evaluate("window.origin") == "null"
-    page.click("[data-do=close-plan-1]")
-    link.wait_for(state="detached")
-    assert seen.wrong == []
-    assert seen.outside() == []

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from runtime.studio.studio import Studio
 
-PATIENCE = 300.0
+PATIENCE = 120.0
 """s after which a condition will not come true any more."""
 
 

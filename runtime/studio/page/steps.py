@@ -61,12 +61,12 @@ def library(view: PageView) -> None:
     if not offered:
         put("p", "Every effect of the library is in the model.", "of")
         return
-    effect = chosen_effect(offered, view.offered)
-    texts = {name: f"{name} ({e.family})" for name, e in offered.items()}
-    chosen = offered[effect.effect]
+    placed = chosen_effect(offered, view.offered)
+    texts = {name: effect.title for name, effect in offered.items()}
+    chosen = offered[placed.effect]
     with put("div", classes="acts"):
-        view.effect_choice("offered", texts, chosen.places, effect)
-        button(f"Add {effect}", lambda: view.act(view.studio.add, effect), disabled=view.busy, data_do="try")
+        view.effect_choice("offered", texts, chosen.places, placed)
+        button(f"Add {placed}", lambda: view.act(view.studio.add, placed), disabled=view.busy, data_do="try")
     put("p", chosen.summary)
     with put("p"):
         put("code", f"torque = {chosen.equation}")
