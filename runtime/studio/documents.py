@@ -202,7 +202,7 @@ class ExperimentShown(Document, frozen=True, kw_only=True):
 
 
 class EffectOffered(Document, frozen=True, kw_only=True):
-    """An effect of the library that may be added: at which joints, or to the whole arm (None); title: with its family."""
+    """An effect of the library that may be added, and its places: joints, or the whole arm (None)."""
 
     effect: str
     title: str
