@@ -26,30 +26,29 @@ from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
 
 PRIME = 2**1279 - 1
-"""Large enough to recover a coefficient of 190 digits over 190 from its residue: a few angles of 15 digits multiply."""
+"""Recovers coefficients of up to 190 digits over 190 from residues; a few angles of 15 digits multiply."""
 
 Column = tuple[str, int]
-"""Kind and index (0-based) of an elementary parameter."""
+"""Kind and link index (0-based) of an elementary parameter."""
 
 Combination = dict[Column, Fraction]
 
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """values: the base parameters in order, None where a number behind one is not known; merged: what went into each,
-    (column, coefficient) pairs."""
+    """values: the base parameters in order, None where unknown; merged: each one's (column, coefficient) pairs."""
 
     values: dict[Column, Fraction | None]
     merged: dict[Column, tuple[tuple[Column, Fraction], ...]]
 
 
 def exact(value: float) -> Fraction:
-    """The decimal number that a person wrote, as a fraction."""
+    """The decimal number as it is written, as a fraction."""
     return Fraction(repr(float(value)))
 
 
 def known_sum(values: Mapping[Column, Fraction | None], parts: Sequence[tuple[Column, Fraction]]) -> Fraction | None:
-    """What the parts of a base parameter come to; None if one of them is not known."""
+    """The value of a base parameter; None if one of its parts is unknown."""
     total = Fraction(0)
     for column, factor in parts:
         value = values[column]
@@ -60,12 +59,12 @@ def known_sum(values: Mapping[Column, Fraction | None], parts: Sequence[tuple[Co
 
 
 def dependencies(rows: Mapping[Column, Sequence[int]]) -> dict[Column, Combination]:
-    """For every column, given by its residues, that depends on earlier independent ones: its combination of them.
+    """The columns (given by residues) that depend on earlier independent ones, each with its combination of them.
 
-    ArithmeticError if a coefficient has more digits than the prime can hold.
+    Raises ArithmeticError if a coefficient has more digits than PRIME can represent.
     """
     independent: list[Column] = []
-    # Pivot row, the column in the rows that are no pivots up to it, and its combination of independent ones.
+    # Pivot row, the column without the earlier pivot rows, and its combination of independent columns.
     reduced: list[tuple[int, list[int], list[int]]] = []
     dependent: dict[Column, Combination] = {}
     for column, residues in rows.items():
@@ -89,14 +88,14 @@ def dependencies(rows: Mapping[Column, Sequence[int]]) -> dict[Column, Combinati
 
 
 def random_turn(rng: random.Random) -> Turn:
-    """An angle modulo PRIME, by the tangent of its half."""
+    """A random angle modulo PRIME, from the tangent of its half."""
     t = rng.randrange(PRIME)
     inverse = pow(1 + t * t, -1, PRIME)
     return Turn((1 - t * t) * inverse % PRIME, 2 * t * inverse % PRIME)
 
 
 def residue(x: Fraction | int) -> int:
-    """Of a fraction modulo PRIME."""
+    """A fraction modulo PRIME."""
     x = Fraction(x)
     return x.numerator * pow(x.denominator, -1, PRIME) % PRIME
 
@@ -109,7 +108,7 @@ def fraction(residue: int) -> Fraction:
         quotient = r0 // r1
         r0, r1, s0, s1 = r1, r0 - quotient * r1, s1, s0 - quotient * s1
     if abs(s1) > bound:
-        raise ArithmeticError("a coefficient of the base parameters has more digits than the prime can hold")
+        raise ArithmeticError("a coefficient of the base parameters has more digits than the prime can represent")
     return Fraction(r1, s1)
 
 
@@ -117,14 +116,14 @@ KINDS = ("J", "I", "mu", "h", "hy")
 
 
 def exact_chain(arm: Arm) -> Chain:
-    """The arm's chain in exact numbers; the gravity angle is a Turn that carries the strength."""
+    """The arm's chain in exact numbers; the gravity angle is a Turn that includes the strength."""
     gx, gy = (exact(g) for g in arm.gravity[:2])
     gravity = Gravity(gx or 0, gy or 0, 1, Turn(gx, gy)) if gx or gy else None
     return Chain(tuple(j.type == "revolute" for j in arm.joints), tuple(map(exact, arm.lengths)), gravity)
 
 
 def link_values(link: Link, length: float, revolute: bool) -> Mapping[str, Fraction | None]:
-    """The elementary parameters of one link: its whole mass stands at the distal point. None: not known."""
+    """The elementary parameters of one link, with its mass at the distal point; None where unknown."""
     m = None if link.mass is None else exact(link.mass)
     inertia = None if link.inertia is None else exact(link.inertia[5])
     if m is None or link.com is None:
@@ -132,13 +131,13 @@ def link_values(link: Link, length: float, revolute: bool) -> Mapping[str, Fract
     along, across = exact(link.com[0]), exact(link.com[1])
     end = exact(length)
     h, hy = m * (along - end), m * across
-    # Of a revolute link, moments about the joint, less what the point mass contributes.
+    # Moments about the joint (revolute), minus the point mass's contribution.
     offset = m * (across**2 + (along**2 - end**2 if revolute else (along - end) ** 2))
     return {"J": None if inertia is None else inertia + offset, "mu": m, "h": h, "hy": hy}
 
 
 def elementary(arm: Arm) -> dict[Column, Fraction | None]:
-    """All elementary parameters in order of preference; hy only where a centre of mass may be off its link's line."""
+    """All elementary parameters in order of preference; hy only where the centre of mass may be off the link's line."""
     n = len(arm.joints)
     values: dict[Column, Fraction | None] = {}
     for i, (joint, length) in enumerate(zip(arm.joints, arm.lengths, strict=True)):
@@ -154,7 +153,7 @@ def elementary(arm: Arm) -> dict[Column, Fraction | None]:
 
 
 def base_parameters(arm: Arm) -> BaseParameters:
-    """Merge the dependent columns; the result is in the order J, I, mu, h, hy and then by joint."""
+    """The base parameters, ordered J, I, mu, h, hy and then by joint."""
     values = elementary(arm)
     points = -(-len(values) // len(arm.joints)) + 4
     coefficients = dependencies(_regressor(arm, tuple(values), points))
@@ -169,7 +168,7 @@ def base_parameters(arm: Arm) -> BaseParameters:
 
 
 def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Column, list[int]]:
-    """Columns of the regressor over `points` random states, modulo PRIME. The seed is fixed: the output must be."""
+    """Columns of the regressor over `points` random states, modulo PRIME, from a fixed seed."""
     rng, notes, n = random.Random(1), Residues(PRIME), len(arm.joints)
     chain = _modular(exact_chain(arm))
     result: dict[Column, list[int]] = {c: [] for c in columns}
@@ -184,14 +183,14 @@ def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Colum
 
 
 def unit_lumps(n: int, column: Column) -> Lumps:
-    """All lumps 0 but one, which is 1."""
+    """Lumps that are 0, except for one that is 1."""
     values = {kind: [0] * n for kind in KINDS}
     values[column[0]][column[1]] = 1
     return Lumps(**{kind: tuple(v) for kind, v in values.items()})
 
 
 def lumps_of(values: dict[Column, Any], n: int) -> Lumps:
-    """The recursion's parameters from those that are base parameters; all others are 0."""
+    """The recursion's parameters: base parameters have values, all others are 0."""
     return Lumps(**{kind: tuple(values.get((kind, i), 0) for i in range(n)) for kind in KINDS})
 
 
@@ -205,7 +204,7 @@ def _modular(chain: Chain) -> Chain:
 
 @dataclass(frozen=True)
 class LayoutConstant:
-    """A constant of the struct; `value` is exact, but for the angle and strength of an inclined gravity."""
+    """A constant of the struct; `value` is exact except for the angle and strength of an inclined gravity."""
 
     symbol: sp.Symbol
     unit: str
@@ -215,9 +214,10 @@ class LayoutConstant:
 
 @dataclass(frozen=True)
 class RecursionLayout:
-    """frame: the revolute joint in whose link's frame vectors are written (0: the base's).
+    """The frame and the unit of length of the planar recursion, and the constants that it needs.
 
-    reference   link whose length is the unit of length, None: the metre
+    frame       the revolute joint in whose link's frame vectors are written (0: the base)
+    reference   the link whose length is the unit of length; None: the metre
     scaled      the chain in that unit, for the dynamics
     metric      the chain in metres, for the kinematics
     fields      candidates for the struct, in order
@@ -230,15 +230,15 @@ class RecursionLayout:
     fields: tuple[LayoutConstant, ...]
 
     def metres(self, kind: str) -> int:
-        """The power of the reference length that multiplies base parameters of this kind."""
+        """The power of the reference length in base parameters of this kind."""
         return {"J": 0, "I": 0, "mu": 2, "h": 1, "hy": 1}[kind] if self.reference else 0
 
 
 def choose_layout(arm: Arm, base: BaseParameters) -> RecursionLayout:
-    """The layout whose inverse dynamics count fewest operations; the metre is preferred where that is equal.
+    """The layout with the fewest operations in inverse dynamics; the metre is preferred among equals.
 
-    With a length unit, masses appear as mass times length², and one link's lever arms cost no product.
-    Sliding joints have a position in metres, so that arms with one keep the metre.
+    With a link length as unit, masses become mass times length² and that link's lever arms need no product. Arms with
+    sliding joints, whose positions are in metres, keep the metre.
     """
     n = len(arm.joints)
     turning = [i for i, j in enumerate(arm.joints, 1) if j.type == "revolute"]
@@ -293,7 +293,7 @@ def _layout(arm: Arm, frame: int, reference: int | None) -> RecursionLayout:
 def _gravity(
     arm: Arm, unit: Fraction, by: str, reference: int | None
 ) -> tuple[Gravity | None, tuple[LayoutConstant, ...]]:
-    """Gravity in symbols, scaled by the unit of length, and its candidates for the struct."""
+    """Gravity in symbols, in the unit of length, and its candidates for the struct."""
     x, y = (exact(g) for g in arm.gravity[:2])
     if not x and not y:
         return None, ()
@@ -315,9 +315,12 @@ def _symbol(name: str) -> sp.Symbol:
 
 @dataclass(frozen=True)
 class Lump:
-    """A base inertial parameter. unit: e.g. "kg m^2"; joint: 1-based; value: what the model file says, None where it
-    leaves out a number behind it; parts: of an arm in space, what is in it: joint (1-based), a parameter of its body
-    (moments.INERTIA) or "I", the rotor, and by how much."""
+    """A base inertial parameter.
+
+    joint   1-based
+    value   from the model file; None where it depends on a number that the file omits
+    parts   of a spatial arm: (joint, parameter of recursion.INERTIA or "I" for the rotor, factor)
+    """
 
     name: str
     unit: str
@@ -328,9 +331,9 @@ class Lump:
 
 
 def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tuple[Lump, ...]:
-    """The base parameters as people see them; values that an identification left in the file replace the links'.
+    """The base parameters with names, units, meanings and values; identified values in the file have precedence.
 
-    Raises ModelError for a value in the file whose name this arm does not have.
+    Raises ModelError for an identified value whose name this arm does not have.
     """
     scale = exact(arm.lengths[layout.reference - 1]) if layout.reference else Fraction(1)
     lumps = []
@@ -349,10 +352,7 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tupl
 
 
 def overridden(arm: Arm, lumps: Sequence[Lump]) -> tuple[Lump, ...]:
-    """With the values that an identification left in the model file.
-
-    Raises ModelError for a value in the file whose name this arm does not have.
-    """
+    """The lumps with identified values from the model file. Raises ModelError for an unknown name."""
     names = [lump.name for lump in lumps]
     for name in arm.inertial:
         if name not in names:

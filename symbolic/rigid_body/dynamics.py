@@ -1,4 +1,4 @@
-"""The functions of the equation of motion, in the lumped parameters: inverse and forward dynamics, D, C, g, Y."""
+"""Functions of the planar equation of motion in lumped parameters: inverse and forward dynamics, D, C, g, Y."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, mot
 def functions(
     author: Author, chain: Chain, symbols: dict[Column, sp.Symbol], frame: int, rotors: Sequence[sp.Expr]
 ) -> list[SymbolicFunction]:
-    """All functions of D qdd + C qd + g = tau. `symbols`: the base parameters; `frame`: see newton_euler; `rotors`:
-    (n,) the rotors' inertias, kg m² (kg)."""
+    """All functions of D qdd + C qd + g = tau.
+
+    symbols   the base parameters     frame   see newton_euler     rotors   (n,) rotor inertias, kg m² (kg)
+    """
     lumps = lumps_of(symbols, chain.n)
     return [
         *_inverse_dynamics(author, chain, lumps, frame, rotors),
@@ -132,7 +134,7 @@ def _forward_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) ->
 
 
 def solve_symmetric(D: list[list[Any]], right: list[Any], recorder: Recorder) -> list[Any]:
-    """x (n,) with D x = right for a positive definite D (n, n), by D = L diag(d) Lᵀ; only the lower half is read."""
+    """Solve D x = right for a positive definite D (n, n), by D = L diag(d) Lᵀ; reads only the lower triangle."""
     n, let = len(D), recorder.let
     L = [[sp.Integer(0)] * n for _ in range(n)]
     scaled = [[sp.Integer(0)] * n for _ in range(n)]  # L diag(d)

@@ -23,7 +23,7 @@ NOTATION = {"theta": "absolute angle of a link", "c, s": "cosine and sine; c12 o
 
 
 def functions(author: Author, arm: Arm, chain: Chain, frame: int) -> list[SymbolicFunction]:
-    """tip, tip_jacobian, tip_rate, tip_load, moment_jacobian. `chain`: lengths in m, gravity in m/s²."""
+    """tip, tip_jacobian, tip_rate, tip_load, moment_jacobian. chain: lengths in m, gravity in m/s²."""
     return [
         _tip(author, chain),
         *_tip_motion(author, chain),
@@ -33,7 +33,7 @@ def functions(author: Author, arm: Arm, chain: Chain, frame: int) -> list[Symbol
 
 
 def base_coordinates(vector: Components, directions: dict[int, tuple[Any, Any]]) -> tuple[Any, Any]:
-    """(x, y) of a vector given by components along directions (cos, sin)."""
+    """(x, y) of a vector given by its components along directions (cos, sin)."""
     x: Any = 0
     y: Any = 0
     for k, (along, across) in vector.items():
@@ -104,9 +104,9 @@ def _columns(
     recorder: Recorder,
     weights: Sequence[Any] | None = None,
 ) -> list[tuple[Any, Any]]:
-    """∂point/∂q_i in base coordinates, for a point on the last link: sums from the tip inwards.
+    """∂point/∂q_i in base coordinates, for a point on the last link, by sums from the tip inwards.
 
-    weights (n,): by how much the point moves per slide of joint i; 1 for a plain point.
+    weights   (n,) motion of the point per slide of joint i; None: 1
     """
     x: Any = 0
     y: Any = 0
@@ -140,7 +140,7 @@ def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
 
 
 NOMINAL_MASS = 1.0
-"""kg; stands for a link's mass that is not known: the gravity that a fit then finds is that of a link of this mass."""
+"""kg; replaces an unknown link mass; a gravity effect fitted to such a model refers to this mass."""
 
 
 def _moment(author: Author, arm: Arm) -> SymbolicFunction:
@@ -150,7 +150,7 @@ def _moment(author: Author, arm: Arm) -> SymbolicFunction:
     total: Components = {}
     masses = [rational(NOMINAL_MASS if j.link.mass is None else j.link.mass) for j in arm.joints]
     for i, (joint, point) in enumerate(zip(arm.joints, distal_points(chain, q)[:-1], strict=True)):
-        # An unknown centre of mass is taken in the middle of the link, 1 m from the joint if the link has no length.
+        # An unknown centre of mass is put in the middle of the link, or 1 m from the joint if the link has no length.
         along, across, _ = (rational(c) for c in joint.link.com or (arm.lengths[i] / 2 or 1.0, 0.0, 0.0))
         centre = moved(point, chain.frames[i], along if chain.revolute[i] else along + q[i], across)
         for frame, (x, y) in centre.items():
@@ -181,16 +181,16 @@ CONTACT_NOTATION = {
     "al": "absolute acceleration of a link",
     "ax, ay": "what links 1 and 2 have to add to the acceleration of p_4x, p_2y",
 }
-"""What these functions call their values, for whoever reads the generated code."""
+"""The meaning of names in the generated code."""
 
 
 def has_contact_phase(chain: Chain) -> bool:
-    """Whether the arm has the coordinates of (13): four revolute joints, no length of links 1 and 2 zero."""
+    """Whether the coordinates of (13) exist: four revolute joints, and nonzero lengths of links 1 and 2."""
     return chain.revolute == (True,) * 4 and chain.lengths[0] != 0 and chain.lengths[1] != 0
 
 
 def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
-    """contact_coordinates, _jacobian, _bias, _inverse, _acceleration. `chain`: lengths in m."""
+    """contact_coordinates, _jacobian, _bias, _inverse, _acceleration. chain: lengths in m."""
     return [make(author, chain.lengths) for make in (_coordinates, _jacobian, _bias, _inverse, _acceleration)]
 
 
@@ -199,7 +199,7 @@ def _w(name: str, unit: str, meaning: str) -> Argument:
 
 
 def _links(author: Author, lengths: tuple[Any, ...], recorder: Recorder) -> tuple[list[Any], list[Any], list[Any]]:
-    """Absolute angles, and each link's extent along x and y."""
+    """Absolute angles, and the links' extents along x and y."""
     angle: Any = 0
     angles, x, y = [], [], []
     for i, q in enumerate(author.coordinates.symbols("q")):
@@ -315,7 +315,7 @@ def _acceleration(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     w = [let(f"ww{i + 1}", r * r) for i, r in enumerate(_rates(author, "qd", recorder))]
     v1, v2, al3, v4 = wdd.symbols
     al4 = let("al4", al3 + v4)
-    # What links 1 and 2 have to contribute to the accelerations of p_4x and p_2y:
+    # Required contributions of links 1 and 2 to the accelerations of p_4x and p_2y:
     # [−y1 −y2; x1 x2] [al1; al2] = [ax; ay], of determinant x1 y2 − x2 y1 = l1 l2 sin q_2.
     ax = let("ax", v1 + x[0] * w[0] + x[1] * w[1] + x[2] * w[2] + x[3] * w[3] + y[2] * al3 + y[3] * al4)
     ay = let("ay", v2 + y[0] * w[0] + y[1] * w[1])

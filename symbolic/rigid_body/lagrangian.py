@@ -1,11 +1,11 @@
-"""D, C and g from kinetic and potential energy: the source of truth for all dynamics.
+"""D, C and g of a planar chain from kinetic and potential energy: the reference for all planar dynamics.
 
-Written in absolute angles theta_k (and slides), where every vector is a sum of X e(theta_k) + Y e'(theta_k),
-e' across e, and products of vectors are cosines and sines of theta_k − theta_l. Nothing is simplified: nothing
-needs to be. T = ½ Σ A_ij θ̇_i θ̇_j, C by Christoffel symbols (so that Ḋ − 2C is skew), g = ∂V/∂q.
+Absolute angles theta_k (and slides) are the coordinates. Every vector is a sum of X e(theta_k) + Y e'(theta_k), e'
+perpendicular to e, so that products of vectors are cosines and sines of theta_k − theta_l and nothing needs to be
+simplified. T = ½ Σ A_ij θ̇_i θ̇_j, C from Christoffel symbols (Ḋ − 2C is skew-symmetric), g = ∂V/∂q.
 
-The same functions take the physical parameters of the model file, for the proof, or the lumped ones, for
-emission: a Body says which. Source: Spong & Vidyasagar 1989; equation (1) of the paper.
+Bodies may have the model file's physical parameters, for the proof, or lumped ones, for emission.
+Source: Spong & Vidyasagar 1989; equation (1) of the paper.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ NOTATION = {
     "C": "Coriolis matrix",
     "g": "gravity torque",
 }
-"""What these functions call their values, for whoever reads the generated code."""
+"""The meaning of names in the generated code."""
 
 Components = dict[int, tuple[Any, Any]]
-"""A vector: frame k -> (X, Y), meaning the sum of X e(theta_k) + Y e'(theta_k)."""
+"""A vector, the sum of X e(theta_k) + Y e'(theta_k): frame k -> (X, Y)."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """What moves with one link: a mass at `at`, a first moment `moment` without mass about `about`, an inertia."""
+    """A link's body: a mass at `at`, a first moment `moment` without mass about `about`, and an inertia."""
 
     mass: Any
     at: Components
@@ -50,7 +50,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Row by row in SymPy: D (n, n), C (n, n), g (n,), with tau = D qdd + C qd + g; V the potential energy."""
+    """tau = D qdd + C qd + g: D (n, n) and C (n, n) by rows, g (n,), and the potential energy V."""
 
     D: list[list[sp.Expr]]
     C: list[list[sp.Expr]]
@@ -64,7 +64,7 @@ def theta(k: int) -> sp.Expr:
 
 
 def distal_points(chain: Chain, q: list[Any]) -> list[Components]:
-    """The base's point and the distal point of every link, n + 1 vectors."""
+    """The base and the distal points of the links, n + 1 vectors."""
     points: list[Components] = [{}]
     for i, frame in enumerate(chain.frames):
         reach = chain.lengths[i] if chain.revolute[i] else chain.lengths[i] + q[i]
@@ -79,7 +79,7 @@ def moved(point: Components, frame: int, along: Any, across: Any) -> Components:
 
 
 def lumped_bodies(lumps: Lumps, chain: Chain, q: list[Any]) -> list[Body]:
-    """The arm's masses as newton_euler.Lumps describes them."""
+    """The bodies that newton_euler.Lumps describe."""
     points = distal_points(chain, q)
     return [
         Body(
@@ -94,7 +94,7 @@ def lumped_bodies(lumps: Lumps, chain: Chain, q: list[Any]) -> list[Body]:
 
 
 def rational(value: float) -> sp.Rational:
-    """The decimal number that a person wrote."""
+    """The decimal number as it is written, exactly."""
     fraction = exact(value)
     return sp.Rational(fraction.numerator, fraction.denominator)
 
@@ -112,7 +112,7 @@ def mechanics(
 ) -> Mechanics:
     """D, C, g of a chain of bodies, in q and q̇.
 
-    rotors (n,) see the relative rates: T += ½ I_i q̇_i². `notes` names the coefficients, or leaves all in one piece.
+    rotors   (n,) they have the relative rates: T += ½ I_i q̇_i²     notes   names intermediate values; None: no names
     """
     notes = notes or Exact()
     n, coordinates = chain.n, [theta(i + 1) if r else q[i] for i, r in enumerate(chain.revolute)]
@@ -139,7 +139,7 @@ def mechanics(
 
 
 def _inertia(chain: Chain, bodies: list[Body], slides: set[Any], notes: Notes) -> list[list[sp.Expr]]:
-    """A (n, n) in absolute coordinates, upper triangle filled and mirrored."""
+    """A (n, n), symmetric, in absolute coordinates."""
     n = chain.n
     terms: dict[tuple[int, int], list[tuple[Any, tuple[int, Any, Any], tuple[int, Any, Any]]]] = {}
 
@@ -158,7 +158,7 @@ def _inertia(chain: Chain, bodies: list[Body], slides: set[Any], notes: Notes) -
             continue
         turning = frame - 1
         own[turning][turning] += body.inertia
-        # The first moment's energy is (rate of its base point) · (rate of the moment).
+        # Kinetic energy of a first moment: (rate of its base point) · (rate of the moment).
         hx, hy = body.moment
         for i in range(last + 1):
             base = derivative(body.about, chain, i)
@@ -185,7 +185,7 @@ def _products(
     for collected, function in ((cosines, sp.cos), (sines, sp.sin)):
         for (k, l), value in collected.items():
             coefficient = sp.sympify(value)
-            if not coefficient.free_symbols & slides:  # it is differentiated by slides
+            if not coefficient.free_symbols & slides:  # slides are differentiated
                 coefficient = notes.let(name, coefficient)
             total += coefficient * function(theta(l) - theta(k))
     return total
@@ -214,7 +214,7 @@ def _potential(chain: Chain, bodies: list[Body]) -> sp.Expr:
 
 
 def gravity_along(gravity: Gravity, angle: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Components of gravity along and across a direction."""
+    """Gravity's components along and across a direction."""
     if angle == 0:
         return gravity.x, gravity.y
     if gravity.y == 0:
@@ -226,7 +226,7 @@ def gravity_along(gravity: Gravity, angle: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
 
 
 def _relative_angles(chain: Chain, q: list[Any], *parts: Any) -> dict[sp.Expr, sp.Expr]:
-    """Every cos and sin of absolute angles -> the same of sums of joint angles."""
+    """Substitutions of cos and sin of absolute angles by those of sums of joint angles."""
     absolute = {}
     angle: Any = 0
     for i, revolute in enumerate(chain.revolute):
@@ -245,14 +245,14 @@ def _replace(expr: Any, back: dict[sp.Expr, sp.Expr], notes: Notes, name: str) -
 
 
 def _replaced(matrix: list[list[Any]], back: dict[sp.Expr, sp.Expr], notes: Notes, name: str) -> list[list[Any]]:
-    """As _replace, the elements named by row and column."""
+    """As _replace, for a matrix; elements are named by row and column."""
     return [
         [_replace(e, back, notes, f"{name}{i}{j}") for j, e in enumerate(row, 1)] for i, row in enumerate(matrix, 1)
     ]
 
 
 def relative(chain: Chain, matrix: list[list[Any]], notes: Notes, half: str, name: str) -> list[list[Any]]:
-    """SᵀMS: from absolute coordinates to q, as sums from the tip inwards; `half` names MS and `name` the whole."""
+    """SᵀMS: from absolute coordinates to q, by sums from the tip inwards. half, name: names of MS and of the result."""
     rows = [relative_vector(chain, row, notes, f"{half}{i}{{}}") for i, row in enumerate(matrix, 1)]
     columns = [
         relative_vector(chain, list(column), notes, f"{name}{{}}{j}")
@@ -262,7 +262,7 @@ def relative(chain: Chain, matrix: list[list[Any]], notes: Notes, half: str, nam
 
 
 def relative_vector(chain: Chain, vector: list[Any], notes: Notes, name: str) -> list[Any]:
-    """Sᵀv: a revolute joint turns all frames further out; `name` has a hole for the joint."""
+    """Sᵀv: a revolute joint turns all frames further out. name: a format with a place for the joint."""
     result: list[Any] = list(vector)
     total: Any = 0
     for i in reversed(range(chain.n)):

@@ -22,7 +22,7 @@ from symbolic.functions import Notes
 
 @dataclass(frozen=True)
 class Gravity:
-    """The vector (x, y), 0 where exactly 0, and the same as strength and angle (with x-axis)."""
+    """Gravity as a vector (x, y), 0 where exactly 0, and as magnitude `strength` and `angle` from the x axis."""
 
     x: Any
     y: Any
@@ -32,7 +32,7 @@ class Gravity:
 
 @dataclass(frozen=True)
 class Chain:
-    """Types and lengths of the links from the base outwards; `lengths` in any unit, gravity in the same per s²."""
+    """Joint types and link lengths from the base outwards; lengths in any unit, gravity in that unit per s²."""
 
     revolute: tuple[bool, ...]
     lengths: tuple[Any, ...]
@@ -45,7 +45,7 @@ class Chain:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """Frame of link 1..n, named after the last revolute joint before it; 0 is the base."""
+        """The frame of each link: the number of the last revolute joint up to it; 0 is the base."""
         frames, last = [], 0
         for i, revolute in enumerate(self.revolute, 1):
             last = i if revolute else last
@@ -58,10 +58,10 @@ class Lumps:
     """Inertial parameters of the links, (n,) each, 0 where a link has none.
 
     mu   point mass at the distal point
-    h    first moment along the link, without mass: about the joint if revolute, about the distal point if prismatic
-    hy   the same across the link
+    h    first moment along the link, without mass, about the joint (revolute) or the distal point (prismatic)
+    hy   the same, across the link
     J    inertia that turns with the link
-    I    rotor inertia, which sees the joint's own acceleration only
+    I    rotor inertia, which multiplies the joint's own acceleration only
     """
 
     mu: tuple[Any, ...]
@@ -73,9 +73,9 @@ class Lumps:
 
 @dataclass(frozen=True)
 class LinkMotion:
-    """Everything that does not depend on inertia; lists run over links 1..n at index i − 1, b and y from the base.
+    """The kinematic quantities of all links; lists are indexed by link − 1, b and y begin at the base.
 
-    reach is the vector from one distal point to the next, in the frame of the recursion.
+    reach   vector from one distal point to the next, in the frame of the recursion
     """
 
     w2: list[Any]
@@ -87,7 +87,7 @@ class LinkMotion:
 
 
 def notation(frame: int) -> dict[str, str]:
-    """What the recursion calls its values, for whoever reads the generated code; the number is that of the link."""
+    """The meaning of names in the generated code; numbers are those of the links."""
     axes = f"link {frame}" if frame else "the base"
     return {
         "c, s": "cosine and sine; c23 of q2 + q3",
@@ -108,12 +108,12 @@ def notation(frame: int) -> dict[str, str]:
 def inverse_dynamics(
     chain: Chain, lumps: Lumps, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes
 ) -> list[Any]:
-    """Joint torques or forces (n,) with all vectors in the frame of revolute joint `frame` (0: the base's)."""
+    """Joint torques or forces (n,); vectors are in the frame of revolute joint `frame` (0: the base)."""
     return torques(chain, lumps, motion(chain, frame, q, qd, qdd, notes), qdd, notes)
 
 
 def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes) -> LinkMotion:
-    """Absolute rates and accelerations, from the base outwards; gravity enters as an acceleration of the base."""
+    """Absolute rates and accelerations, from the base outwards; gravity is an acceleration of the base."""
     let = notes.let
     direction, orientation = _directions(chain, frame, q, notes)
     b0, y0 = _base_acceleration(chain.gravity, orientation, notes)
@@ -153,7 +153,7 @@ def torques(chain: Chain, lumps: Lumps, m: LinkMotion, qdd: list[Any], notes: No
         hc = let(f"hc{k}", lumps.h[i] * c - lumps.hy[i] * s)
         hs = let(f"hs{k}", lumps.h[i] * s + lumps.hy[i] * c)
         if chain.revolute[i]:
-            # The first moment acts at the joint: it adds to the force only after the distal force took its lever.
+            # The first moment acts at the joint, so it adds to the force after the moment of the distal force.
             G, F = let(f"G{k}", G + mu * m.b[k]), let(f"F{k}", F + mu * m.y[k])
             N = let(f"N{k}", N + lumps.J[i] * al + lc * F + ls * G + hc * m.y[i] + hs * m.b[i])
             G, F = let(f"G{k}", G + al * hs + w2 * hc), let(f"F{k}", F + al * hc - w2 * hs)
@@ -178,7 +178,7 @@ def _directions(chain: Chain, frame: int, q: list[Any], notes: Notes) -> tuple[d
     for outer, j in zip([frame, *reversed(inner[1:])], reversed(inner), strict=True):
         if outer == 0:
             break
-        # Frames further inwards have negative angles; the sign of the sine is carried in front of it.
+        # Frames further inwards have negative angles; the sign is put in front of the sine.
         angle = notes.let(f"a{j}", angle + q[outer - 1])
         c, s = notes.sincos(angle)
         directions[j] = (c, -s)
@@ -186,7 +186,7 @@ def _directions(chain: Chain, frame: int, q: list[Any], notes: Notes) -> tuple[d
 
 
 def _base_acceleration(gravity: Gravity | None, orientation: Any, notes: Notes) -> tuple[Any, Any]:
-    """(b, y) of the base, accelerated against gravity, in a frame turned by `orientation` (an int: not at all)."""
+    """(b, y) of the base, accelerated against gravity, in a frame rotated by `orientation` (an int: not rotated)."""
     if gravity is None:
         return 0, 0
     if isinstance(orientation, int):

@@ -54,7 +54,7 @@ _Node = tuple[Any, ...]
 
 @dataclass(frozen=True, slots=True)
 class CountedValue:
-    """± a node of a OperationCounter."""
+    """± a node of an OperationCounter."""
 
     counter: OperationCounter
     sign: int
@@ -99,7 +99,10 @@ class CountedValue:
 
 
 class OperationCounter:
-    """Notes over counted values."""
+    """Notes whose values only count operations, which is much faster than SymPy.
+
+    Equal operations count once, signs belong to values and numbers fold, as in generated code.
+    """
 
     def __init__(self) -> None:
         self.known: dict[_Node, int] = {}
@@ -109,7 +112,7 @@ class OperationCounter:
         return self.make("leaf", name, None, 1)
 
     def make(self, operation: str, a: Any, b: Any, sign: int) -> CountedValue:
-        """The value of an operation on a and b: one that is there already costs nothing."""
+        """The value of an operation on a and b; a repeated operation costs nothing."""
         key = (operation, a, b)
         node = self.known.get(key)
         if node is None:
@@ -117,17 +120,17 @@ class OperationCounter:
         return CountedValue(self, sign, node)
 
     def let(self, name: str, value: Any) -> Any:  # noqa: ARG002
-        """The value itself: names cost nothing."""
+        """The value itself."""
         return value
 
     def sincos(self, angle: Any) -> tuple[Any, Any]:
-        """Cosine and sine; of an angle that is no input, 1 and 0."""
+        """Cosine and sine; 1 and 0 of a constant angle 0."""
         if not isinstance(angle, CountedValue):
             return 1, 0
         return self.make("cos", angle.node, None, 1), self.make("sin", angle.node, None, angle.sign)
 
     def count(self, outputs: Iterable[Any]) -> Count:
-        """What the outputs take."""
+        """The operations that the outputs need."""
         nodes = list(self.known)
         todo = [o.node for o in outputs if isinstance(o, CountedValue)]
         live: set[int] = set()
@@ -150,21 +153,21 @@ def _arguments(node: _Node) -> tuple[int, ...]:
 
 ROTOR = "I"
 MIRRORED = ("xy", "xz", "yz")
-"""Moments whose base parameters have the sign of the inertia tensor's elements, which is the other one."""
+"""Moments whose base parameters have the sign of the inertia tensor's elements, the opposite one."""
 _STAYS = {True: ("xx", "yy", "xy", "xz", "yz", "x", "y"), False: ("x", "y", "z", "m")}
-"""Moments that do not merge into the link before, of a revolute joint's link and of a prismatic one's."""
+"""Moments that do not merge into the previous link, of a revolute (True) and of a prismatic joint's link."""
 
 
 @dataclass(frozen=True)
 class Merging:
-    """Every moment (kind, link) and rotor ("I", joint) in terms of the columns that are kept."""
+    """Every moment (kind, link) and rotor ("I", joint) as a combination of the kept columns."""
 
     kept: tuple[Column, ...]
     terms: Mapping[Column, Combination]
 
 
 def merging(g: Geometry) -> Merging:
-    """By the geometry alone."""
+    """The merging for a geometry."""
     near = _merged_inwards(g)
     candidates = [(kind, i) for i, link in enumerate(g.links) for kind in _STAYS[link.revolute]]
     rotors = [(ROTOR, i) for i in range(g.n)]
@@ -177,7 +180,7 @@ def merging(g: Geometry) -> Merging:
 
 
 def _merged_inwards(g: Geometry) -> dict[Column, Combination]:
-    """Every moment in terms of those that stay; at the base the others vanish."""
+    """Every moment in terms of those that stay; at the base, the others vanish."""
     found: dict[Column, Combination] = {}
     for i, link in enumerate(g.links):
         for kind in KINDS:
@@ -200,7 +203,7 @@ def _combined(parts: Sequence[tuple[Fraction, Combination]]) -> Combination:
 
 
 def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
-    """Columns of the regressor at random states, modulo PRIME. The seed is fixed: the output must be."""
+    """Columns of the regressor at random states, modulo PRIME, from a fixed seed."""
     rng, notes, n, chain = random.Random(1), Residues(PRIME), g.n, g.residues(PRIME)
     found: dict[Column, list[int]] = {c: [] for c in kept}
     for _ in range(-(-len(kept) // n) + 2):
@@ -215,7 +218,7 @@ def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
 def columns(
     g: Geometry, kept: Sequence[Column], moving: Sequence[SpatialMotion], qdd: Sequence[Any], notes: Notes
 ) -> dict[Column, list[Any]]:
-    """The torques (n,) of a unit of each of these moments and rotors. `moving`: every link along its own axes."""
+    """The torques (n,) of a unit of each of these moments and rotors. moving: every link along its own axes."""
     found: dict[Column, list[Any]] = {c: [0] * g.n for c in kept}
     axes: list[tuple[Vector, Vector]] = []
     for i, m in enumerate(moving):
@@ -236,7 +239,7 @@ def columns(
 def _outwards(
     z: Vector, v: Vector, g: Geometry, moving: Sequence[SpatialMotion], i: int, name: str, notes: Notes
 ) -> tuple[Vector, Vector]:
-    """Axis of an inner joint and velocity of link i's origin by it, along the link's own axes, from the link before."""
+    """An inner joint's axis and the velocity of link i's origin by it, from the previous link's axes into its own."""
     link, m = g.links[i], moving[i]
     if m.first:
         v = (v[0], v[1] + z[2] * link.a, v[2] - z[1] * link.a)
@@ -249,7 +252,7 @@ def _outwards(
 
 
 def base_parameters(arm: Arm, g: Geometry, merged: Merging) -> BaseParameters:
-    """What the kept columns come to. `merged`: the file's parameters that are in each, INERTIA's kinds and "I"."""
+    """Values of the kept columns, and the file's parameters (INERTIA's kinds and "I") that each consists of."""
     values: dict[Column, Fraction | None] = {}
     parts: dict[Column, list[tuple[Column, Fraction]]] = {c: [] for c in merged.kept}
     for i, (joint, link) in enumerate(zip(arm.joints, g.links, strict=True)):
@@ -276,13 +279,13 @@ class SpatialLayout:
 
 
 def choose_layout(g: Geometry) -> SpatialLayout:
-    """The layout whose inverse dynamics count fewest operations, as far as single changes of the axes lead.
+    """The layout with the fewest operations in inverse dynamics that single changes of axes lead to.
 
-    Masses are no base parameters of revolute links: one that is kept saves the recursion one operation in a hundred,
-    and D and forward dynamics, where it is carried through all composites, lose several.
+    Masses of revolute links are not kept as base parameters: that would save the recursion 1 % of its operations and
+    cost D and forward dynamics several.
     """
     best = SpatialLayout(tuple(range(g.n)), merging(g))
-    # Of those that one change led to, most are led to by the next one again: none of them costs less.
+    # Layouts that were tried before cannot be better.
     least, tried, improved = _cost(g, best), {best.axes}, True
     while improved:
         improved = False
@@ -296,7 +299,7 @@ def choose_layout(g: Geometry) -> SpatialLayout:
 
 
 def _other_axes(g: Geometry, layout: SpatialLayout) -> Iterator[SpatialLayout]:
-    """Consecutive links of a group along other axes of it."""
+    """The layouts in which consecutive links of a group are written along other axes of it."""
     for group in groups(g):
         for first in group:
             for last in range(first, group[-1] + 1):
@@ -307,7 +310,7 @@ def _other_axes(g: Geometry, layout: SpatialLayout) -> Iterator[SpatialLayout]:
 
 
 def moments_of(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:
-    """The links' moments and the joints' rotors, all 0 but for `values`."""
+    """The links' moments and the joints' rotors; those without a value are 0."""
     moments = [Moments(**{kind: x for (kind, j), x in values.items() if j == i and kind != ROTOR}) for i in range(n)]
     return moments, [values.get((ROTOR, i), 0) for i in range(n)]
 
@@ -326,14 +329,14 @@ def _cost(g: Geometry, layout: SpatialLayout) -> int:
 
 
 NAMES = {"xx": "YY", "yy": "XX", "xy": "XY", "xz": "XZ", "yz": "YZ", "x": "MX", "y": "MY", "z": "MZ", "m": "M"}
-"""The field's names. What lies along a link's z axis merges into the link before: of a body without it, ∫ y² dm is the
-inertia about x, XX, ∫ x² dm that about y, YY, and ZZ = XX + YY."""
+"""The field's names. Mass along a link's z axis merges into the previous link; without it, ∫ y² dm is the inertia about
+x, XX, ∫ x² dm that about y, YY, and ZZ = XX + YY."""
 
 
 def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, ...]:
-    """In the order of the base parameters; values that an identification left in the file replace the bodies'.
+    """The base parameters with names, units, meanings and values; identified values in the file have precedence.
 
-    Raises ModelError for a value in the file whose name this arm does not have.
+    Raises ModelError for an identified value whose name this arm does not have.
     """
     lumps = []
     for column, value in base.values.items():
@@ -356,7 +359,7 @@ def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, 
 
 
 def _only_about_z(column: Column, merged: Merging) -> bool:
-    """Of a link that turns about its joint's direction alone, whose XX and YY are felt as one, ZZ."""
+    """Whether a link only turns about its joint's direction, so that XX and YY act as one, ZZ."""
     kind, i = column
     return kind == "xx" and merged.terms["yy", i] == {column: 1}
 
@@ -374,7 +377,7 @@ def _meaning(name: str, joint: int) -> str:
 
 
 def angles(g: Geometry) -> tuple[LayoutConstant, ...]:
-    """Constants of the struct: joint angles beyond quarter turns between the model file's zero and the DH frames'."""
+    """Constants of the struct: angles beyond quarter turns between the model file's zero and the DH frames'."""
     return tuple(
         LayoutConstant(
             offset_symbol(j), "rad", f"of joint {j}'s DH frame where q{j} = 0", math.atan2(rest.sin, rest.cos)

@@ -31,9 +31,9 @@ STRAIGHT: Direction = (1, 0)
 
 
 class Composite(NamedTuple):
-    """Moments of all that a joint moves, as Moments has them, at the joint, in the axes before it.
+    """Moments of everything that a joint moves, at the joint, in the axes before it; see Moments.
 
-    spin   second moment about z, xx + yy: it does not turn
+    spin   second moment about z, xx + yy, which rotation about z does not change
     """
 
     m: Any
@@ -56,7 +56,7 @@ class Composite(NamedTuple):
 
 @dataclass(frozen=True)
 class MomentFlow:
-    """The same with a velocity field v in place of one x: the integrals of v, and of v_a x_b by rows."""
+    """Moments of a velocity field v: the integrals of v, and of v_a x_b by rows."""
 
     h: Vector
     x: Vector
@@ -65,22 +65,22 @@ class MomentFlow:
 
     @classmethod
     def still(cls) -> MomentFlow:
-        """Of a body that does not move."""
+        """The flow of a body at rest."""
         return cls(NOWHERE, NOWHERE, NOWHERE, NOWHERE)
 
 
 @dataclass(frozen=True)
 class JointStep:
-    """The way from joint j to the link before.
+    """The step from joint j to the previous link.
 
-    Links of parallel joints are written along the axes of the last of them (their group): all but the group's first
-    step move the origin alone.
+    Links of parallel joints (a group) are written along the axes of the last of them, so that only the group's first
+    step rotates.
 
     own         cosine and sine of frame j's x axis along the group's axes
-    direction   of the group's x axis, along that before the group turns; (1, 0) if the joint is not its group's first
-    at          (3,) from the origin before to that of frame j, in the axes before the turn
-    axis        (3,) that joint j turns about or slides along, but for the sign, likewise
-    twist       of the axes before the turn, in frame j − 1; 0 if the joint is not its group's first
+    direction   of the group's x axis relative to that before the group; (1, 0) unless the joint is its group's first
+    at          (3,) from the previous origin to that of frame j, in the axes before the rotation
+    axis        (3,) joint j's axis without its sign, in the same axes
+    twist       of the axes before the rotation, in frame j − 1; 0 unless the joint is its group's first
     """
 
     joint: int
@@ -93,7 +93,7 @@ class JointStep:
 
     @classmethod
     def all(cls, geometry: Geometry, q: Sequence[Any], notes: Notes) -> list[JointStep]:
-        """One a joint."""
+        """The steps of all joints."""
         steps = []
         for group in groups(geometry):
             for i in group:
@@ -111,7 +111,7 @@ class JointStep:
         return steps
 
     def named(self, names: Sequence[str], values: Sequence[Any]) -> tuple[Any, ...]:
-        """Values under names with the joint's number, as the recursion notes them."""
+        """Note values under names with the joint's number."""
         return tuple(self.notes.let(f"{name}{self.joint}", value) for name, value in zip(names, values, strict=True))
 
     def turned(self, v: Vector, name: str) -> Vector:
@@ -144,7 +144,7 @@ class JointStep:
         return self.twisted(added(self.turned(point, name), self.at))
 
     def carried(self, wrench: Wrench, name: str) -> Wrench:
-        """Force and moment at the joint, in the axes before it, as they act at the origin of frame j − 1."""
+        """Force and moment at the joint, in the axes before it, moved to the origin of frame j − 1."""
         f, n = wrench
         moved = added(n, cross(self.at, f))
         f = self.named([f"f{name}{e}" for e in "xyz"], self.twisted(f))
@@ -170,7 +170,7 @@ class JointStep:
         return Moments(b.m, x, y, z, xx, yy, zz, xy, xz, yz)
 
     def carried_moments(self, b: Composite) -> Moments:
-        """The body about the origin before, in its axes."""
+        """The body about the previous origin, in its axes."""
         rx, ry, rz = self.at
         h = added(b.first, scaled(b.m, self.at))
         xx, yy, zz = b.xx + rx * (b.x + h[0]), b.yy + ry * (b.y + h[1]), b.zz + rz * (b.z + h[2])
@@ -182,14 +182,14 @@ class JointStep:
         return Moments(b.m, *self.named([f"{name}_" for name in names], moments))
 
     def turned_flow(self, flow: MomentFlow) -> MomentFlow:
-        """As turned_moments."""
+        """As turned_moments, for a flow."""
         h, (zx, zy, zz) = self.turned(flow.h, "kh"), self.turned(flow.z, "kz")
         xx, xy, yx, yy = self._turned_block(*flow.x[:2], *flow.y[:2], self.direction, "k")
         xz, yz, _ = self.turned((flow.x[2], flow.y[2], 0), "kk")
         return MomentFlow(h, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
 
     def carried_flow(self, flow: MomentFlow) -> MomentFlow:
-        """As carried_moments: the origin that moves away takes v along."""
+        """As carried_moments, for a flow."""
         h = flow.h
         x, y, z = (added(row, scaled(v, self.at)) for row, v in zip((flow.x, flow.y, flow.z), h, strict=True))
         across = [self.twisted(row) for row in (x, y, z)]
@@ -203,7 +203,7 @@ class JointStep:
     def _turned_block(
         self, xx: Any, xy: Any, yx: Any, yy: Any, direction: Direction, name: str
     ) -> tuple[Any, Any, Any, Any]:
-        """R M R^T of M = [[xx, xy], [yx, yy]] for R by (cos, sin): trace and antisymmetric part stay."""
+        """R M R^T of M = [[xx, xy], [yx, yy]], R by (cos, sin); trace and antisymmetric part are invariant."""
         c, s = direction
         if 0 in direction:
             return c * c * xx + s * s * yy, c * c * xy - s * s * yx, c * c * yx - s * s * xy, c * c * yy + s * s * xx
@@ -215,7 +215,7 @@ class JointStep:
 
 
 def composites(steps: Sequence[JointStep], bodies: Sequence[Moments]) -> list[Composite]:
-    """(n,), one a joint. `bodies`: of the links, each in its frame."""
+    """The composites of all joints, (n,). bodies: of the links, each in its frame."""
     result: list[Composite] = []
     carried = Moments()
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
@@ -228,7 +228,7 @@ def composites(steps: Sequence[JointStep], bodies: Sequence[Moments]) -> list[Co
 
 
 def gradient(step: JointStep, w: Vector, al: Vector) -> Matrix:
-    """U = al x + w w^T - |w|^2 of a link: its points' accelerations by their places."""
+    """U = al x + w w^T - |w|^2 of a link: the gradient of its points' accelerations."""
     (x, y, z), (ax, ay, az) = w, al
     names = ("wxy", "wxz", "wyz", "wxx", "wyy", "wzz")
     xy, xz, yz, xx, yy, zz = step.named(names, (x * y, x * z, y * z, x * x, y * y, z * z))
@@ -251,21 +251,21 @@ COMPOSITE_NOTATION = {
     "w": "angular velocity",
     "g": "gravity",
 }
-"""What these functions call their values, for whoever reads the generated code."""
+"""The meaning of names in the generated code."""
 
 Square = list[list[Any]]
 """(n, n), row by row."""
 
 
 def signed(geometry: Geometry, rates: Sequence[Any]) -> list[Any]:
-    """(n,) of the joints in the file's direction -> along z of their frames, or back."""
+    """(n,) rates with the signs of the joints: from the file's directions to those of z, or back."""
     return [link.sign * rate for link, rate in zip(geometry.links, rates, strict=True)]
 
 
 def inertia(
     geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], rotors: Sequence[Any]
 ) -> Square:
-    """D (n, n). `wholes`: the composites at the joints; `rotors`: (n,) added on the diagonal."""
+    """D (n, n). wholes: the composites at the joints; rotors: (n,) added to the diagonal."""
     columns = [_momentum(*joint) for joint in zip(geometry.links, steps, wholes, strict=True)]
     D = _along_axes(geometry, steps, columns, "")
     for i, link in enumerate(geometry.links):
@@ -276,14 +276,14 @@ def inertia(
 
 
 def _momentum(link: LinkFrame, step: JointStep, b: Composite) -> Wrench:
-    """Momentum and its moment at unit rate of the joint."""
+    """Momentum and its moment at a unit rate of the joint."""
     if link.revolute:
         return (-b.y, b.x, 0), (-b.xz, -b.yz, b.spin)
     return _uniform(b, step.axis)
 
 
 def _along_axes(geometry: Geometry, steps: Sequence[JointStep], columns: Sequence[Wrench], name: str) -> Square:
-    """Element (i, j), i <= j: what column j, a wrench at joint j, is along the axis of joint i. Below: 0."""
+    """Element (i, j), i <= j: column j, a wrench at joint j, along the axis of joint i; 0 below the diagonal."""
     n = geometry.n
     result: Square = [[0] * n for _ in range(n)]
     for j, column in enumerate(columns):
@@ -298,12 +298,12 @@ def _along_axes(geometry: Geometry, steps: Sequence[JointStep], columns: Sequenc
 
 
 def _along(link: LinkFrame, step: JointStep, wrench: Wrench) -> Any:
-    """What a joint feels of a wrench."""
+    """The component of a wrench along a joint's axis."""
     return dot(wrench[1] if link.revolute else wrench[0], step.axis)
 
 
 def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite]) -> list[Any]:
-    """g (n,) = dV/dq, V = −gravity · (first moment): the composites hang on their joints."""
+    """g (n,) = dV/dq, with V = −gravity · (first moment of the composites)."""
     result, pull = [], geometry.gravity
     for link, step, b in zip(geometry.links, steps, wholes, strict=True):
         x, y, z = step.untwisted(pull)
@@ -313,7 +313,7 @@ def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Com
 
 
 def turning(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any]) -> list[Vector]:
-    """(n,) absolute angular velocity of link j − 1 in the axes before joint j."""
+    """(n,) absolute angular velocities of link j − 1 in the axes before joint j."""
     result: list[Vector] = []
     w: Vector = NOWHERE
     for link, step, rate in zip(geometry.links, steps, rates, strict=True):
@@ -327,7 +327,7 @@ def turning(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any]
 
 
 def _uniform(b: Composite, a: Vector) -> Wrench:
-    """Force and moment of a body whose points are all accelerated alike."""
+    """Force and moment of a body in a uniform acceleration."""
     return scaled(b.m, a), cross(b.first, a)
 
 
@@ -347,7 +347,7 @@ def coriolis(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Co
 def _flows(
     geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], rates: Sequence[Any]
 ) -> list[MomentFlow]:
-    """(n,) the composites' motion relative to their first link, at the joints."""
+    """(n,) flows of the composites relative to their first link, at the joints."""
     result: list[MomentFlow] = []
     carried = MomentFlow.still()
     for link, step, b, rate in zip(
@@ -360,7 +360,7 @@ def _flows(
 
 
 def _with_joint(link: LinkFrame, step: JointStep, b: Composite, flow: MomentFlow, rate: Any) -> MomentFlow:
-    """Relative to the link before the joint."""
+    """The flow relative to the link before the joint."""
     (hx, hy, hz), x, y, z = flow.h, flow.x, flow.y, flow.z
     if not link.revolute:
         v = scaled(rate, step.axis)
@@ -375,8 +375,7 @@ def _with_joint(link: LinkFrame, step: JointStep, b: Composite, flow: MomentFlow
 
 
 def _field(link: LinkFrame, step: JointStep, b: Composite, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
-    """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × axis; w of the link
-    moved."""
+    """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × axis; w of its link."""
     if not link.revolute:
         return _uniform(b, cross(w, step.axis))
     wx, wy, wz = w[0], w[1], w[2] + rate
@@ -392,7 +391,7 @@ def _field(link: LinkFrame, step: JointStep, b: Composite, k: MomentFlow, w: Vec
 def _rates_along_axes(
     geometry: Geometry, steps: Sequence[JointStep], joints: Sequence[Any], rates: Sequence[Any]
 ) -> Square:
-    """dD/dt above the diagonal: momenta carried inwards with their rates, which a turning joint turns along."""
+    """dD/dt above the diagonal: momenta carried inwards with their rates."""
     n = geometry.n
     result: Square = [[0] * n for _ in range(n)]
     for j, (link, at, b, k, _, _) in enumerate(joints):
@@ -408,14 +407,14 @@ def _rates_along_axes(
 
 
 def _momentum_rate(link: LinkFrame, step: JointStep, k: MomentFlow) -> Wrench:
-    """Rate of _momentum in the axes of the link that the joint moves."""
+    """The rate of _momentum in the axes of the moved link."""
     if link.revolute:
         return (-k.h[1], k.h[0], 0), (-k.x[2] - k.z[0], -k.y[2] - k.z[1], 2 * (k.x[0] + k.y[1]))
     return NOWHERE, cross(k.h, step.axis)
 
 
 def _seen_from_before(link: LinkFrame, step: JointStep, now: Wrench, rate: Wrench, joint_rate: Any) -> Wrench:
-    """The rate of a wrench in the axes before a joint: turned along, or carried along axis × f."""
+    """The rate of a wrench in the axes before a joint, from the rate in the axes after it."""
     (fx, fy, _), (nx, ny, _) = now
     (ax, ay, az), (bx, by, bz) = rate
     v = joint_rate
@@ -427,8 +426,11 @@ def _seen_from_before(link: LinkFrame, step: JointStep, now: Wrench, rate: Wrenc
 def functions(
     author: Author, geometry: Geometry, bodies: Sequence[Moments], rotors: Sequence[Any], own: Sequence[Any]
 ) -> list[SymbolicFunction]:
-    """inertia, link_inertia, coriolis, gravity. `geometry`: in SymPy's numbers; `bodies`: (n,) base parameters as
-    moments of the links; `rotors`: (n,) that are base parameters of their own; `own`: (n,) the rotors' inertias."""
+    """inertia, link_inertia, coriolis, gravity.
+
+    geometry   with SymPy numbers     bodies   (n,) base parameters as moments of the links
+    rotors     (n,) base parameters that are rotors     own   (n,) the rotors' inertias
+    """
     recorder, n, force = author.recorder(), geometry.n, author.coordinates.force
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
     steps = JointStep.all(geometry, q, recorder)

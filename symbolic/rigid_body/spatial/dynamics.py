@@ -66,19 +66,21 @@ NOTATION = {
     "F, f": "force",
     "N": "moment",
 }
-"""What the recursion calls its values, for whoever reads the generated code: axes and number of the link at the end."""
+"""The meaning of names in the generated code; they end with the axis and the link's number."""
 
 
 def bodies(symbols: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:
-    """The links' moments and the joints' rotors in the base parameters, whose signs are those of the inertia tensor."""
+    """The links' moments and the joints' rotors from base parameters, which have the inertia tensor's signs."""
     return moments_of({c: -x if c[0] in MIRRORED else x for c, x in symbols.items()}, n)
 
 
 def functions(
     author: Author, g: Geometry, layout: SpatialLayout, symbols: Mapping[Column, sp.Symbol], own: Sequence[Any]
 ) -> list[SymbolicFunction]:
-    """inverse_dynamics, link_load, regressor. `g`: in SymPy's numbers; `symbols`: the base parameters; `own`: (n,) the
-    rotors' inertias, kg m² (kg)."""
+    """inverse_dynamics, link_load, regressor.
+
+    g   with SymPy numbers     symbols   the base parameters     own   (n,) the rotors' inertias, kg m² (kg)
+    """
     recorder, n = author.recorder(), g.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(g, layout.axes, q, qd, qdd, recorder)
@@ -131,7 +133,7 @@ def _regressor(author: Author, g: Geometry, kept: Sequence[Column]) -> SymbolicF
 def forward_dynamics(
     author: Author, geometry: Geometry, bodies: Sequence[Moments], rotors: Sequence[Any]
 ) -> SymbolicFunction:
-    """`geometry`: in SymPy's numbers; `bodies`, `rotors`: (n,) base parameters as moments of the links and rotors."""
+    """geometry: with SymPy numbers; bodies, rotors: (n,) base parameters as moments of the links and as rotors."""
     recorder = author.recorder()
     q, qd, tau = (author.coordinates.symbols(name) for name in ("q", "qd", "tau"))
     steps = JointStep.all(geometry, q, recorder)
@@ -164,12 +166,12 @@ def forward_dynamics(
 class _Motion:
     """At constant rates, in the axes before a joint.
 
-    w, al   angular velocity, and its derivative, of the link before: with any multiple t of (0, 0, 1) added to w, and
-            t z × w taken from al, their field has the same moment about z
-    ahead   what w lacks of the z component half way through the joint
+    w, al   angular velocity of the previous link, and its derivative; adding t (0, 0, 1) to w and subtracting t z × w
+            from al does not change their field's moment about z
+    ahead   the z component half way through the joint, minus that of w
     twice   twice the joint's rate
-    a       acceleration of the joint's origin, less gravity
-    U       of the link before
+    a       acceleration of the joint's origin, minus gravity
+    U       of the previous link
     """
 
     w: Vector
@@ -181,7 +183,7 @@ class _Motion:
 
 
 def bias(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], qd: Sequence[Any]) -> list[Any]:
-    """(n,) C qd + g. `wholes`: the composites at the joints."""
+    """C qd + g, (n,). wholes: the composites at the joints."""
     result: list[Any] = [0] * geometry.n
     motions = _motions(geometry, steps, signed(geometry, qd))
     carried: Wrench = (NOWHERE, NOWHERE)
@@ -203,7 +205,7 @@ def _motions(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any
     for group in groups(geometry):
         w, al, a = (steps[group[0]].untwisted(v) for v in (w, al, a))
         start = gradient(steps[group[0]], w, al)
-        spin: Any = 0  # about z, of the link before relative to the link before the group
+        spin: Any = 0  # rate about z of the previous link relative to the link before the group
         for i in group:
             step, rate, turns = steps[i], rates[i], geometry.links[i].revolute
             now = (w[0], w[1], w[2] + spin)
@@ -226,12 +228,12 @@ def _motions(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any
 
 
 def _spun(al: Vector, w: Vector, spin: Any) -> Vector:
-    """Angular acceleration of a link that turns at `spin` about z relative to one of al and w."""
+    """Angular acceleration of a link that turns at `spin` about z relative to a link with al and w."""
     return al[0] + spin * w[1], al[1] - spin * w[0], al[2]
 
 
 def _spun_gradient(step: JointStep, U: Matrix, w: Vector) -> Matrix:
-    """U of a link that turns about z relative to the one with U, at w: what it does along z stays."""
+    """U, at w, of a link that turns about z relative to the link with U; its column along z is the same."""
     (_, xy, xz), (yx, _, yz), (_, _, zz) = U
     (twice,) = step.named(("wz",), (2 * w[2],))
     wxx, wyy, wzz = step.named(("wxx", "wyy", "wzz"), [e * e for e in w])
@@ -243,7 +245,7 @@ def _spun_gradient(step: JointStep, U: Matrix, w: Vector) -> Matrix:
 
 
 def _at_revolute(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
-    """Moment about z in the field of the link before; force and moment in the field that the joint adds."""
+    """Moment about z in the previous link's field; force and moment in the field that the joint adds."""
     (x, y, z), (hx, hy, _) = m.w, b.first
     X, Y = step.named(("X", "Y"), (b.xx * x + b.xy * y + b.xz * z, b.xy * x + b.yy * y + b.yz * z))
     moment = y * X - x * Y + m.al[2] * b.spin - m.al[0] * b.xz - m.al[1] * b.yz + hx * m.a[1] - hy * m.a[0]
@@ -253,7 +255,7 @@ def _at_revolute(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench
 
 
 def _at_prismatic(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
-    """Likewise, the force along the slide."""
+    """As _at_revolute, with the force along the slide."""
     field = cross(m.w, scaled(m.twice, step.axis))
     force = added(applied(m.U, b.first), scaled(b.m, m.a))
     return dot(step.axis, force), (scaled(b.m, field), cross(b.first, field))

@@ -81,7 +81,7 @@ def dot(u: Sequence[Any], v: Sequence[Any]) -> Any:
 
 
 def along(v: Sequence[Any], x: Sequence[Any], y: Sequence[Any], z: Sequence[Any]) -> Vector:
-    """The vector whose elements stand along the axes x, y, z."""
+    """The vector with components v along the axes x, y, z."""
     return added(added(scaled(v[0], x), scaled(v[1], y)), scaled(v[2], z))
 
 
@@ -91,30 +91,30 @@ def applied(R: Sequence[Sequence[Any]], v: Sequence[Any]) -> Vector:
 
 
 def placed(turn: Sequence[Sequence[Any]], at: Sequence[Any], point: Sequence[Any]) -> Vector:
-    """A point of the frame that stands at `at`, turned by `turn`."""
+    """A point of a frame with origin `at` and rotation `turn`, in the outer frame."""
     return added(applied(turn, point), at)
 
 
 PARALLEL = 1e-10
-"""Sine of the angle between two axes below which they are parallel: rounding of rpy in double precision."""
+"""Sine of an angle below which two axes are parallel: rounding of rpy in double precision."""
 COINCIDENT = 1e-12
-"""m; axes that are less apart coincide: likewise."""
+"""m; axes closer than this coincide."""
 
 
 class Standing(NamedTuple):
-    """A frame in the base: rotation matrix and origin."""
+    """A frame's pose in the base: rotation matrix and origin."""
 
     turn: Matrix
     at: Vector
 
     def inside(self, other: Standing) -> Standing:
-        """It as the other frame sees it."""
+        """The pose in another frame."""
         back = transposed(other.turn)
         columns = [applied(back, column) for column in transposed(self.turn)]
         return Standing(transposed(columns), applied(back, less(self.at, other.at)))
 
     def followed(self, origin: Frame) -> Standing:
-        """The frame that stands in it at `origin`."""
+        """The pose of the frame that has the pose `origin` in this one."""
         columns = [applied(self.turn, column) for column in transposed(rotation(origin.rpy))]
         return Standing(transposed(columns), added(self.at, applied(self.turn, origin.xyz)))
 
@@ -133,7 +133,7 @@ BASE = Standing(rotation((0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
 
 
 def file_frames(arm: Arm) -> list[Standing]:
-    """The model file's joint frames, (n,)."""
+    """Poses of the model file's joint frames at q = 0, (n,)."""
     frames, last = [], BASE
     for joint in arm.joints:
         last = last.followed(joint.origin)
@@ -147,13 +147,13 @@ def places(arm: Arm) -> tuple[tuple[float, ...], ...]:
 
 
 def file_axes(arm: Arm, files: Sequence[Standing]) -> list[Vector]:
-    """The joints' axes, (n,) unit vectors in the base."""
+    """The joints' axes at q = 0, (n,) unit vectors in the base."""
     return [applied(file.turn, _unit(joint.axis)) for joint, file in zip(arm.joints, files, strict=True)]
 
 
 def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
-    """Frame j of every link, (n,): z along its joint's axis or, after a parallel axis, along that one's z; of a slide
-    behind a revolute joint along that one's z."""
+    """The links' DH frames at q = 0, (n,): z along the joint's axis; along the previous z if the axes are parallel or the
+    joint is a slide behind a revolute joint."""
     own = file_axes(arm, files)
     axes: list[Vector] = []
     turning = False
@@ -162,7 +162,7 @@ def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
         axes.append(axes[-1] if stays or (axes and _length(cross(axes[-1], z)) < PARALLEL) else z)
         turning = turning or joint.type == "revolute"
     frames: list[Standing] = []
-    foot = files[0].at  # where the common normal from the joint before meets this axis
+    foot = files[0].at  # foot of the common normal with the previous axis
     for j, z in enumerate(axes):
         x, origin = None, foot
         if j + 1 < len(axes):
@@ -177,8 +177,8 @@ def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
 
 
 def _slope(z: Vector, z_next: Vector, slide: Vector) -> Vector | None:
-    """x before a slide: across z and z_next or, where they are one, across z in the plane of the slide; None where any
-    will do."""
+    """x before a slide: perpendicular to z and z_next or, if these are parallel, perpendicular to z in the plane of the
+    slide; None if it is arbitrary."""
     across = cross(z, z_next)
     if _length(across) < PARALLEL:
         across = cross(cross(z, slide), z)
@@ -186,7 +186,7 @@ def _slope(z: Vector, z_next: Vector, slide: Vector) -> Vector | None:
 
 
 def _normal(foot: Vector, z: Vector, point: Vector, z_next: Vector) -> tuple[Vector | None, Vector, Vector]:
-    """The common normal of two axes, a point and a direction each: direction, or None where any will do; its feet."""
+    """The common normal of two axes (point and direction each): its direction, or None if arbitrary, and its feet."""
     across = cross(z, z_next)
     size = _length(across)
     apart = less(point, foot)
@@ -199,13 +199,13 @@ def _normal(foot: Vector, z: Vector, point: Vector, z_next: Vector) -> tuple[Vec
 
 
 def _across(z: Vector, before: Matrix) -> Vector:
-    """A direction across z: the x axis before it or, where that is nearer to z, the y axis, less what is along z."""
+    """A direction perpendicular to z: the previous x axis (or y, if x is closer to z) without its part along z."""
     x = less(before[0], scaled(dot(before[0], z), z))
     return _unit(x if _length(x) ** 2 > 0.5 else less(before[1], scaled(dot(before[1], z), z)))
 
 
 def _nearer(x: Vector, before: Vector, z: Vector) -> Vector:
-    """Of the two directions of a normal, the one that turns the frame less against the x axis before it."""
+    """The direction of a normal (of two) that turns the frame less against the previous x axis."""
     cosine = dot(x, before)
     side = cosine if abs(cosine) > PARALLEL else dot(cross(before, x), z)
     return x if side > 0 else scaled(-1.0, x)
@@ -220,37 +220,37 @@ def _unit(v: Sequence[float]) -> Vector:
 
 
 LENGTH_DIGITS = 12
-"""Decimals of a length in m: what floating point adds to a file's decimals lies beyond them."""
+"""Decimals of a length in m, so that floating-point errors are rounded away."""
 TURN_DIGITS = 13
-"""Decimals of the tangent of half an angle, likewise: a chain of seven frames adds some 1e-15."""
+"""Decimals of the tangent of half an angle; a chain of seven frames has errors of some 1e-15."""
 NO_ANGLE: Any = 0
 UPRIGHT = Turn(Fraction(1), Fraction(0))
 
 
 @dataclass(frozen=True)
 class Placement:
-    """A rigid frame in another: its point p is the other's turn · p + at. turn (3, 3) orthogonal; at (3,) m."""
+    """The pose of a frame in another: point p is turn · p + at there. turn (3, 3) orthogonal; at (3,) m."""
 
     turn: Matrix
     at: Vector
 
     def over(self, number: Callable[[Fraction], Any]) -> Placement:
-        """The same in another ring."""
+        """The same with numbers of another ring."""
         a, b, c = (vector([number(e) for e in row]) for row in self.turn)
         return Placement((a, b, c), vector([number(e) for e in self.at]))
 
 
 @dataclass(frozen=True)
 class LinkFrame:
-    """The step from frame j − 1 to frame j, see above.
+    """The step from frame j − 1 to frame j, see the module.
 
-    sign     1; −1 where the joint turns or slides against z_j
+    sign     1, or −1 where the joint turns or slides against z_j
     twist    cosine and sine
     a, d     m
-    offset   cosine and sine of theta_j where q_j = 0; of a revolute joint its quarter turns alone, 0 and ±1, and
-    rest     the angle beyond them: 0, a Turn, or a symbol
-    tilt     cosine and sine of a slide's angle from z_j towards x_(j−1); of a revolute joint 0
-    body     the model file's joint frame, in which mass and inertia are stated, in frame j
+    offset   cosine and sine of theta_j at q_j = 0; of a revolute joint only its quarter turns, and
+    rest     the remaining angle: 0, a Turn, or a symbol
+    tilt     cosine and sine of a slide's angle from z_j towards x_(j−1); angle 0 of a revolute joint
+    body     pose in frame j of the model file's joint frame, in which mass and inertia are stated
     """
 
     revolute: bool
@@ -265,13 +265,13 @@ class LinkFrame:
 
     @property
     def start(self) -> Placement:
-        """The frame in the one before, where q_j = 0 and but for `rest`."""
+        """The pose in the previous frame at q_j = 0, without `rest`."""
         (c, s), (ca, sa) = self.offset.pair, self.twist.pair
         turn = ((c, -s, c * 0), (ca * s, ca * c, -sa), (sa * s, sa * c, ca))
         return Placement(turn, (self.a, -sa * self.d, ca * self.d))
 
     def angle(self, q: Any) -> Any:
-        """theta_j of a revolute joint, but for its quarter turns; q: an angle as Notes.sincos takes it."""
+        """theta_j of a revolute joint without its quarter turns. q: an angle as Notes.sincos takes it."""
         turned = q if self.sign > 0 else -q
         return turned if isinstance(self.rest, int) else turned + self.rest
 
@@ -280,16 +280,15 @@ class LinkFrame:
         return quarter_turned(notes.sincos(self.angle(q)), self.offset) if self.revolute else self.offset.pair
 
     def reach(self, q: Any) -> Any:
-        """d_j, and the way of a prismatic joint along z_j."""
+        """d_j plus the displacement of a prismatic joint along z_j."""
         return self.d if self.revolute or self.tilt.cos == 0 else self.d + self.sign * self.tilt.cos * q
 
     def across(self, q: Any) -> Any:
-        """a_j, and the way of a prismatic joint along x_(j−1)."""
+        """a_j plus the displacement of a prismatic joint along x_(j−1)."""
         return self.a if self.tilt.sin == 0 else self.a + self.sign * self.tilt.sin * q
 
     def axis(self, before: tuple[Any, Any]) -> Vector:
-        """(3,) that the joint turns about or slides along, but for the sign, along axes that have z_j and in which
-        x_(j−1) has this cosine and sine."""
+        """The joint's axis (3,) without its sign, in axes with z = z_j in which x_(j−1) has this cosine and sine."""
         c, s = before
         return (c * self.tilt.sin, s * self.tilt.sin, self.tilt.cos) if self.tilt.sin != 0 else (0, 0, self.tilt.cos)
 
@@ -315,7 +314,7 @@ class Geometry:
         return len(self.links)
 
     def over(self, number: Callable[[Fraction], Any], rests: Sequence[Any]) -> Geometry:
-        """The same in another ring: every number converted; rests (n,) stand for the angles beyond quarter turns."""
+        """The same with numbers of another ring. rests: (n,) the angles beyond quarter turns."""
         links = tuple(
             replace(
                 link,
@@ -333,7 +332,7 @@ class Geometry:
         return Geometry(links, gravity, self.base.over(number), self.tip.over(number))
 
     def symbolic(self) -> Geometry:
-        """For emission: SymPy's rationals, and a symbol for every angle beyond quarter turns."""
+        """For emission: SymPy rationals, and symbols for angles beyond quarter turns."""
         rests = [0 if isinstance(link.rest, int) else offset_symbol(j) for j, link in enumerate(self.links, 1)]
         return self.over(lambda x: sp.Rational(x.numerator, x.denominator), rests)
 
@@ -352,12 +351,12 @@ class Geometry:
 
 
 def offset_symbol(joint: int) -> sp.Symbol:
-    """The constant of the struct that stands for the angle of a joint (1-based) beyond quarter turns."""
+    """The struct's constant for a joint's (1-based) angle beyond quarter turns."""
     return sp.Symbol(f"offset{joint}", real=True)
 
 
 def quarter_turned(direction: tuple[Any, Any], quarter: Turn) -> tuple[Any, Any]:
-    """(cos, sin) of the sum of an angle and quarter turns."""
+    """(cos, sin) of an angle plus quarter turns."""
     c, s = direction
     return c * quarter.cos - s * quarter.sin, s * quarter.cos + c * quarter.sin
 
@@ -399,7 +398,7 @@ def _link(revolute: bool, axis: Vector, frame: Standing, before: Standing, file:
 
 
 def _still_axes(links: Sequence[LinkFrame]) -> list[Vector]:
-    """The axes that stand still in frame 0: those up to the first revolute joint."""
+    """The axes that are fixed in frame 0: those up to the first revolute joint."""
     axes: list[Vector] = []
     turn: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
     for link in links:
@@ -412,7 +411,7 @@ def _still_axes(links: Sequence[LinkFrame]) -> list[Vector]:
 
 
 def _settled(gravity: Vector, axes: Sequence[Vector]) -> Vector:
-    """Gravity, along or across each of these unit vectors exactly where it is so but for rounding."""
+    """Gravity made exactly parallel or perpendicular to these unit vectors where it is so up to rounding."""
     size, level = math.hypot(*map(float, gravity)), None
     for axis in axes:
         pull = dot(gravity, axis)
@@ -431,12 +430,12 @@ def _settled(gravity: Vector, axes: Sequence[Vector]) -> Vector:
 
 
 def exact_length(value: float) -> Fraction:
-    """A decimal number within LENGTH_DIGITS."""
+    """A length rounded to LENGTH_DIGITS decimals."""
     return Fraction(repr(round(value, LENGTH_DIGITS)))
 
 
 def exact_turn(cosine: float, sine: float) -> Turn:
-    """The rational point of the unit circle at an angle: exact at quarter turns."""
+    """A rational point of the unit circle near an angle; exact at quarter turns."""
     half = (1.0 + cosine, sine) if cosine > 0 else (sine, 1.0 - cosine)
     w, x = _scaled(half)
     size = w * w + x * x
@@ -444,7 +443,7 @@ def exact_turn(cosine: float, sine: float) -> Turn:
 
 
 def exact_rotation(R: Matrix) -> Matrix:
-    """The nearest rotation with rational elements, by its quaternion: exact where it turns axes into axes."""
+    """A rational rotation matrix near R, by its quaternion; exact where axes map to axes."""
     w, x, y, z = _scaled(_quaternion(R))
     size = w * w + x * x + y * y + z * z
     rows = (
@@ -457,7 +456,7 @@ def exact_rotation(R: Matrix) -> Matrix:
 
 
 def _quaternion(R: Matrix) -> Sequence[float]:
-    """(w, x, y, z) of any length, from the largest of four that are the same but for their length."""
+    """(w, x, y, z) of any length, from the largest of four proportional candidates."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
     t = xx + yy + zz
     rows = (
@@ -470,7 +469,7 @@ def _quaternion(R: Matrix) -> Sequence[float]:
 
 
 def _scaled(elements: Sequence[float]) -> list[Fraction]:
-    """With the largest element ±1, rounded to TURN_DIGITS."""
+    """Scaled so that the largest element is ±1, and rounded to TURN_DIGITS."""
     largest = max(abs(e) for e in elements)
     return [Fraction(repr(round(e / largest, TURN_DIGITS))) for e in elements]
 

@@ -1,4 +1,4 @@
-"""Where the tip of a chain in space is, how it moves, and what a body there asks of the joints."""
+"""Kinematics of a spatial chain's tip: pose, Jacobian, rates, and the joint torques of a mass at the tip."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ NOTATION = {
     "a": "acceleration of an origin, less gravity",
     "U": "by what the acceleration grows with the place",
 }
-"""What these functions call their values, for whoever reads the generated code."""
+"""The meaning of names in the generated code."""
 
 LOADS = ("1", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
-"""Columns of tip_load: of a unit mass at a point of the tip's frame, its moments of order 0, 1 and 2."""
+"""Columns of tip_load: moments of order 0, 1 and 2 of a unit mass at a point of the tip's frame."""
 
 
 @dataclass(frozen=True)
 class JointAxes:
-    """Joints as seen along the axes of one frame, from its origin.
+    """All joints in one frame.
 
-    before   (n,) of each joint: the x and y axes before it moves
-    along    (n,) what it turns about or slides along, but for the sign
-    origin   (n,) of the frames that they move
+    before   (n,) x and y axes before each joint moves
+    along    (n,) joint axes without their signs
+    origin   (n,) origins of the moved frames
     """
 
     before: list[tuple[Vector, Vector]]
@@ -62,7 +62,7 @@ class JointAxes:
 
 
 def functions(author: Author, arm: Arm, geometry: Geometry) -> list[SymbolicFunction]:
-    """tip, tip_rotation, tip_jacobian, tip_rate, tip_load, moment_jacobian. `geometry`: in SymPy's numbers."""
+    """tip, tip_rotation, tip_jacobian, tip_rate, tip_load, moment_jacobian. geometry: with SymPy numbers."""
     return [
         *_pose(author, geometry),
         *_motion(author, geometry),
@@ -149,7 +149,7 @@ def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
 
 
 def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder) -> tuple[JointAxes, Vector]:
-    """The joints, and the tip, from the base."""
+    """The joints and the tip in the base frame."""
     x, y, z = zip(*geometry.base.turn, strict=True)
     o, axes = geometry.base.at, JointAxes([], [], [])
     for step in steps:
@@ -171,7 +171,7 @@ def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorde
 
 
 def _columns(geometry: Geometry, axes: JointAxes, point: Vector) -> list[tuple[Any, ...]]:
-    """(n,) columns of a point's Jacobian: its velocity and the angular velocity at unit rate of a joint."""
+    """(n,) columns of a point's Jacobian: velocity and angular velocity at a unit rate of each joint."""
     columns = []
     for link, z, o in zip(geometry.links, axes.along, axes.origin, strict=True):
         z = scaled(link.sign, z)
@@ -180,7 +180,7 @@ def _columns(geometry: Geometry, axes: JointAxes, point: Vector) -> list[tuple[A
 
 
 def _rates(geometry: Geometry, axes: JointAxes, tip: Vector, qd: Sequence[Any], recorder: Recorder) -> tuple[Any, ...]:
-    """Velocity and angular velocity of the tip, from joint to joint."""
+    """Velocity and angular velocity of the tip, summed from joint to joint."""
     w: Vector = NOWHERE
     v: Vector = NOWHERE
     ends = [*axes.origin[1:], tip]
@@ -223,7 +223,7 @@ def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
 
 
 def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder) -> tuple[JointAxes, Vector]:
-    """The joints, and gravity, from the tip along its axes."""
+    """The joints and gravity in the tip's frame."""
     x, y, z = geometry.tip.turn
     o, axes = negative(applied(list(zip(*geometry.tip.turn, strict=True)), geometry.tip.at)), JointAxes([], [], [])
     for step in reversed(steps):
@@ -248,7 +248,7 @@ def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder
 def _acceleration(
     geometry: Geometry, steps: Sequence[JointStep], axes: JointAxes, pull: Vector, qd: Sequence[Any], qdd: Sequence[Any]
 ) -> tuple[Vector, Matrix]:
-    """Of the tip less gravity, and U of the last link, from joint to joint."""
+    """Acceleration of the tip minus gravity, and U of the last link."""
     w, al, a = NOWHERE, NOWHERE, negative(pull)
     U: Matrix = (NOWHERE, NOWHERE, NOWHERE)
     ends = [*axes.origin[1:], NOWHERE]
@@ -307,8 +307,8 @@ def _mass(arm: Arm, geometry: Geometry, j: int) -> Moments:
 
 
 def nominal_com(arm: Arm, j: int) -> Sequence[float]:
-    """(3,) stands for a centre of mass that is not known: half way to the next joint or the tip; where that is no way,
-    1 m across the joint's axis."""
+    """(3,) replaces an unknown centre of mass: half way to the next joint or the tip; if that is at the same place, 1 m
+    from the joint's axis."""
     following = arm.joints[j + 1].origin if j + 1 < len(arm.joints) else arm.tip
     if any(following.xyz):
         return [c / 2 for c in following.xyz]

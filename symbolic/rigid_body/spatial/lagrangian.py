@@ -43,14 +43,14 @@ from symbolic.rigid_body.spatial.geometry import (
 )
 
 ROUNDING = 1e-8
-"""m and rad; how far a number of the file may stand from the exact one: rounded decimals of a dozen frames."""
+"""m and rad; allowed difference between the file's numbers and the exact ones, over a dozen frames."""
 
 
 @dataclass(frozen=True)
 class ExactFileChain:
-    """A file's chain in exact numbers, the joints' frames as it has them.
+    """A file's chain in exact numbers, with the file's joint frames.
 
-    placements   (n,) of a joint's frame in the one before, where q = 0; the first in the base
+    placements   (n,) poses of the joint frames in the previous one at q = 0; the first in the base
     axes         (n,) unit vectors in the joints' frames
     tip          in the last joint's frame
     gravity      in the base, m/s²
@@ -64,7 +64,7 @@ class ExactFileChain:
 
 
 def exact_file_chain(geometry: Geometry) -> ExactFileChain:
-    """The file's chain, from frames with exact numbers."""
+    """The file's chain, from DH frames in exact numbers."""
     placements, before = [], geometry.base
     for link in geometry.links:
         placements.append(_joined(before, _joined(_start(link), link.body)))
@@ -79,7 +79,7 @@ def exact_file_chain(geometry: Geometry) -> ExactFileChain:
 
 
 def deviation(arm: Arm, chain: ExactFileChain) -> float:
-    """The largest difference of an element from what the model file says."""
+    """The largest difference of an element from the model file."""
     frames = zip(chain.placements, (j.origin for j in arm.joints), strict=True)
     apart = [_apart(placement, frame) for placement, frame in [*frames, (chain.tip, arm.tip)]]
     for axis, joint in zip(chain.axes, arm.joints, strict=True):
@@ -110,13 +110,13 @@ def _rotation(rpy: Sequence[float]) -> list[list[float]]:
 
 
 def _axis(link: LinkFrame) -> Vector:
-    """In the file's joint frame."""
+    """The joint's axis in the file's joint frame."""
     c, s = link.offset.pair
     return scaled(link.sign, applied(_transposed(link.body.turn), link.axis((c, -s))))
 
 
 def _start(link: LinkFrame) -> Placement:
-    """The link's frame in the one before, where q = 0."""
+    """The link's pose in the previous frame at q = 0."""
     if isinstance(link.rest, int):
         return link.start
     return replace(link, offset=link.offset + link.rest).start
@@ -128,7 +128,7 @@ def _transposed(R: Matrix) -> Matrix:
 
 
 def _joined(outer: Placement, inner: Placement) -> Placement:
-    """inner, given in outer, in what outer is given in."""
+    """The composition of two poses."""
     columns = [applied(outer.turn, column) for column in _transposed(inner.turn)]
     a, b, c = columns
     return Placement(_transposed((a, b, c)), placed(outer.turn, outer.at, inner.at))
@@ -140,7 +140,7 @@ def _reversed(placement: Placement) -> Placement:
 
 
 PRIME = 2**127 - 1
-"""A Mersenne prime: far above any degree that occurs, and quick to compute with."""
+"""A Mersenne prime, far above any degree that occurs."""
 
 Square = list[list[int]]
 """(4, 4) residues."""
@@ -168,8 +168,8 @@ class ExactChain:
     """An arm's geometry modulo PRIME.
 
     revolute     (n,)
-    placements   (n,) of a joint's frame in the one before; tip: in the last joint's
-    generators   (n,) Q: T turns or slides as T Q
+    placements   (n,) poses of the joint frames in the previous one; tip: in the last joint's
+    generators   (n,) Q, with dT/dq = T Q
     gravity      (3,)
     """
 
@@ -203,7 +203,7 @@ class ExactChain:
 
 @dataclass(frozen=True)
 class ExactPosture:
-    """A chain at one q; what it asks of the joints, modulo PRIME. Rotors stand apart: they add I_i qdd_i.
+    """A chain at one q, and its joint torques modulo PRIME, without rotors, which add I_i qdd_i.
 
     steps    (n,) of a joint's frame in the one before, moved by q
     places   (n,) T, of a joint's frame in the base
@@ -232,7 +232,7 @@ class ExactPosture:
         return [trace(S, M) for S, M in zip(self.axes, _outer_sums(parts), strict=True)]
 
     def tip_torques(self, qd: Sequence[int], qdd: Sequence[int], bodies: Sequence[Square]) -> list[list[int]]:
-        """What each of the bodies, given in the tip's frame, asks of the joints (n,)."""
+        """The joint torques (n,) of each of the bodies, given in the tip's frame."""
         outwards, back = self.tip(), transposed(times(self._accelerations(qd, qdd)[-1], self.chain.tip))
         forces = [times(times(outwards, body), back) for body in bodies]
         return [[trace(S, M) for S in self.axes] for M in forces]
@@ -254,7 +254,7 @@ class ExactPosture:
 
     @functools.cached_property
     def second_moments(self) -> list[Square]:
-        """(n,) W_j, the sum over l >= j of T_l Sigma_l T_l^T: moments of all that joint j moves, in base axes."""
+        """(n,) W_j, the sum over l >= j of T_l Sigma_l T_l^T: moments of everything joint j moves, in base axes."""
         parts = [times(times(T, body), transposed(T)) for T, body in zip(self.places, self.bodies, strict=True)]
         return _outer_sums(parts)
 
@@ -327,14 +327,14 @@ def transposed(a: Square) -> Square:
 
 
 def inverse(T: Square) -> Square:
-    """Of a homogeneous transform: the rotation transposed, the origin moved back."""
+    """The inverse of a homogeneous transform."""
     R = [[T[j][i] for j in range(3)] for i in range(3)]
     p = [T[i][3] for i in range(3)]
     return [[*row, -sum(x * y for x, y in zip(row, p, strict=True)) % PRIME] for row in R] + [[0, 0, 0, 1]]
 
 
 def trace(a: Square, b: Square) -> int:
-    """Of the product."""
+    """The trace of the product."""
     return contracted(a, transposed(b))
 
 
@@ -353,7 +353,7 @@ def _sum(*matrices: Square) -> Square:
 
 
 def _outer_sums(parts: Sequence[Square]) -> list[Square]:
-    """From every joint to the tip."""
+    """Sums from every joint to the tip."""
     sums, total = [], [[0] * 4 for _ in range(4)]
     for part in reversed(parts):
         total = _sum(total, part)

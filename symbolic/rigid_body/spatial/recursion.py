@@ -42,7 +42,7 @@ from symbolic.rigid_body.spatial.geometry import (
 
 
 class Moments(NamedTuple):
-    """Of a body about a frame's origin and along its axes: the integrals of 1, x and x xᵀ over its mass.
+    """A body's moments about a frame's origin and axes: the integrals of 1, x and x xᵀ over its mass.
 
     m          mass, kg
     x, y, z    first moments, kg m
@@ -66,7 +66,7 @@ class Moments(NamedTuple):
         return self.x, self.y, self.z
 
     def placed(self, frame: Placement) -> Moments:
-        """The same body about the frame in which its own stands as `frame` says, and along that one's axes."""
+        """The body's moments in the frame in which its own frame has the pose `frame`."""
         R, p = frame.turn, frame.at
         S = ((self.xx, self.xy, self.xz), (self.xy, self.yy, self.yz), (self.xz, self.yz, self.zz))
         h = [sum(r * e for r, e in zip(row, self.first, strict=True)) for row in R]
@@ -96,12 +96,12 @@ INERTIA: Mapping[str, Moments] = {
     "MZ": Moments(z=1),
     "M": Moments(m=1),
 }
-"""A unit of each of the ten parameters of a body as users know them: the inertia tensor about the origin of the joint's
-frame and along its axes in kg m², first moments in kg m, mass in kg."""
+"""Moments of a unit of each of a body's ten parameters: inertia tensor in the joint's frame in kg m², first moments in
+kg m, mass in kg."""
 
 
 def body_values(link: Link) -> dict[str, Fraction | None]:
-    """The parameters of INERTIA as the model file states them; None where a number behind one is not known."""
+    """The parameters of INERTIA from the model file; None where unknown."""
     m = None if link.mass is None else exact(link.mass)
     values: dict[str, Fraction | None] = dict.fromkeys(INERTIA) | {"M": m}
     if m is None or link.com is None:
@@ -120,10 +120,7 @@ Direction = tuple[Any, Any]
 
 
 class Gradient(NamedTuple):
-    """U (3, 3) of a link, 1/s²: its points' accelerations by their places; and what is used of it beside.
-
-    zz_yy, xx_zz, yy_xx   differences of the diagonal
-    """
+    """U (3, 3) of a link, 1/s²: the gradient of its points' accelerations; and differences of its diagonal."""
 
     xx: Any
     yy: Any
@@ -149,17 +146,17 @@ class Gradient(NamedTuple):
 
 @dataclass(frozen=True)
 class SpatialMotion:
-    """What does not depend on inertia, of one link, along its axes.
+    """The motion of one link, along the axes in which it is written.
 
-    first       of a group
+    first       whether it is the first of its group
     direction   cosine and sine of its frame's x axis
-    before      those of the x axis along which the link before is written, or of the joint's own before it turns if
-                the joint is the first of its group
-    reach       x and y from the origin before to its own, m, along the axes of the link before; 0 in the first of a
-                group
+    before      cosine and sine of the previous link's x axis; in the first of a group, of the joint's x axis before it
+                turns
+    reach       x and y from the previous origin to its own, m, along the previous link's axes; 0 in a group's first
     lift        the same along z
-    axis        (3,) that its joint turns about or slides along, but for the sign
-    a           (3,) acceleration of its origin less gravity, m/s²
+    axis        (3,) the joint's axis without its sign
+    U           gradient of the acceleration
+    a           (3,) acceleration of its origin minus gravity, m/s²
     """
 
     first: bool
@@ -173,7 +170,7 @@ class SpatialMotion:
 
 
 def groups(g: Geometry) -> list[range]:
-    """Indices (0-based) of consecutive links whose joints' axes are parallel."""
+    """Indices (0-based) of consecutive links with parallel joint axes."""
     starts = [i for i, link in enumerate(g.links) if i == 0 or link.twist.sin != 0]
     return [range(a, b) for a, b in zip(starts, [*starts[1:], g.n], strict=True)]
 
@@ -181,10 +178,10 @@ def groups(g: Geometry) -> list[range]:
 def motion(
     g: Geometry, axes: Sequence[int], q: Sequence[Any], qd: Sequence[Any], qdd: Sequence[Any], notes: Notes
 ) -> list[SpatialMotion]:
-    """Every link's motion, from the base outwards; gravity enters as an acceleration of the base.
+    """The motion of all links, from the base outwards; gravity is an acceleration of the base.
 
-    axes   (n,) along whose frame's x axis each link is written: 0-based, a link of the same group, or the one before
-           its first, turned by the twist alone
+    axes   (n,) the link (0-based) along whose x axis each link is written: one of the same group, or the one before the
+           group, rotated by the twist only
     """
     found: list[SpatialMotion] = []
     state = _State((0, 0, 0), 0, (0, 0, 0), vector([-x for x in g.gravity]))
@@ -215,7 +212,7 @@ def motion(
 
 @dataclass(frozen=True)
 class _State:
-    """From link to link: w, rad/s; its derivative about z; the column of U along z; a of the last origin."""
+    """State of the recursion: w, rad/s; its derivative about z; the column of U along z; a of the last origin."""
 
     w: Vector
     turning: Any
@@ -227,13 +224,13 @@ class _State:
 
 
 def _along_x(a: Any, direction: Direction, k: int, notes: Notes) -> tuple[Any, Any]:
-    """A way along an x axis that has this direction."""
+    """A displacement along an x axis with this direction."""
     a, (c, s) = notes.let(f"x{k}", a), direction
     return notes.let(f"lc{k}", a * c), notes.let(f"ls{k}", a * s)
 
 
 def _jointed(state: _State, link: LinkFrame, axis: Vector, qd: Any, qdd: Any, k: int, notes: Notes) -> _State:
-    """Behind the joint."""
+    """The state after the joint."""
     wx, wy, wz = state.w
     rate, rise = (qd, qdd) if link.sign > 0 else (-qd, -qdd)
     if link.revolute:
@@ -245,7 +242,7 @@ def _jointed(state: _State, link: LinkFrame, axis: Vector, qd: Any, qdd: Any, k:
 
 
 def _gradient(state: _State, outwards: bool, k: int, notes: Notes) -> Gradient:
-    """U of a link; outwards: the angular acceleration about y is asked for by the next group."""
+    """U of a link. outwards: the next group needs the angular acceleration about y."""
     let, (wx, wy, wz), (xz, yz, Uzz) = notes.let, state.w, state.column
     xx, zz, xy = let(f"wxx{k}", wx * wx), let(f"wzz{k}", wz * wz), let(f"wxy{k}", wx * wy)
     less, more = let(f"xx_zz{k}", xx - zz), let(f"wxz{k}", xx + zz)
@@ -274,7 +271,7 @@ def _gradient(state: _State, outwards: bool, k: int, notes: Notes) -> Gradient:
 
 
 def _twisted_state(state: _State, link: LinkFrame, k: int, notes: Notes) -> _State:
-    """At the next group's first axis, written along it and along the x axis before it."""
+    """The state at the next group's first axis, along that axis and the previous x axis."""
     (ca, sa), (wx, _, wz), U = link.twist.pair, state.w, _gradient(state, True, k - 1, notes)
     state = state.moved([link.a * e for e in (U.xx, U.yx, U.zx)], k, notes)
     column = [ca * z - sa * y for y, z in ((U.xy, U.xz), (U.yy, U.yz), (U.zy, U.zz))]
@@ -299,24 +296,24 @@ def _turned_state(state: _State, direction: Direction, k: int, notes: Notes) -> 
 
 
 def named(name: str, k: Any, v: Sequence[Any], notes: Notes) -> Vector:
-    """A vector (3,) whose elements are noted as nameXk, nameYk, nameZk with small letters."""
+    """A vector (3,) whose elements are noted as namexk, nameyk, namezk."""
     return vector([notes.let(f"{name}{axis}{k}", e) for axis, e in zip("xyz", v, strict=True)])
 
 
 def twisted(v: Sequence[Any], twist: Turn) -> Vector:
-    """A vector in axes that are turned about x by the twist."""
+    """A vector in axes rotated about x by the twist."""
     x, y, z = v
     return x, twist.cos * y + twist.sin * z, twist.cos * z - twist.sin * y
 
 
 def turned(v: Sequence[Any], direction: tuple[Any, Any]) -> Vector:
-    """A vector in axes in which its own x axis has this direction."""
+    """A vector in axes in which its present x axis has this direction."""
     (x, y, z), (c, s) = v, direction
     return c * x - s * y, s * x + c * y, z
 
 
 def direction_along(g: Geometry, axes: int, frame: int, q: Sequence[Any], notes: Notes) -> Direction:
-    """Cosine and sine of a frame's x axis, along the x axis of another one of its group."""
+    """Cosine and sine of a frame's x axis relative to that of another frame of its group."""
     low, high = sorted((axes, frame))
     angle: Any = 0
     turn = Turn(1, 0)
@@ -336,7 +333,7 @@ def torques(
     qdd: Sequence[Any],
     notes: Notes,
 ) -> list[Any]:
-    """Torques and forces of the joints (n,), from the tip inwards. moments, rotors: (n,) of the links and joints."""
+    """Joint torques and forces (n,), from the tip inwards. moments, rotors: (n,) of links and joints."""
     tau: list[Any] = [0] * g.n
     F: Vector = (0, 0, 0)
     N: Vector = (0, 0, 0)
@@ -361,7 +358,7 @@ def torques(
 
 
 def wrench(S: Moments, m: SpatialMotion) -> tuple[Vector, Vector]:
-    """Force, and moment about the origin, that a link's motion asks of its mass."""
+    """Inertial force, and its moment about the origin, of a link's mass in this motion."""
     U, (ax, ay, az) = m.U, m.a
     along = U.along(*S.first)
     return vector([S.m * a + e for a, e in zip(m.a, along, strict=True)]), (
@@ -372,7 +369,7 @@ def wrench(S: Moments, m: SpatialMotion) -> tuple[Vector, Vector]:
 
 
 def _inwards(F: Vector, N: Vector, link: LinkFrame, k: int, notes: Notes) -> tuple[Vector, Vector]:
-    """From the origin of a group's first link to that of the link before, along the axes of that."""
+    """Force and moment carried from a group's first link to the previous link, in its axes."""
     F, N = (named(name, k, twisted(v, -link.twist), notes) for name, v in (("F", F), ("N", N)))
     return F, named("N", k, _sum(N, (0, -link.a * F[2], link.a * F[1])), notes)
 
@@ -382,7 +379,7 @@ def _sum(u: Sequence[Any], v: Sequence[Any]) -> Vector:
 
 
 def turned_moments(S: Moments, direction: Direction, k: int, notes: Notes) -> Moments:
-    """Moments along axes about the same z axis in which their own x axis has this direction."""
+    """Moments in axes with the same z in which their present x axis has this direction."""
     let, (c, s) = notes.let, direction
     if s == 0 and c == 1:
         return S
