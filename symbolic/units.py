@@ -11,14 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 
-# Exponents of (kg, m, s, K) of the units.
-_SI = {
-    "N": (1, 1, -2, 0),
-    "m": (0, 1, 0, 0),
-    "kg": (1, 0, 0, 0),
-    "s": (0, 0, 1, 0),
-    "K": (0, 0, 0, 1),
-}
 _JOINT: dict[str, dict[str, tuple[str, ...]]] = {
     "revolute": {"force": ("N", "m"), "position": ("rad",), "inertia": ("kg", "m", "m")},
     "prismatic": {"force": ("N",), "position": ("m",), "inertia": ("kg",)},
@@ -55,15 +47,6 @@ class Unit:
         if not below:
             return above or "1"
         return f"{above or '1'}/{below if ' ' not in below else f'({below})'}"
-
-    def si(self, joint_type: str = "revolute") -> tuple[Fraction, Fraction, Fraction, Fraction]:
-        """Exponents of (kg, m, s, K), for checks by rescaling; rad counts as 1."""
-        total = [Fraction(0)] * 4
-        for symbol, power in self.powers:
-            for name in _JOINT[joint_type].get(symbol, (symbol,)):
-                for k, exponent in enumerate(_SI.get(name, (0, 0, 0, 0))):
-                    total[k] += power * exponent
-        return (total[0], total[1], total[2], total[3])
 
 
 def _power(symbol: str, power: Fraction) -> str:

@@ -22,26 +22,10 @@ import sympy as sp
 
 from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, Grid, UnitOfJoint
-from symbolic.effects.signals import SIGNAL, SIGNALS, Signal
+from symbolic.effects.signals import SIGNAL as SIGNAL
+from symbolic.effects.signals import SIGNALS, Signal
 from symbolic.primitives import WIDTHS
 from symbolic.units import Unit
-
-__all__ = [
-    "DT",
-    "SIGNAL",
-    "SIGNALS",
-    "Effect",
-    "Grid",
-    "LinearForm",
-    "Parameter",
-    "Signal",
-    "State",
-    "check",
-    "parameter",
-    "prefix",
-    "state",
-]
-
 
 DT = sp.Symbol("dt", positive=True)
 """Step of the recursion of effects with memory, s."""

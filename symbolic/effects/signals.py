@@ -127,6 +127,38 @@ def _tip_load(column: int, part: str) -> Signal:
     )
 
 
+NEIGHBOURS = {"next": "the next joint outwards; 0 at the last", "previous": "the joint before; 0 at the first"}
+
+
+def _rate(which: str, step: int) -> Signal:
+    source = Coordinate("qd", step)
+    return Signal(f"qd_{which}", u.RATE, f"rate of {NEIGHBOURS[which]}", source=source, known_to="controller")
+
+
+def _acceleration(which: str, step: int) -> Signal:
+    return Signal(
+        f"qdd_{which}",
+        u.ACCELERATION,
+        f"acceleration of {NEIGHBOURS[which]}",
+        source=Coordinate("qdd", step),
+        known_to="plan",
+        seen_over="acceleration",
+        span=(-20.0, 20.0),
+    )
+
+
+def _moment(axis: str, row: int) -> Signal:
+    return Signal(
+        f"moment_{axis}",
+        u.FORCE * u.SECOND**2 / u.METRE,
+        f"derivative of the arm's first mass moment along base {axis} by q",
+        source=ArmOutput("moment_jacobian", (row, "joint")),
+        known_to="controller",
+        seen_over="position",
+        space=axis == "z",
+    )
+
+
 OFF_TIP = ("x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 """The products of a mass's coordinates in the tip's frame, in the order of the arm's function tip_load."""
 
@@ -231,20 +263,8 @@ SIGNALS: tuple[Signal, ...] = (
         span=(0.0, 30.0),
     ),
     Signal("unmeasured", u.KELVIN, "1 K where no temperature is measured, else 0", "temperature", switch=True),
-    Signal(
-        "qd_next",
-        u.RATE,
-        "rate of the next joint outwards; 0 at the last",
-        source=Coordinate("qd", 1),
-        known_to="controller",
-    ),
-    Signal(
-        "qd_previous",
-        u.RATE,
-        "rate of the joint before; 0 at the first",
-        source=Coordinate("qd", -1),
-        known_to="controller",
-    ),
+    _rate("next", 1),
+    _rate("previous", -1),
     Signal(
         "has_next",
         u.ONE,
@@ -252,22 +272,8 @@ SIGNALS: tuple[Signal, ...] = (
         known_to="controller",
         switch=True,
     ),
-    Signal(
-        "moment_x",
-        u.FORCE * u.SECOND**2 / u.METRE,
-        "derivative of the arm's first mass moment along base x by q",
-        source=ArmOutput("moment_jacobian", (0, "joint")),
-        known_to="controller",
-        seen_over="position",
-    ),
-    Signal(
-        "moment_y",
-        u.FORCE * u.SECOND**2 / u.METRE,
-        "derivative of the arm's first mass moment along base y by q",
-        source=ArmOutput("moment_jacobian", (1, "joint")),
-        known_to="controller",
-        seen_over="position",
-    ),
+    _moment("x", 0),
+    _moment("y", 1),
     Signal(
         "tip_load",
         u.FORCE / u.KILOGRAM,
@@ -317,33 +323,9 @@ SIGNALS: tuple[Signal, ...] = (
         known_to="controller",
         span=(1.0, 160.0),
     ),
-    Signal(
-        "qdd_next",
-        u.ACCELERATION,
-        "acceleration of the next joint outwards; 0 at the last",
-        source=Coordinate("qdd", 1),
-        known_to="plan",
-        seen_over="acceleration",
-        span=(-20.0, 20.0),
-    ),
-    Signal(
-        "qdd_previous",
-        u.ACCELERATION,
-        "acceleration of the joint before; 0 at the first",
-        source=Coordinate("qdd", -1),
-        known_to="plan",
-        seen_over="acceleration",
-        span=(-20.0, 20.0),
-    ),
-    Signal(
-        "moment_z",
-        u.FORCE * u.SECOND**2 / u.METRE,
-        "derivative of the arm's first mass moment along base z by q",
-        source=ArmOutput("moment_jacobian", (2, "joint")),
-        known_to="controller",
-        seen_over="position",
-        space=True,
-    ),
+    _acceleration("next", 1),
+    _acceleration("previous", -1),
+    _moment("z", 2),
     *(_tip_load(column, part) for column, part in enumerate(OFF_TIP, 1)),
     Signal(
         "coupling_rate",

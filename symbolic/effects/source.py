@@ -167,7 +167,11 @@ def _unit(unit: u.Unit) -> str:
 
 def expression(law: sp.Expr, variables: Collection[str] = ()) -> str:
     """Python that evaluates to `law`; parameters and states named in `variables` are variables of that name."""
-    text = str(_Printer(frozenset(variables)).doprint(_with_absolutes(law)))
+    text = str(
+        _Printer(frozenset(variables)).doprint(
+            law.replace(lambda e: isinstance(e, sp.Add), lambda e: _absolutes(*e.args))
+        )
+    )
     return re.sub(r"(?<![*])([*/])(?![*])", r" \1 ", text)
 
 
@@ -175,10 +179,6 @@ class _Absolute(sp.Function):
     """|x| in place of the two ramps it consists of, for printing alone."""
 
     nargs = (2,)
-
-
-def _with_absolutes(law: sp.Expr) -> sp.Expr:
-    return law.replace(lambda e: isinstance(e, sp.Add), lambda e: _absolutes(*e.args))
 
 
 def _absolutes(*terms: sp.Expr) -> sp.Expr:

@@ -146,7 +146,8 @@ def set_values(
         owner = _owner(place, arm, library, effect, joint)
         if effect not in _active(arm, owner):
             place.fail(f'effect "{effect}" is not in the file; add it first')
-        changes.append(((*_prefix(owner), effect), owner[1], {k: _rounded(v) for k, v in values.items()}))
+        path = ("effects", effect) if owner[0] == "arm" else (owner[0], "effects", effect)
+        changes.append((path, owner[1], {k: _rounded(v) for k, v in values.items()}))
     changes += [(("joint",), joint, {ROTOR: _rounded(value)}) for joint, value in (rotors or {}).items()]
     if inertial:
         rounded = {identifier(place.inside("inertial"), "key", k): _rounded(v) for k, v in inertial.items()}
@@ -196,10 +197,6 @@ def _active(arm: Arm, owner: Owner) -> Mapping[str, Any]:
     if scope == "arm":
         return arm.effects
     return arm.contact.effects if arm.contact else {}
-
-
-def _prefix(owner: Owner) -> tuple[str, ...]:
-    return ("effects",) if owner[0] == "arm" else (owner[0], "effects")
 
 
 def _home_of(document: Any, owner: Owner) -> Any:

@@ -51,16 +51,18 @@ class Joints(Several):
         if not 1 <= len(value) <= MAX_JOINTS:
             place.fail(f"found {len(value)} joints; expected 1 to {MAX_JOINTS} [[joint]] tables")
         return tuple(
-            read(place.inside(f"joint {k}"), table, self.fields, _joint_type(table)) for k, table in enumerate(value, 1)
+            # An invalid type is refused when the key is read.
+            read(
+                place.inside(f"joint {k}"),
+                one,
+                self.fields,
+                "prismatic" if one.get("type") == "prismatic" else "revolute",
+            )
+            for k, one in enumerate(value, 1)
         )
 
     def schema(self) -> Schema:
         return {**super().schema(), "minItems": 1, "maxItems": MAX_JOINTS}
-
-
-def _joint_type(table: Table) -> JointType:
-    """The type that decides the units; invalid types are refused when the key is read."""
-    return "prismatic" if table.get("type") == "prismatic" else "revolute"
 
 
 UNKNOWN = "if left out, unknown"

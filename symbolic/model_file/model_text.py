@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from symbolic.model_file.arm import Arm, Frame, Joint, Limits, Link, Values
+from symbolic.model_file.arm import Arm, Frame, Joint, Limits, Link
 from symbolic.model_file.checks import SMALLEST
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.frames import QUARTER
@@ -66,7 +66,8 @@ def _joint(joint: Joint, gear: str) -> Iterator[str]:
     yield from _link(joint.link)
     yield from _limits(joint.limits, revolute)
     for name, values in joint.effects.items():
-        yield from _effect(name, values)
+        yield _beside(f"[joint.effects.{name}]", "" if values else "values unknown")
+        yield from (_line(key, value) for key, value in values.items())
 
 
 def _link(link: Link) -> Iterator[str]:
@@ -95,12 +96,6 @@ def _limits(limits: Limits, revolute: bool) -> Iterator[str]:
     if lines:
         yield "[joint.limits]"
         yield from lines
-
-
-def _effect(name: str, values: Values) -> Iterator[str]:
-    yield _beside(f"[joint.effects.{name}]", "" if values else "values unknown")
-    for key, value in values.items():
-        yield _line(key, value)
 
 
 HEAD = """\

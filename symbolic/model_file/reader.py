@@ -154,18 +154,15 @@ def _toml(text: str, top: Place) -> dict[str, Any]:
         top.fail(f"not valid TOML: {printable(str(error)).split(';')[0][:120]}")
 
 
-def _name(top: Place, name: str) -> str:
-    if is_taken(name):
-        top.fail(f"name {quote(name)} is reserved for the toolkit's own generated files; choose another name")
-    return name
-
-
 # --- common to planar and spatial arms ---
 
 
 def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> dict[str, Any]:
+    name = said["name"]
+    if is_taken(name):
+        top.fail(f"name {quote(name)} is reserved for the toolkit's own generated files; choose another name")
     return {
-        "name": _name(top, said["name"]),
+        "name": name,
         "effects": _effects(top, said["effects"], "arm", effects),
         "inertial": said["inertial"],
         "controller": _control(top, said["controller"]),

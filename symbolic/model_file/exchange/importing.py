@@ -68,7 +68,12 @@ def imported(
     gravity = (
         "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {shortened(found.root)} is taken to point up"
     )
-    text = model_text.text(arm, [*_head(found, path), *doubtful], gravity, gears)
+    ends = f"{shortened(tree.name or path.stem)}, {shortened(found.base)} to {shortened(found.tip_link)}"
+    head = [
+        f"{ends}: made by tendon import from {shortened(path.name)} ({tree.language}).",
+        "Values that it does not state are unknown: tendon identify MODEL RECORDING --write identifies them.",
+    ]
+    text = model_text.text(arm, [*head, *doubtful], gravity, gears)
     made = parse(text, path.name, library)
     assert made.space
     return ImportedArm(text, made, found, (*notes, *made.notes))
@@ -84,15 +89,6 @@ def read_tree(path: Path) -> Tree:
 
         return mjcf.mjcf_tree(path, root)
     return root.fail(f"its root is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)")
-
-
-def _head(found: TreeChain, path: Path) -> list[str]:
-    tree = found.tree
-    return [
-        f"{shortened(tree.name or path.stem)}, {shortened(found.base)} to {shortened(found.tip_link)}: made by tendon "
-        f"import from {shortened(path.name)} ({tree.language}).",
-        "Values that it does not state are unknown: tendon identify MODEL RECORDING --write identifies them.",
-    ]
 
 
 # --- the arm ---
@@ -185,16 +181,13 @@ def _effects(
         if wrong:
             notes.append(f"{listed(wrong)} of joint {k}: left out, hence unknown; expected a number above 0")
         springs = _springs(stated, library)
-        here = [_even(e, library) for e in assumed] if springs else assumed
+        # Beside a spring, friction that differs by direction is a constant, which motion cannot separate from the
+        # spring's rest position: its symmetric special case is taken.
+        even = [next((library[name] for name in e.generalises if name in library), e) for e in assumed]
+        here = even if springs else assumed
         known = {e.name: {p.name: stated[p.abroad] for p in e.parameters if p.abroad in stated} for e in here}
         made.append({**known, **springs})
     return made
-
-
-def _even(effect: AnyEffect, library: Mapping[str, AnyEffect]) -> AnyEffect:
-    """The symmetric special case of direction-dependent friction, if there is one: beside a spring, the difference
-    between directions is a constant, which motion cannot separate from the spring's rest position."""
-    return next((library[name] for name in effect.generalises if name in library), effect)
 
 
 def _springs(stated: Mapping[str, float], library: Mapping[str, AnyEffect]) -> dict[str, Values]:

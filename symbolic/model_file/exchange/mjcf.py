@@ -293,15 +293,12 @@ def mjcf_tree(path: Path, root: XmlNode) -> Tree:
     made = compiled(path, root)
     found = _Bodies(made.model, made.unknown)
     links, joints = found.tree()
-    notes = [*made.notes, *_bent(made.model)]
-    return Tree(printable(str(path)), "MJCF", made.name, links, joints, made.gravity, tuple(notes))
-
-
-def _bent(model: Any) -> Iterator[str]:
-    """Notes on nonlinear damping and springs, which newer MuJoCo versions have."""
+    notes = list(made.notes)
+    # Newer MuJoCo versions have nonlinear damping and springs.
     for what, name in (("damping", "dof_dampingpoly"), ("stiffness", "jnt_stiffnesspoly")):
-        if hasattr(model, name) and getattr(model, name).any():
-            yield f"{what} is a polynomial: its linear coefficient is used, the others are left out"
+        if hasattr(made.model, name) and getattr(made.model, name).any():
+            notes.append(f"{what} is a polynomial: its linear coefficient is used, the others are left out")
+    return Tree(printable(str(path)), "MJCF", made.name, links, joints, made.gravity, tuple(notes))
 
 
 class _Bodies:

@@ -16,6 +16,7 @@ from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import MAX_LABEL, ModelError, Place, nearest, printable, quote
 from symbolic.model_file.frames import (
     IDENTITY,
+    LISTED,
     Rotation,
     Snapping,
     Vector,
@@ -219,8 +220,6 @@ class Tree:
         return found
 
 
-LISTED = 8
-"""Names listed in a message; of further ones, only the count is given."""
 LONGEST = 60
 """Maximum length of a name in a message."""
 COMPARED = 1000
@@ -292,7 +291,7 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
     way = [snapped[joint.name] for joint in way]
     below = {link: [snapped[joint.name] for joint in joints] for link, joints in below.items()}
     made = _assembled(tree, root, end, way, below, locked)
-    before = [snapped[joint.name] for joint in _down_to(root, above)]
+    before = [snapped[joint.name] for joint in path_to(root, above)]
     used = {joint.name for joint in (*before, *way)}
     used |= {above[link].name for joint in made.joints for link in joint.links}
     snapping.only({_place(name) for name in used})
@@ -309,7 +308,7 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
     )
 
 
-def _down_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
+def path_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
     """The joints from the root to a link."""
     way: list[TreeJoint] = []
     while link in above:
@@ -410,17 +409,14 @@ TOOL = "tool0"
 
 def _way(tree: Tree, above: Mapping[str, TreeJoint], base: str, tip: str) -> list[TreeJoint]:
     """The joints from the base to the tip."""
-    way: list[TreeJoint] = []
-    link = tip
-    while link != base:
-        if link not in above or len(way) > len(tree.joints):
-            raise ModelError(
-                f"{tree.file}: {quote(tip)} is not a descendant of {quote(base)}; expected a --tip that is connected "
-                "to the --base by joints"
-            )
-        way.append(above[link])
-        link = above[link].parent
-    return way[::-1]
+    way = path_to(tip, above)
+    first = next((k for k, joint in enumerate(way) if joint.parent == base), None)
+    if first is None and tip != base:
+        raise ModelError(
+            f"{tree.file}: {quote(tip)} is not a descendant of {quote(base)}; expected a --tip that is connected "
+            "to the --base by joints"
+        )
+    return way[len(way) if first is None else first :]
 
 
 def _check_moves(tree: Tree, joint: TreeJoint) -> None:

@@ -38,6 +38,7 @@ from symbolic.model_file.exchange.tree import (
     gears_of,
     joints_of,
     label_of,
+    path_to,
     shortened,
     some,
     turned,
@@ -108,13 +109,11 @@ def _body(inertial: XmlNode) -> StatedBody:
     if mass < 0:
         inertial.fail(f"<mass> value is {mass:g}; expected a mass of 0 kg or more")
     stated, frame = inertial.first("inertia"), _frame(inertial)
-    xx, xy, xz, yy, yz, zz = (0.0 if stated is None else _moment(stated, key) for key in MOMENTS)
+    # Missing products are 0, missing moments are an error.
+    xx, xy, xz, yy, yz, zz = (
+        0.0 if stated is None else stated.number(key, None if key[1] == key[2] else 0.0) for key in MOMENTS
+    )
     return StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy))
-
-
-def _moment(stated: XmlNode, key: str) -> float:
-    """An entry of an inertia; missing products are 0, missing moments are an error."""
-    return stated.number(key, None if key[1] == key[2] else 0.0)
 
 
 def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Mapping[str, Sequence[str]]) -> TreeJoint:
@@ -250,12 +249,13 @@ def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
         fixed = [name for name in carried if name not in stated.loose]
         body = _without_loose(tree, stated, joint.body)
         parts = [node for name in fixed if (node := links[name].first("inertial")) is not None]
-        edits += [_removed(data, node) for node in parts]
+        edits += [_Edit(node.start, _end(data, node), "") for node in parts]
         if parts or not _is_body(tree.links[own].body, body):
             edits.append(_put(data, links[own], "inertial", "\n".join(inertial(body, "    ")).strip()))
         there = joints[stated.joint.name]
         if not _is_dynamics(there.first("dynamics"), dynamics := _dynamics(there, joint)):
-            edits.append(_put(data, there, "dynamics", _element("dynamics", dynamics)))
+            stated_as = " ".join(f"{key}={quoteattr(value)}" for key, value in dynamics.items())
+            edits.append(_put(data, there, "dynamics", f"<dynamics {stated_as}/>"))
         if stated.joint.gear is not None:
             edits += _geared(data, gears[stated.joint.name], joint.joint.gear_ratio)
     for edit in sorted(edits, key=lambda edit: edit.start, reverse=True):
@@ -302,10 +302,6 @@ def _is_dynamics(there: XmlNode | None, wanted: Mapping[str, str]) -> bool:
     return all(
         value == wanted[key] or there.number(key) == float(wanted[key]) for key, value in there.attributes.items()
     )
-
-
-def _element(tag: str, attributes: Mapping[str, str]) -> str:
-    return f"<{tag} {' '.join(f'{key}={quoteattr(value)}' for key, value in attributes.items())}/>"
 
 
 def _dynamics(there: XmlNode, joint: ExportedJoint) -> dict[str, str]:
@@ -368,10 +364,6 @@ def _put(data: bytes, node: XmlNode, tag: str, text: str) -> _Edit:
     return _Edit(opening, opening, f"\n    {text}")
 
 
-def _removed(data: bytes, node: XmlNode) -> _Edit:
-    return _Edit(node.start, _end(data, node), "")
-
-
 def _tag_end(data: bytes, start: int) -> int:
     match = _TAG.match(data, start)
     assert match, "a tag that has been parsed"
@@ -398,17 +390,9 @@ def _chain(tree: Tree, made: ExportedArm) -> TreeChain:
             raise ModelError(f"{tree.file}: has no joint {quote(joint.name)}, which the model has")
         own.append(by_label[joint.name])
     names = {joint.name for joint in own}
-    way = list(_down(tree, own[-1].child))
+    way = path_to(own[-1].child, tree.above())
     others = {joint.name: 0.0 for joint in way if joint.name not in names and joint.moves}
-    return chain(tree, way[-1].parent, own[-1].child, others)
-
-
-def _down(tree: Tree, link: str) -> Iterator[TreeJoint]:
-    """The joints from a link down to the root."""
-    above = tree.above()
-    while link in above:
-        yield above[link]
-        link = above[link].parent
+    return chain(tree, way[0].parent, own[-1].child, others)
 
 
 def _check_places(tree: Tree, found: TreeChain, made: ExportedArm) -> None:

@@ -152,8 +152,8 @@ def file_axes(arm: Arm, files: Sequence[Standing]) -> list[Vector]:
 
 
 def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
-    """The links' DH frames at q = 0, (n,): z along the joint's axis; along the previous z if the axes are parallel or the
-    joint is a slide behind a revolute joint."""
+    """The links' DH frames at q = 0, (n,). z is along the joint's axis; along the previous z if the axes are parallel
+    or the joint is a slide behind a revolute joint."""
     own = file_axes(arm, files)
     axes: list[Vector] = []
     turning = False
@@ -288,7 +288,7 @@ class LinkFrame:
         return self.a if self.tilt.sin == 0 else self.a + self.sign * self.tilt.sin * q
 
     def axis(self, before: tuple[Any, Any]) -> Vector:
-        """The joint's axis (3,) without its sign, in axes with z = z_j in which x_(j−1) has this cosine and sine."""
+        """The joint's axis (3,) without its sign, in axes with z = z_j. before: cosine and sine of x_(j−1) there."""
         c, s = before
         return (c * self.tilt.sin, s * self.tilt.sin, self.tilt.cos) if self.tilt.sin != 0 else (0, 0, self.tilt.cos)
 
