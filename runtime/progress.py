@@ -1,24 +1,24 @@
-"""Work of many like parts, on all cores, with a word to whoever listens of how far it is.
+"""Work in many similar parts, on all cores, with progress for whoever listens.
 
-What takes time is small calls from Python, for which threads only wait for each other: processes are forked once all
-that the parts read is there, and send back what they found. Where that is not safe (outside Linux), or not worth it,
-one part follows another.
+The parts are small calls from Python, for which threads only wait for each other. Processes are therefore forked once
+everything that the parts read is in memory; they return the results. Elsewhere than on Linux, and where the work is
+short, one part follows the other.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import os
-import pickle
-import selectors
 import signal
 import sys
 import time
-import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any, NoReturn, TypeVar
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -32,15 +32,14 @@ _WORTH_FORKING = 1.0  # s
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within, the linear algebra library works in one thread, also where it was loaded before this package could say
-    so: with small matrices on all cores its threads wait for each other."""
+    """Within, the linear algebra library uses one thread: with small matrices its threads wait for each other."""
     with threadpool_limits(1, user_api="blas"):
         yield
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Of one piece of work: how many of its parts are done, and how long the rest will take at that pace, s."""
+    """Progress of one piece of work; left: estimated time for the rest, s."""
 
     what: str
     done: int
@@ -54,37 +53,34 @@ _cores: ContextVar[int | None] = ContextVar("cores", default=None)
 
 
 @contextmanager
-def heard_by(listener: Listener) -> Iterator[None]:
-    """Within, every part that is done is told to the listener."""
-    token = _listener.set(listener)
+def _with(variable: ContextVar[T], value: T) -> Iterator[None]:
+    token = variable.set(value)
     try:
         yield
     finally:
-        _listener.reset(token)
+        variable.reset(token)
 
 
-@contextmanager
-def on_cores(count: int) -> Iterator[None]:
-    """Within, work is done on so many cores."""
-    token = _cores.set(count)
-    try:
-        yield
-    finally:
-        _cores.reset(token)
+def heard_by(listener: Listener) -> AbstractContextManager[None]:
+    """Within, the listener is called after every part."""
+    return _with(_listener, listener)
+
+
+def on_cores(count: int) -> AbstractContextManager[None]:
+    """Within, work uses this number of cores."""
+    return _with(_cores, count)
 
 
 def cores() -> int:
-    """On how many cores work is done: all that this process may use, where it can be forked."""
-    chosen = _cores.get()
+    """Number of cores that work uses: by default all that this process may use, where it can be forked."""
     if sys.platform != "linux":
         return 1
-    return len(os.sched_getaffinity(0)) if chosen is None else chosen
+    return _cores.get() or len(os.sched_getaffinity(0))
 
 
 @contextmanager
 def steps(what: str, parts: int) -> Iterator[Callable[[], None]]:
-    """Work that is no list of like parts: gives what is called as each of them is done. What the parts tell of
-    themselves is not heard within."""
+    """Work that is no list of parts: yields a function to call after each step. Progress within a step is not heard."""
     tell, began, done = _listener.get(), time.monotonic(), 0
 
     def step() -> None:
@@ -93,15 +89,12 @@ def steps(what: str, parts: int) -> Iterator[Callable[[], None]]:
         if tell is not None:
             tell(Progress(what, done, parts, (time.monotonic() - began) / done * max(parts - done, 0)))
 
-    token = _listener.set(None)
-    try:
+    with _with(_listener, None):
         yield step
-    finally:
-        _listener.reset(token)
 
 
 def each(what: str, parts: Sequence[T]) -> Iterator[T]:
-    """The parts, one after the other here; each counts as done when the next one is asked for."""
+    """The parts, one after the other; each is done when the next one is asked for."""
     with steps(what, len(parts)) as step:
         for part in parts:
             yield part
@@ -109,10 +102,10 @@ def each(what: str, parts: Sequence[T]) -> Iterator[T]:
 
 
 def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R]:
-    """function(part) for each part, in their order; what: is being done, for people.
+    """function(part) for each part, in their order; what: name of the work, for people.
 
-    The first parts are done here, until it is known how long the rest takes; `function` may keep what it computes, but
-    what it computes elsewhere is lost, all but its result, which must be one that can be pickled.
+    The first parts are computed here until the time for the rest is known. Results must be picklable; whatever else
+    `function` stores in another process is lost.
     """
     tell, began, found = _listener.get(), time.monotonic(), {}
 
@@ -132,9 +125,10 @@ def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R
 
 
 def of_long(function: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
-    """function(part) for each part, in their order, where each is known to be worth a process: as many at once as there
-    are cores, and none any more once no further one is asked for. What the parts tell of themselves is not heard on
-    several cores."""
+    """function(part) for each part, in their order, as many at a time as there are cores.
+
+    No further part is begun once no further result is asked for. On several cores progress within a part is not heard.
+    """
     found: dict[int, R] = {}
     forked = cores() > 1 and len(parts) > 1
     with closing(_forked(function, parts, range(len(parts)) if forked else ())) as coming:
@@ -146,109 +140,58 @@ def of_long(function: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
 
 
 class _Lost(Exception):
-    """A process ended before it was done; what it has not sent is computed here."""
+    """A process died; the results that it has not sent are computed here."""
 
 
 def _forked(
     function: Callable[[T], R], parts: Sequence[T], indices: Sequence[int]
 ) -> Generator[tuple[int, R], None, None]:
-    """Index and result of these parts as they come, from one process a core."""
-    todo, give = os.pipe()
-    workers: dict[int, int] = {}
+    """Index and result of these parts as they come, from one process for each core."""
+    workers: dict[Connection, BaseProcess] = {}
+    waiting = list(reversed(indices))
+    running = 0
     try:
-        # A thread each: what the linear algebra library has of them is copied as it stands.
+        # The state of the linear algebra library's threads is copied: there must be only one.
         with one_thread(), heard_afterwards():
             for _ in range(min(cores(), len(indices))):
-                pid, results = _worker(function, parts, todo, give)
-                workers[pid] = results
-        os.close(todo)
-        todo = -1
-        with selectors.DefaultSelector() as selector:
-            for results in workers.values():
-                selector.register(results, selectors.EVENT_READ)
-            yield from _gathered(selector, give, list(indices))
+                here, there = multiprocessing.Pipe()
+                worker = multiprocessing.get_context("fork").Process(target=_work, args=(function, parts, here, there))
+                worker.start()
+                there.close()
+                workers[here] = worker
+        ready = list(workers)
+        while True:
+            for connection in ready[: len(waiting)]:
+                connection.send(waiting.pop())
+                running += 1
+            if not running:
+                return
+            ready = [connection for connection in wait(list(workers)) if isinstance(connection, Connection)]
+            for connection in ready:
+                index, result, error = connection.recv()
+                if error is not None:
+                    raise error
+                running -= 1
+                yield index, result
+    except (EOFError, ConnectionError) as ended:
+        raise _Lost from ended
     finally:
-        for descriptor in (todo, give):
-            if descriptor >= 0:
-                os.close(descriptor)
-        for pid, results in workers.items():
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
-            os.close(results)
+        for connection, process in workers.items():
+            process.kill()
+            process.join()
+            connection.close()
 
 
-def _gathered(selector: selectors.BaseSelector, give: int, waiting: list[int]) -> Iterator[tuple[int, Any]]:
-    """Hands out indices, one for every result that comes and some ahead, and gives on what comes."""
-    open_ones = 0
-
-    def hand_out() -> None:
-        nonlocal open_ones
-        if waiting:
-            os.write(give, waiting.pop(0).to_bytes(4, "little"))
-            open_ones += 1
-
-    for _ in range(2 * len(selector.get_map())):
-        hand_out()
-    while open_ones:
-        for key, _ in selector.select():
+def _work(function: Callable[[T], Any], parts: Sequence[T], parent: Connection, own: Connection) -> None:
+    """The loop of a forked process: parts by the indices that it receives, until its parent is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    parent.close()
+    _listener.set(None)
+    _cores.set(1)
+    with suppress(EOFError, ConnectionError):
+        while True:
+            index = own.recv()
             try:
-                index, result, error = pickle.loads(_read(key.fd, int.from_bytes(_read(key.fd, 8), "little")))
-            except EOFError as ended:
-                raise _Lost from ended
-            if error is not None:
-                raise error
-            open_ones -= 1
-            hand_out()
-            yield index, result
-
-
-def _read(descriptor: int, count: int) -> bytes:
-    """So many bytes of a pipe; EOFError where it ends before."""
-    found = b""
-    while len(found) < count:
-        piece = os.read(descriptor, count - len(found))
-        if not piece:
-            raise EOFError
-        found += piece
-    return found
-
-
-def _worker(function: Callable[[T], R], parts: Sequence[T], todo: int, give: int) -> tuple[int, int]:
-    """A process that does the parts whose indices it reads, until there are no more; its id and its results."""
-    read, write = os.pipe()
-    with warnings.catch_warnings():
-        # Other threads of this process (a spinner, a timer) hold nothing that the parts need.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        pid = os.fork()
-    if not pid:
-        os.close(give)
-        os.close(read)
-        _work(function, parts, todo, write)
-    os.close(write)
-    return pid, read
-
-
-def _work(function: Callable[[T], R], parts: Sequence[T], todo: int, write: int) -> NoReturn:
-    """What a process does that was forked: nothing of what its parent would do next."""
-    status = 1
-    try:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-        _listener.set(None)
-        _cores.set(1)
-        while token := os.read(todo, 4):
-            _send(write, function, parts, int.from_bytes(token, "little"))
-        status = 0
-    finally:
-        os._exit(status)
-
-
-def _send(write: int, function: Callable[[T], R], parts: Sequence[T], index: int) -> None:
-    try:
-        message = pickle.dumps((index, function(parts[index]), None))
-    except Exception as error:
-        message = pickle.dumps((index, None, error))
-    message = len(message).to_bytes(8, "little") + message
-    while message:
-        message = message[os.write(write, message) :]
+                own.send((index, function(parts[index]), None))
+            except Exception as error:
+                own.send((index, None, error))
