@@ -1,4 +1,4 @@
-"""Files replaced whole or not at all, and by one process at a time."""
+"""Files that are replaced completely or not at all, by one process at a time."""
 
 from __future__ import annotations
 
@@ -13,20 +13,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 LONGEST_WAIT = 30.0
-"""s; another process holds the lock of a file for as long as it writes what belongs to it, some seconds at most; a
-choice."""
+"""s; other processes hold a lock for some seconds at most; a choice."""
 _STEP = 0.01
-"""s; between two looks at a lock; a choice."""
+"""s between two attempts to get a lock; a choice."""
 _LONGEST_NAME = 100
-"""bytes of a name that its temporary file has, too: file systems take 255 with what is put around it."""
+"""bytes of a file's name in the name of its temporary file; file systems take 255 in all."""
 
 
 def replace(path: Path | str, data: bytes) -> None:
-    """Write `data` to `path` through a temporary file beside it, so that no reader ever sees half of it.
+    """Write `data` to `path` through a temporary file beside it, so that no reader sees half of it.
 
-    Keeps the permission bits of a file that is there, follows symbolic links, and writes straight into
-    anything that is no regular file (/dev/stdout). What a killed process left of such a temporary file goes.
-    Raises OSError with the file's name, and then leaves nothing behind.
+    Keeps permission bits, follows symbolic links, and writes directly into what is not a regular file (/dev/stdout).
+    Removes temporary files of killed processes. Raises OSError with the file's name; then nothing is left.
     """
     target = Path(os.path.realpath(path))
     try:
@@ -42,9 +40,11 @@ def replace(path: Path | str, data: bytes) -> None:
 
 
 @contextlib.contextmanager
-def alone(path: Path | str) -> Iterator[None]:
-    """One process at a time is at this file, of those that ask: between a look at it and its replacement nobody else
-    replaces it. Raises TimeoutError where another one does not come to its end, and OSError."""
+def locked(path: Path | str) -> Iterator[None]:
+    """Lock a file, so that no other process that locks it replaces it between reading and writing.
+
+    Raises TimeoutError if the lock is held too long, and OSError.
+    """
     target = Path(os.path.realpath(path))
     lock = target.with_name(f".{_short(target)}.lock")
     end = time.monotonic() + LONGEST_WAIT
@@ -78,7 +78,7 @@ def _put(target: Path, data: bytes, mode: int | None) -> None:
 
 
 def _beside(target: Path) -> tuple[Path, int]:
-    """A new file beside another, locked while its process lives."""
+    """A new file beside another, locked while this process lives."""
     while True:
         path = target.with_name(f".{_short(target)}.{secrets.token_hex(6)}")
         # 0o666 is narrowed by the user's umask, as for any new file.
@@ -89,7 +89,7 @@ def _beside(target: Path) -> tuple[Path, int]:
 
 
 def _sweep(target: Path) -> None:
-    """What is called like a temporary file of this one and is not locked was left by a process that was killed."""
+    """Remove temporary files that are not locked: the processes that wrote them were killed."""
     left = re.compile(re.escape(f".{_short(target)}.") + "[0-9a-f]{12}")
     with contextlib.suppress(OSError), os.scandir(target.parent) as entries:
         for name in [entry.name for entry in entries if left.fullmatch(entry.name)]:
@@ -101,7 +101,7 @@ def _sweep(target: Path) -> None:
 
 
 def _lock(path: Path) -> int | None:
-    """A descriptor that holds the lock which a file stands for; None where another process has it."""
+    """A descriptor that holds the lock; None if another process has it."""
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     if _claimed(descriptor, path):
         return descriptor
@@ -110,7 +110,7 @@ def _lock(path: Path) -> int | None:
 
 
 def _claimed(descriptor: int, path: Path) -> bool:
-    """Whether a file's lock is ours, and the file is still the one of this name."""
+    """Whether this process now holds the lock of a file that still has this name."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return os.path.samestat(os.fstat(descriptor), os.lstat(path))

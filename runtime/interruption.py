@@ -57,8 +57,8 @@ def _let_go(streams: list[int]) -> None:
 
 @contextmanager
 def heard_in_casadi() -> Iterator[None]:
-    """Raises KeyboardInterrupt, at the latest at the end, if Ctrl-C was lost within or became another error: CasADi
-    takes any exception that comes while it converts an argument for "not convertible"."""
+    """Raise KeyboardInterrupt at the end if Ctrl-C came within and was lost or became another error: CasADi takes any
+    exception during the conversion of an argument for "not convertible"."""
     with _noted(_own()) as came:
         try:
             yield
@@ -72,7 +72,7 @@ def heard_in_casadi() -> Iterator[None]:
 
 @contextmanager
 def heard_afterwards() -> Iterator[None]:
-    """Ctrl-C within is heard at the end: where a process is forked, Python itself prints and forgets what is raised."""
+    """Handle Ctrl-C at the end, not within: while a process is forked, Python prints exceptions and drops them."""
     own = _own()
     with _noted(lambda *_: None) as came:
         yield
@@ -81,15 +81,14 @@ def heard_afterwards() -> Iterator[None]:
 
 
 def _own() -> Handler:
-    """What Ctrl-C does as things are."""
+    """The present handler of Ctrl-C."""
     found = signal.getsignal(signal.SIGINT)
     return found if callable(found) else lambda *_: None
 
 
 @contextmanager
 def _noted(handler: Handler) -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C has come since then, which the handler hears, too. Never where it is ignored, or heard by another
-    thread."""
+    """Install a handler and yield whether Ctrl-C has come; never where it is ignored or in another thread."""
     before, came = signal.getsignal(signal.SIGINT), False
 
     def heard(number: int, frame: FrameType | None) -> None:

@@ -1,4 +1,4 @@
-"""Results as JSON knows them."""
+"""Results as plain JSON values."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import msgspec
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: a struct becomes an object without its unset keys, NaN and infinity null."""
+    """A value as JSON: structs become objects without their unset keys, NaN and infinity null."""
     if isinstance(value, msgspec.Struct):
         keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
         pairs = ((encoded, getattr(value, name)) for encoded, name in keys)

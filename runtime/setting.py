@@ -1,11 +1,11 @@
-"""Settings that a person may choose: declared once, as the fields of a dataclass, with range and help text.
+"""Settings that users may choose, declared once as fields of a dataclass, with range and help text.
 
     @dataclass(frozen=True)
     class NoiseSettings(Checked):
         seed: Annotated[int, Setting("Another seed is other noise.", low=0)] = 0
 
 The command line makes its options of these fields (runtime/cli/options.py), functions take the dataclass, and
-what is out of range is refused whoever says it.
+and values out of range are refused in either case.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 
 class SettingError(ValueError):
-    """A setting that is out of range; the message says which, and what was expected."""
+    """A setting is out of range; the message names it and the range."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a person is told of a setting.
+    """Description of a setting.
 
-    help      a sentence or two for --help
-    low, high of a number, both included; None: no limit
-    metavar   what stands for the value in --help; None: the type's
+    help       text for --help
+    low, high  range of a number, both included; None: no limit
+    metavar    placeholder of the value in --help; None: that of the type
     """
 
     help: str
@@ -36,13 +36,13 @@ class Setting:
 
     @property
     def range(self) -> str:
-        """In words; empty where there is none."""
+        """The range in words; empty without one."""
         if self.low is None:
             return "" if self.high is None else f"at most {self.high:g}"
         return f"at least {self.low:g}" if self.high is None else f"{self.low:g} to {self.high:g}"
 
     def allows(self, value: Any) -> bool:
-        """Whether a value lies in the range; where there is one, it must be a finite number."""
+        """Whether a value lies in the range; if there is one, it must be a finite number."""
         if not self.range:
             return True
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -54,7 +54,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class DeclaredSetting:
-    """A field of a dataclass of settings: its name, its type, its default and what is said of it."""
+    """A field of a dataclass of settings."""
 
     name: str
     type: Any
@@ -63,7 +63,7 @@ class DeclaredSetting:
 
 
 def split(hint: Any) -> tuple[Any, Setting | None]:
-    """The type and the setting of `Annotated[type, Setting(...)]`; None where there is none."""
+    """Type and setting of `Annotated[type, Setting(...)]`; None without a setting."""
     if get_origin(hint) is not Annotated:
         return hint, None
     kind, *notes = get_args(hint)
@@ -71,7 +71,7 @@ def split(hint: Any) -> tuple[Any, Setting | None]:
 
 
 def declared(settings: type[Checked]) -> Iterator[DeclaredSetting]:
-    """All settings of a class, in its order."""
+    """The settings of a class, in order."""
     hints = get_type_hints(settings, include_extras=True)
     for field in fields(settings):
         kind, setting = split(hints[field.name])
@@ -82,7 +82,7 @@ def declared(settings: type[Checked]) -> Iterator[DeclaredSetting]:
 
 @dataclass(frozen=True)
 class Checked:
-    """Settings whose ranges hold. Raises SettingError; None means that nothing is asked for."""
+    """Settings within their ranges. Raises SettingError; None is always allowed."""
 
     def __post_init__(self) -> None:
         for item in declared(type(self)):

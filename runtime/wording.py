@@ -1,4 +1,4 @@
-"""Numbers, units and estimates as people write them."""
+"""Numbers and units as text for people."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import re
 from collections.abc import Callable, Sequence
 
 MORE_THAN_NOISE = 1.5
-"""Noise floors; what is left of a joint's torque below it is shown as noise."""
+"""noise floors; a residual below it is shown as noise"""
 
 
 def times_floor(rms: float, floor: float) -> float:
-    """How many noise floors a torque is; of one that is there, any number where nothing wavers."""
+    """A torque as a multiple of the noise floor; infinite for a floor of 0."""
     if floor > 0:
         return rms / floor
     return math.inf if rms > 0 else 0.0
 
 
 def sentence(text: str) -> str:
-    """With a capital and a full stop."""
+    """Text with a capital and a full stop."""
     text = text[:1].upper() + text[1:]
     return text if text.endswith((".", "!", "?")) else f"{text}."
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """A few significant digits, with a true minus sign and powers of ten where a person would write them."""
+    """A few significant digits, with a true minus sign and powers of ten for very large and small numbers."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0:
@@ -39,7 +39,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def told_apart(value: float, other: float, digits: int = 2) -> str:
-    """Significant digits of a value, as few as show on which side of the other it lies."""
+    """A value with as few digits as show on which side of the other it lies."""
     if not math.isfinite(value) or value == other:
         return number(value, digits)
     enough = (k for k in range(digits, 17) if (float(f"{value:.{k - 1}e}") - other) * (value - other) > 0)
@@ -47,34 +47,34 @@ def told_apart(value: float, other: float, digits: int = 2) -> str:
 
 
 def numbered(joint: int, name: str | None) -> str:
-    """A joint by its number, counted from 1, and the name that the model file gives it."""
+    """Number (from 1) and name of a joint."""
     return str(joint) if name is None else f"{joint} {name}"
 
 
 def joints_said(joints: Sequence[int], count: int | None = None) -> str:
-    """Some joints by their numbers, counted from 1; count: of the arm, where all of them go by one word."""
+    """Joints by their numbers (from 1); "all joints" if there are `count` of them."""
     if count is not None and 1 < len(joints) == count:
         return "all joints"
     return f"joint{'' if len(joints) == 1 else 's'} {', '.join(map(str, joints))}"
 
 
 def fixed(value: float, digits: int = 3) -> str:
-    """As many decimals, for columns; what rounds to zero has no sign."""
+    """A number of decimals, for columns; zero has no sign."""
     return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def whole(value: float) -> str:
-    """To the nearest whole number."""
+    """The nearest whole number."""
     return f"{round(value):d}".replace("-", "−") if math.isfinite(value) else "–"
 
 
 def fall(by: float, said: Callable[[float], str] = whole) -> str:
-    """That something falls by so much, or rises where that is negative."""
+    """falls by ..., or rises by ... if negative."""
     return f"{'rises' if by < 0 else 'falls'} by {said(abs(by))}"
 
 
 def whole_apart(value: float, other: float) -> str:
-    """To the nearest whole number; where that is the other's, as few digits as show on which side of it it lies."""
+    """The nearest whole number; if that is the other's too, as few digits as show on which side it lies."""
     near = math.isfinite(value) and math.isfinite(other) and round(value) == round(other)
     return told_apart(value, other) if near else whole(value)
 
@@ -94,7 +94,7 @@ def unit(text: str, before: str = "") -> str:
 
 
 def milliseconds(seconds: float | None) -> str:
-    """A time in s, as a number of ms."""
+    """A time in s as a number of ms."""
     return "–" if seconds is None else f"{1e3 * seconds:.3g}"
 
 

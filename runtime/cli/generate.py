@@ -16,7 +16,7 @@ from runtime.cli.inputs import check_own, opened
 from runtime.cli.options import Check, EffectsFile, GeneratedDir, Json, ModelFile
 from runtime.cli.output import NO, emit
 from runtime.cli.places import check_directory, keep
-from runtime.documents.generated import AddDocument, GenerateDocument, VerifyDocument
+from runtime.documents.generated import AddDocument, GeneratedFiles, GenerateDocument, VerifyDocument
 from runtime.progress import each
 from runtime.workspace.edits import check_unchanged
 from runtime.workspace.names import ARMS, UsageError
@@ -51,7 +51,7 @@ def generate(
         count = document.operations["inverse_dynamics"]
         say("inverse dynamics: " + ", ".join(f"{value} {name}" for name, value in count.items() if value))
 
-    emit(json, rendered.document(stale), show)
+    emit(json, rendered.document().as_part_of(GenerateDocument, stale=stale), show)
     if stale:
         raise typer.Exit(NO)
 
@@ -80,17 +80,7 @@ def add(
     with edits.written():
         rendered.write()
     added = name if number is None else f"{name}@{number}"
-    made = rendered.document([])
-    document = AddDocument(
-        model=str(model),
-        added=added,
-        name=made.name,
-        directory=made.directory,
-        effects_directory=made.effects_directory,
-        files=made.files,
-        effects_files=made.effects_files,
-        operations=made.operations,
-    )
+    document = rendered.document().as_part_of(AddDocument, model=str(model), added=added)
 
     def show(_: AddDocument) -> None:
         from runtime.report.terminal import say
@@ -154,7 +144,7 @@ class Rendered:
         from codegen import disk
         from runtime import files
 
-        with files.alone(self._lock()):
+        with files.locked(self._lock()):
             if self.source.path.is_file():  # a pipe can be read only once
                 check_unchanged(self.source.path, self.source.text)
             disk.write(self.files, self.directory)
@@ -167,16 +157,15 @@ class Rendered:
         folder.parent.mkdir(parents=True, exist_ok=True)
         return folder if os.access(folder.parent, os.W_OK) else folder / NOTE
 
-    def document(self, stale: list[str]) -> GenerateDocument:
+    def document(self) -> GeneratedFiles:
         functions = loads(self.files["metadata.json"])["functions"]
-        return GenerateDocument(
+        return GeneratedFiles(
             name=self.name,
             directory=str(self.directory),
             effects_directory=str(self.beside),
             files=sorted(self.files),
             effects_files=sorted(self.effect_files),
             operations={name: function["operations"] for name, function in functions.items()},
-            stale=stale,
         )
 
 

@@ -1,8 +1,7 @@
-"""Which files a verb reads and which it writes, said beside each option; no file that is read is ever written to.
+"""Roles of the files that options name: read or written. No file that is read is overwritten.
 
-A verb's option that names a file carries its role: `Annotated[Path, typer.Option(...), WRITTEN]`. `guarded` checks them
-all before the verb does anything; what only the verb can know (a scenario's arm, the names of generated files) it gives
-to `keep` itself.
+An option carries its role: `Annotated[Path, typer.Option(...), WRITTEN]`. `guarded` checks all of them before the verb
+starts; the verb itself calls `keep` for files that only it knows (a scenario's arm, generated files).
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ from runtime.workspace.names import UsageError, shipped_or_given
 class Role:
     """What a verb does with the file of an option.
 
-    writes   it, or files in it
-    names    what it writes into a directory, as far as that is known beforehand; None: it is a file
-    endings  that the name of the file may have, as they say its format; none: any
+    writes    whether it writes the file, or files in the directory
+    names     files that it writes into a directory, as far as known in advance; None: it is a file
+    endings   allowed endings of the file's name; none: any
     """
 
     writes: bool
@@ -33,20 +32,20 @@ class Role:
 
 
 READ, WRITTEN, FILLED = Role(False), Role(True), Role(True, ())
-"""A file that is read; one that is written; a directory that is written into."""
+"""A file that is read, a file that is written, a directory into which files are written."""
 DRAWN = Role(True, endings=(".png", ".svg", ".pdf"))
 """A picture that is written."""
 
 
 def roles(verb: Callable[..., None]) -> dict[str, Role]:
-    """The roles of a verb's parameters by name; those that are no files have none."""
+    """Roles of a verb's parameters by name, as far as they are files."""
     hints = get_type_hints(verb, include_extras=True).items()
     noted = {name: get_args(hint)[1:] for name, hint in hints if get_origin(hint) is Annotated}
     return {name: note for name, notes in noted.items() for note in notes if isinstance(note, Role)}
 
 
 def guarded(verb: Callable[..., None]) -> Callable[..., None]:
-    """The verb, which first sees to it that what it is to write can be written, and is nothing that it reads."""
+    """The verb, which first checks its files."""
     known = roles(verb)
 
     @wraps(verb)
@@ -58,7 +57,7 @@ def guarded(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 def check(known: Mapping[str, Role], given: Mapping[str, Any]) -> None:
-    """Raises UsageError where the files that are given to a verb cannot be written, or are read, too."""
+    """Raises UsageError if a file cannot be written, or is also read."""
     read: list[Path] = []
     written: list[Path] = []
     for name, role in known.items():
@@ -78,7 +77,7 @@ def check(known: Mapping[str, Role], given: Mapping[str, Any]) -> None:
 
 
 def keep(read: Iterable[Path], written: Iterable[Path]) -> None:
-    """Refuse to write to a file that is read, by whatever name, and to write two things to one file."""
+    """Raises UsageError if a written file is also read, by any name, or is written twice."""
     targets = [path for path in written if not _is_stream(path)]
     sources = [shipped_or_given(path) for path in read]
     for target in targets:
@@ -90,7 +89,7 @@ def keep(read: Iterable[Path], written: Iterable[Path]) -> None:
 
 
 def check_writable(*targets: Path | str | None) -> None:
-    """Refuse before any work is done where a result could not be written after it."""
+    """Raises UsageError if a file cannot be written."""
     for target in targets:
         if target in (None, "-"):
             continue
@@ -104,7 +103,7 @@ def check_writable(*targets: Path | str | None) -> None:
 
 
 def check_directory(target: Path | None) -> None:
-    """Refuse a directory to write into that is something else, or in which nothing can be written."""
+    """Raises UsageError if a directory is a file, or cannot be made or written into."""
     if target is None:
         return
     if target.exists() and not target.is_dir():
@@ -122,18 +121,18 @@ def _check_ending(path: Path, endings: tuple[str, ...]) -> None:
 
 
 def _paths(value: Any) -> list[Path]:
-    """Of one option: none, one or several; standard output is no file."""
+    """Paths of one option; standard output is none."""
     several = value if isinstance(value, list | tuple) else [value]
     return [Path(str(one)) for one in several if one is not None and str(one) != "-"]
 
 
 def _is_stream(path: Path) -> bool:
-    """Whether nothing is replaced by writing there: /dev/null, /dev/stdout, a pipe."""
+    """Whether writing there replaces nothing: /dev/null, /dev/stdout, a pipe."""
     return path.exists() and not path.is_file()
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Whether two names are of one file: by another way to it, a symbolic link or a hard one."""
+    """Whether two paths are one file, also through links."""
     try:
         return one.samefile(other)
     except OSError:

@@ -10,37 +10,32 @@ from runtime.documents.models import ArmName
 from runtime.documents.parts import Document, key
 
 Directory = Annotated[str, key("directory of the generated files")]
-EffectsDirectory = Annotated[str, key("directory of the library of effects")]
-Files = Annotated[list[str], key("generated files")]
-EffectsFiles = Annotated[list[str], key("files of the library of effects")]
-Operations = Annotated[
-    dict[str, dict[str, int]], key("operations of each generated function by kind; arithmetic: their sum", "1")
-]
 
 
-class GenerateDocument(Document, frozen=True, kw_only=True):
-    """What was generated: `tendon generate --json`."""
+class GeneratedFiles(Document, frozen=True, kw_only=True):
+    """Generated code of an arm."""
 
     name: ArmName
     directory: Directory
-    effects_directory: EffectsDirectory
-    files: Files
-    effects_files: EffectsFiles
-    operations: Operations
+    effects_directory: Annotated[str, key("directory of the library of effects")]
+    files: Annotated[list[str], key("generated files")]
+    effects_files: Annotated[list[str], key("files of the library of effects")]
+    operations: Annotated[
+        dict[str, dict[str, int]], key("operations of each generated function by kind; arithmetic: their sum", "1")
+    ]
+
+
+class GenerateDocument(GeneratedFiles, frozen=True, kw_only=True):
+    """What was generated: `tendon generate --json`."""
+
     stale: Annotated[list[str], key("files that --check found out of date")]
 
 
-class AddDocument(Document, frozen=True, kw_only=True):
+class AddDocument(GeneratedFiles, frozen=True, kw_only=True):
     """What was added and generated: `tendon add --json`."""
 
     model: Annotated[str, key("path of the model file")]
     added: Annotated[str, key("effect and joint that were added")]
-    name: ArmName
-    directory: Directory
-    effects_directory: EffectsDirectory
-    files: Files
-    effects_files: EffectsFiles
-    operations: Operations
 
 
 class ProofEntry(Document, frozen=True, kw_only=True):

@@ -1,4 +1,4 @@
-"""Recordings that were held out: what a fit leaves of them, and their noise floor, which a perfect model would."""
+"""Residuals and noise floors of recordings that were not fitted."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ Array = NDArray[np.float64]
 
 
 def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
-    """Floor of every joint on recordings that were not fitted, in the band of the fit; empty without recordings."""
+    """Noise floor of each joint on recordings that were not fitted, in the band of the fit; empty without any."""
     return tuple(joint.floor for joint in series(identification, recordings))
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What a fit leaves of recordings that were not fitted.
+    """Residuals of a fit on recordings that were not fitted.
 
-    residuals   per joint (M,), on all rows of the motion
-    joints      torque and prediction of each, on the rows that count
+    residuals   (M,) for each joint, on all rows of the motion
+    joints      torque and prediction of each joint, on the rows that are compared
     """
 
     motion: Motion
@@ -40,12 +40,12 @@ class HeldOut:
 
 
 def series(identification: Identification, recordings: Sequence[Recording]) -> tuple[JointSeries, ...]:
-    """Every joint's torque and prediction on recordings that were not fitted; empty without recordings."""
+    """Torque and prediction of each joint on recordings that were not fitted; empty without any."""
     return left(identification, recordings).joints if recordings else ()
 
 
 def left(identification: Identification, recordings: Sequence[Recording]) -> HeldOut:
-    """What a fit leaves of recordings, of which there must be one."""
+    """Residuals of a fit on one or more recordings."""
     model, fit = identification.model, identification.fit
     motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)

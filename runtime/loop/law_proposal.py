@@ -1,4 +1,4 @@
-"""A guess at physics that is not in the library, proposed to the user: what it explains, and what to do with it."""
+"""A drafted law for an unexplained residual: what it explains and what to do with it."""
 
 from __future__ import annotations
 
@@ -29,26 +29,28 @@ def described(diagnosis: Diagnosis) -> DiagnosisBase:
 
 
 def needless(diagnosis: Diagnosis) -> str:
-    """Why a diagnosis that is not "unexplained" gets no guess."""
+    """Why there is no draft for a verdict other than "unexplained"."""
     return {
-        "effect": "No draft: an effect of the library explains what is left; add it (tendon improve) and look again.",
-        "clean": "No draft: the residual is noise, and there is nothing to explain.",
-        "refused": "No draft: these recordings cannot decide, so a guess from them would be none.",
+        "effect": "No draft: an effect of the library explains the residual; add it with tendon improve.",
+        "clean": "No draft: the residual is noise.",
+        "refused": "No draft: the recordings were refused.",
     }[diagnosis.verdict]
 
 
 def none_found(diagnosis: Diagnosis) -> str:
-    """Why an unexplained residual gets no guess."""
+    """Why an unexplained residual gets no draft."""
     step = diagnosis.steps[-1]
     outside = [i + 1 for i in unexplained(step) if step.joints[i].floor.repeatable(step.joints[i].rms) is False]
-    text = "No draft: no term of the model's own signals explains what is left"
+    text = "No draft: no term of the model's signals explains the residual"
     if outside:
-        text += f"; at joint {', '.join(map(str, outside))} it does not come back with the motion, as from outside"
-    return text + ". Record what could cause it, or compare with a recording from another day."
+        text += (
+            f"; at joint {', '.join(map(str, outside))} the residual does not repeat with the motion, as from outside"
+        )
+    return text + ". Record further signals, or compare with a recording from another day."
 
 
 def notes(draft: Draft, model: str, recordings: Sequence[str]) -> list[str]:
-    """Paragraphs for the top of a draft's file; names of files only."""
+    """Paragraphs for the top of a draft's file; recordings: names of files."""
     said = draft.document()
     values = ", ".join(f"{name} = {p.value:.4g} {p.unit}" for name, p in said.parameters.items())
     others = ", ".join(o.effect for o in said.others)
@@ -57,15 +59,15 @@ def notes(draft: Draft, model: str, recordings: Sequence[str]) -> list[str]:
         f"what the model leaves above the noise: rms {said.rms_before:.4g} -> {said.rms_after:.4g} "
         f"{said.unit}, noise floor {said.floor:.4g}.",
         f"Fitted there: {values}." + (f" Guesses that explain nearly as much: {others}." if others else ""),
-        "What to do with it: find what could act like this, rename it, correct the law, and bound each parameter as "
-        "the physics does. Units and shape are consistent; whether it is true only another recording can tell.",
+        "Next: find a physical cause, rename the effect, correct the law and bound its parameters. Units and shape are "
+        "consistent; test it on another recording.",
     ]
 
 
 def next_steps(
     draft: Draft, model: Path, recordings: Sequence[Path], reading: Sequence[str], target: Path
 ) -> list[str]:
-    """The commands that show the error fall with the guess, and that put it into the model file."""
+    """Commands that improve the model with the draft and that add it to the model file."""
     where = [] if draft.term.joint is None else ["--joint", str(draft.term.joint)]
     own = ["--effects", str(target)]
     return [
@@ -75,14 +77,14 @@ def next_steps(
 
 
 def unexplained(step: Step) -> tuple[int, ...]:
-    """Joints (0-based) whose residual holds more than noise."""
+    """Joints (from 0) whose residual is more than noise."""
     return tuple(i for i in range(len(step.joints)) if remainder(step, i) is not None)
 
 
 def propose(diagnosis: Diagnosis, model: Model, guesses: Collection[str]) -> Draft | None:
-    """The simplest guess that explains nearly as much as any; None if none passes the gates.
+    """The simplest draft that explains nearly as much as any; None if none passes the gates.
 
-    model     the arm of the diagnosis, its library extended by the effects named in `guesses`
+    model   arm of the diagnosis, its library extended by the effects named in `guesses`
     """
     step = diagnosis.steps[-1]
     return best(step, model, guesses, unexplained(step))

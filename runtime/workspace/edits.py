@@ -102,7 +102,7 @@ class ModelEdits:
         """As `write`. The file stays locked within the `with`, in which other files that belong to it are written."""
         from runtime import files
 
-        with files.alone(self.path):
+        with files.locked(self.path):
             check_unchanged(self.path, self.original)
             files.replace(self.path, self.text.encode())
             yield

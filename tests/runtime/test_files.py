@@ -24,7 +24,7 @@ at = os.fsync if sys.argv[2] == "written" else os.replace
 def killed(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 setattr(os, at.__name__, killed)
-with files.alone(sys.argv[1]):
+with files.locked(sys.argv[1]):
     files.replace(sys.argv[1], b"new")
 """
 
@@ -93,7 +93,7 @@ def test_what_a_killed_process_left_goes(model: Path, killed: str) -> None:
     assert subprocess.run([sys.executable, "-c", KILLED, str(model), killed], check=False).returncode == -9
     assert model.read_bytes() == before
     assert len(list(model.parent.iterdir())) == 3
-    with files.alone(model):
+    with files.locked(model):
         files.replace(model, b"new")
     assert model.read_bytes() == b"new"
     assert list(model.parent.iterdir()) == [model]
@@ -113,8 +113,8 @@ def test_what_another_process_is_writing_is_left_to_it(tmp_path: Path) -> None:
 
 def test_who_does_not_come_to_an_end_is_named(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "LONGEST_WAIT", 0.05)
-    with files.alone(model), pytest.raises(TimeoutError, match="another process is writing to it; try") as caught:
-        files.alone(model).__enter__()
+    with files.locked(model), pytest.raises(TimeoutError, match="another process is writing to it; try") as caught:
+        files.locked(model).__enter__()
     assert caught.value.filename == str(model)
 
 
@@ -143,6 +143,6 @@ def test_a_full_disk_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_the_longest_name_that_there_can_be(tmp_path: Path) -> None:
     for name in ("x" * 255, "ü" * 127):
-        with files.alone(tmp_path / name):
+        with files.locked(tmp_path / name):
             files.replace(tmp_path / name, b"data")
         assert (tmp_path / name).read_bytes() == b"data"

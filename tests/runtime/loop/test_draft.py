@@ -70,7 +70,7 @@ def test_from_an_unknown_to_its_guess_to_a_better_model(here, run):
     assert [e.name for e in load_user_effects(Path("guess.py"))] == ["drag", "draft_dry_wave"]
 
     status, named, _ = run(*call, "guess.py", "--draft", "needless.py")
-    assert "an effect of the library explains what is left" in named["draft_reason"]
+    assert "an effect of the library explains the residual" in named["draft_reason"]
     (finding,) = named["findings"]
     assert (status, finding["effect"], finding["rivals"]) == (0, "draft_dry_wave", [])
     assert finding["rms_after"] == pytest.approx(guess["rms_after"], rel=0.01)
@@ -91,7 +91,7 @@ def test_a_disturbance_from_outside_gets_no_guess(run):
     call = ["diagnose", "drive.toml", "run.csv.gz", "--effects", "mine.py", "--draft", "guess.py", "--json", "-"]
     status, said, _ = run(*call)
     assert (status, said["verdict"], said["draft"]) == (1, "unexplained", None)
-    assert "no term of the model's own signals explains what is left" in said["draft_reason"]
+    assert "no term of the model's signals explains the residual" in said["draft_reason"]
     assert not Path("guess.py").exists()
 
 
