@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.recordings.recording import Recording
+
 Array = NDArray[np.float64]
 PERIOD = 1e-3
 SUBSTEPS = 4
@@ -70,14 +72,13 @@ def sines(size: float, seconds: float, seed: int) -> Array:
 
 
 def record(
-    path: Path,
     motor: Motor,
     desired: Array,
     waves: Sequence[tuple[float, float, float]],
     seed: int = 0,
     outside: float = 0.0,
-) -> Path:
-    """A recording in CSV; waves: (order a turn of the motor, N m at the joint, phase rad); outside: N m at 23.7 Hz."""
+) -> Recording:
+    """A recording; waves: (order a turn of the motor, N m at the joint, phase rad); outside: N m at 23.7 Hz."""
     rng = np.random.default_rng(seed)
     rate, step = np.gradient(desired, PERIOD), 2 * np.pi / motor.counts / motor.ratio
     stiffness, damping = motor.inertia * BANDWIDTH**2, 1.4 * motor.inertia * BANDWIDTH
@@ -102,5 +103,6 @@ def record(
             angle += h * speed
     t = np.arange(len(desired)) * PERIOD
     command += motor.noise * rng.standard_normal(len(t))
-    np.savetxt(path, np.c_[t, read, command], delimiter=",", header="t,q1,tau1", comments="", fmt="%.9g")
-    return path
+    whole = np.zeros(len(t), dtype=np.int64)
+    q, tau = read[None], command[None]
+    return Recording(Path("motor.csv"), t, whole, q, tau, ("revolute",), (slice(0, len(t)),), (None,))

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, exp, pi, sin, sqrt
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.recordings.recording import Recording
 from runtime.simulation import demo as plant
 
 Array = NDArray[np.float64]
@@ -56,6 +58,17 @@ def record(hidden: str | None, seed: int, size: float | None = None, repeats: in
         q,
         tau + plant.TORQUE_NOISE * rng.standard_normal(len(t)),
         24.0 + (warm if hidden == "thermal_friction" else 0.0) + 0.2 * rng.standard_normal(len(t)),
+    )
+
+
+def recording(hidden: str | None, seed: int, size: float | None = None) -> Recording:
+    """The same as it is read from a file."""
+    made = record(hidden, seed, size)
+    whole = np.zeros(len(made.t), dtype=np.int64)
+    parts, temperature = (slice(0, len(made.t)),), (made.temperature,)
+    q, tau = made.q[None], made.tau[None]
+    return Recording(
+        Path("plant.csv"), made.t, whole, q, tau, types=("revolute",), segments=parts, temperature=temperature
     )
 
 

@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 
 from runtime.recordings import recording
-
-from . import confusion, coverage, forms, limits, rates, scoring
-from .bodies import ARMS
-from .cases import Case, Made, Setting, cases
-from .hidden import ENTRIES, Hidden, Setup
-from .line import Line, append, blank, line, read, write
-from .motion import desired
-from .save import save
-from .situations import SITUATIONS
+from tests import bank
+from tests.judge import confusion, coverage, forms, limits, rates, scoring
+from tests.judge.bodies import ARMS
+from tests.judge.cases import Case, Made, Setting, cases
+from tests.judge.hidden import ENTRIES, Hidden, Setup
+from tests.judge.line import Line, append, blank, read, write
+from tests.judge.motion import desired
+from tests.judge.save import save
+from tests.judge.situations import SITUATIONS
+from tests.kept import kept
 
 SEED = 42
 
@@ -31,7 +32,7 @@ def one(name: str, size: float = 1.0) -> Case:
 
 @pytest.mark.parametrize("name", ["stribeck", "elasticity", "outside_sine"])
 def test_a_clear_case_is_judged_right(name: str) -> None:
-    row = line(one(name))
+    row = kept(bank.judged, one(name))
     assert row.outcome == "right", row
     assert row.column == ("unexplained" if name == "outside_sine" else name)
     # 1.5 is what is asked of a transmission; a disturbance from outside stays in the error.
@@ -42,13 +43,13 @@ def test_a_clear_case_is_judged_right(name: str) -> None:
 @pytest.mark.parametrize("name", ["backlash", "backlash_hertz"])
 def test_a_gap_of_some_encoder_steps_is_named(name: str) -> None:
     """Half as much torque as noise: seven to ten times what the encoder's noise is."""
-    row = line(one(name, 0.5))
+    row = kept(bank.judged, one(name, 0.5))
     assert row.outcome == "right", row
 
 
 def test_nothing_is_named_where_nothing_is_hidden() -> None:
     (coarse,) = cases(["clean_x10"], [1], [0.0], [SEED], Setting())
-    row = line(coarse)
+    row = kept(bank.judged, coarse)
     assert not row.named
     assert row.outcome in ("right", row.verdict)
     assert row.ratio < 1.5
@@ -57,7 +58,7 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
 def test_uncertain_instants_of_reading_are_noise() -> None:
     """Stamps of whole milliseconds: an arm's residual is loud where it is fast."""
     (rounded,) = cases(["clean_rounded"], [6], [0.0], [400], Setting(excitation="brief"))
-    row = line(rounded)
+    row = kept(bank.judged, rounded)
     assert (row.verdict, row.named) == ("clean", ""), row.reason
 
 
@@ -76,7 +77,7 @@ def test_a_case_of_an_arm_as_real_ones_are_is_judged(name: str, joints: int, sit
     """Whatever the answer: it is made, it has its size, it goes through a file and is counted."""
     setting = replace(SITUATIONS[situation], excitation="brief")
     (case,) = cases([name], [joints], [1.0], [SEED], setting)
-    row = line(case)
+    row = kept(bank.judged, case)
     assert row.outcome in ("right", "rival", "missed", "half", "wrong"), row.reason
     assert row.truth == truth
     if name != "delay_of_samples":  # which is as large as its time makes it

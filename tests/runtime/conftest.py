@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from runtime.model.loader import Model
@@ -16,6 +15,7 @@ from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording, read
 from runtime.workspace.source import open_model
 from tests import plants
+from tests.kept import kept
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -54,11 +54,4 @@ def shared(cache: Path) -> Callable[[str, Model], Recording]:  # noqa: ARG001
 
 def recorded(hidden: str | None, seed: int, size: float | None = None) -> Recording:
     """A recording of the independent plant with an effect hidden in it."""
-    made = plants.record(hidden, seed, size)
-    whole = np.zeros(len(made.t), dtype=np.int64)
-    temperature = (made.temperature,)
-    parts = (slice(0, len(made.t)),)
-    q, tau = made.q[None], made.tau[None]
-    return Recording(
-        Path("plant.csv"), made.t, whole, q, tau, types=("revolute",), segments=parts, temperature=temperature
-    )
+    return kept(plants.recording, hidden, seed, size)

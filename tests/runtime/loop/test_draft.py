@@ -20,8 +20,9 @@ from runtime.recordings import recording
 from runtime.workspace.source import Source
 from symbolic.effects import load_user_effects
 from symbolic.effects.source import BANNER
+from tests import bank
 from tests.judge import cases as judging
-from tests.runtime.conftest import ROOT, recorded
+from tests.runtime.conftest import ROOT
 
 Run = Callable[..., tuple[int, dict, str]]
 
@@ -32,7 +33,8 @@ OWN = f"{BANNER}\n" + next(block.text for block in blocks(ROOT / "symbolic" / "R
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """A folder with the drive's model and a user's own effects to work in."""
+    """A folder with the drive's model and a user's own effects to work in; diagnoses come from the bank."""
+    bank.KeptVerbs(monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "drive.toml").write_text((ROOT / "symbolic" / "arms" / "drive.toml").read_text())
     (tmp_path / "mine.py").write_text(OWN)
@@ -52,7 +54,7 @@ def run(here, capsys) -> Run:  # noqa: ARG001
 
 
 def test_from_an_unknown_to_its_guess_to_a_better_model(here, run):
-    recording.write(Path("run.csv.gz"), recorded("friction_wave", 5))
+    recording.write(Path("run.csv.gz"), bank.recording("friction wave"))
     Path("guess.py").write_text(f"{BANNER}\nEFFECTS = ()\n")  # an earlier guess, and no loss
     call = ["diagnose", "drive.toml", "run.csv.gz", "--json", "-", "--effects"]
     status, said, _ = run(*call, "mine.py", "--draft", "guess.py")
@@ -79,7 +81,7 @@ def test_from_an_unknown_to_its_guess_to_a_better_model(here, run):
     add = guess["next"][1].split()
     assert add[:4] == ["tendon", "add", "drive.toml", "draft_dry_wave"]
     assert run(*add[1:])[0] == 0
-    recording.write(Path("run.csv.gz"), recorded("friction_wave", 6))
+    recording.write(Path("run.csv.gz"), bank.recording("friction wave again"))
     status, left, _ = run(*call, "guess.py", "--draft", "needless.py")
     assert (status, left["verdict"], left["draft"]) == (0, "clean", None)
     assert "the residual is noise" in left["draft_reason"]
@@ -87,7 +89,7 @@ def test_from_an_unknown_to_its_guess_to_a_better_model(here, run):
 
 
 def test_a_disturbance_from_outside_gets_no_guess(run):
-    recording.write(Path("run.csv.gz"), recorded("disturbance", 21))
+    recording.write(Path("run.csv.gz"), bank.recording("disturbance"))
     call = ["diagnose", "drive.toml", "run.csv.gz", "--effects", "mine.py", "--draft", "guess.py", "--json", "-"]
     status, said, _ = run(*call)
     assert (status, said["verdict"], said["draft"]) == (1, "unexplained", None)

@@ -26,6 +26,7 @@ from runtime.workspace.source import Source
 from tests import one_joint
 from tests.bench_arm import PLAIN, THERE_AND_BACK
 from tests.bench_arm import trajectory as planned
+from tests.kept import kept
 
 OWN = """\
 from dataclasses import replace
@@ -126,7 +127,7 @@ BRISTLE = "lugre@1:stiffness=200,damping=1"
 
 def searched(model: Model, made: Recording) -> Candidate | None:
     """The bristle as a candidate for what a fitted model lacks; None where it is none."""
-    fitted = identify(model, [made])
+    fitted = kept(identify, model, [made])
     field = CandidateField(fitted.problem, fitted.fit)
     return field.search(Term("lugre", 1)) if Term("lugre", 1) in field.terms() else None
 
@@ -162,7 +163,7 @@ def loose(folder: Path, **declared: object) -> Model:
 
 def play(model: Model, made: Recording, gap: float, rest: dict[str, float]) -> tuple[str, ...]:
     """What a link-side encoder holds against the own gap, if it were this wide."""
-    fitted = identify(model, [made])
+    fitted = kept(identify, model, [made])
     sensors = FurtherSensors(CandidateField(fitted.problem, fitted.fit))
     return sensors._play(Candidate(Term("loose_key", 1), {**rest, "gap": gap}, 3, 0.0, False))
 
@@ -177,7 +178,7 @@ def test_a_gap_of_ones_own_is_witnessed_by_a_link_encoder(folder: Path) -> None:
     assert seen.q_desired is not None
     true = values[hidden.term]
     assert np.ptp(seen.q_desired - seen.q_link) > true["gap"]
-    findings = diagnose(model, [seen]).findings
+    findings = kept(diagnose, model, [seen]).findings
     assert [(str(f.term), f.rivals) for f in findings] == [("loose_key@1", ())]
     assert play(model, seen, true["gap"], true) == ()
     (wide,) = play(model, seen, 10 * true["gap"], true)

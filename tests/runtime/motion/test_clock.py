@@ -23,6 +23,7 @@ from runtime.simulation.simulate import simulate
 from runtime.workspace.source import open_model
 from tests.judge.cases import Setting, cases, make
 from tests.judge.recorder import Logger
+from tests.kept import kept
 
 Array = NDArray[np.float64]
 TRUE_INERTIA = 0.2365  # kg m^2, of the drive's rotor and link
@@ -89,7 +90,7 @@ def test_inertia_and_band_do_not_depend_on_the_stamps(
     drive: Model, run: Recording, logged: Callable[[Recording], Recording], inertia: float, least: float
 ) -> None:
     """A clock that is slow makes seconds longer, and an inertia with their square."""
-    found = identify(drive, [logged(run)])
+    found = kept(identify, drive, [logged(run)])
     estimate = found.inference.lumps[0]
     assert estimate.interval is not None
     # A tenth of a per cent for one draw in twenty that lies beside its interval.
@@ -99,7 +100,7 @@ def test_inertia_and_band_do_not_depend_on_the_stamps(
 
 @pytest.mark.parametrize("logged", [uneven, off_by_a_little, lossy])
 def test_a_clean_recording_stays_clean(drive: Model, run: Recording, logged: Callable[[Recording], Recording]) -> None:
-    assert diagnose(drive, [logged(run)]).verdict == "clean"
+    assert kept(diagnose, drive, [logged(run)]).verdict == "clean"
 
 
 def test_an_even_recording_is_not_touched(run: Recording) -> None:
@@ -179,7 +180,7 @@ def test_a_command_is_held_where_the_period_of_its_controller_wavers(
     made = make(case)
     path = tmp_path / "arm1.toml"
     path.write_text(made.model)
-    found = identify(open_model(path), [made.recording])
+    found = kept(identify, open_model(path), [made.recording])
     assert found.motion.band.held is held
     truth = made.plant[0]["VISCOUS_POSITIVE"]
     interval = found.inference.values[Term("viscous", 1)]["coefficient"].interval

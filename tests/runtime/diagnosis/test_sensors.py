@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,58 +25,15 @@ from runtime.recordings.recording import Recording, RecordingError
 from runtime.setting import SettingError
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import EXTRA, SimulationSettings
-from runtime.workspace.source import open_model
-from tests.judge import sensors
-from tests.judge.bench import Hiding
-from tests.judge.bodies import ARMS, BELIEVED, model_text
-from tests.judge.cases import Bench, Setting, bench, specimen
-from tests.judge.hidden import ENTRIES, Hidden, Setup
-from tests.judge.motion import desired
-from tests.judge.plant import Run
+from tests import bank
+from tests.judge.bodies import ARMS
+from tests.judge.cases import Setting
+from tests.judge.sensed import Sensed, pushing, sensed
+from tests.kept import kept
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """A run of the plant with what was hidden in it."""
-
-    bench: Bench
-    hidden: tuple[Hiding, ...]
-    run: Run
-    plain: Recording
-
-    def with_link(self) -> Recording:
-        return replace(self.plain, q_link=sensors.link_angles(self.run))
-
-    def with_output(self) -> Recording:
-        return replace(self.plain, tau_link=sensors.output_torque(self.bench, self.run, self.hidden, 5))
-
-    def with_rigid(self) -> Recording:
-        return replace(self.plain, tau_rigid=sensors.rigid_torque(self.bench, self.run, self.hidden))
-
-
-def recorded(setting: Setting, *what: tuple[str | Hidden, int, float], seed: int = 7) -> Recorded:
-    """Effects by name, joint (0-based) and amount, hidden in the arm of the setting."""
-    bodies, rng = ARMS[setting.joints], np.random.default_rng(seed)
-    rows = specimen(bodies, BELIEVED, rng)
-    wanted = desired(rng, setting.joints, setting.excitation)
-    where = bench(setting, wanted, rng, False, rows)
-    hidden = tuple(
-        (ENTRIES[name].draw(Setup(bodies, joint, wanted, rng)) if isinstance(name, str) else name, joint, amount)
-        for name, joint, amount in what
-    )
-    run = where.run(hidden)
-    return Recorded(where, hidden, run, where.recording(run))
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> dict[int, Model]:  # noqa: ARG001
-    folder = tmp_path_factory.mktemp("arms")
-    models = {}
-    for n in (1, 2):
-        path = folder / f"arm{n}.toml"
-        path.write_text(model_text(ARMS[n], BELIEVED))
-        models[n] = open_model(path)
-    return models
+def recorded(setting: Setting, *what: tuple[str, int, float], seed: int = 7) -> Sensed:
+    return kept(sensed, setting, *what, seed=seed)
 
 
 def named(found: Diagnosis) -> list[tuple[str, list[str]]]:
@@ -86,7 +42,7 @@ def named(found: Diagnosis) -> list[tuple[str, list[str]]]:
 
 def doubts(model: Model, recording: Recording, *terms: Term) -> dict[str, str]:
     """What speaks against each of these candidates on the model as it is."""
-    fitted = identify(model, [recording])
+    fitted = kept(identify, model, [recording])
     floors = [float(x) for x in fitted.motion.band.torque_floor()]
     ranked = rank(CandidateField(fitted.problem, fitted.fit), terms, floors).ranked
     return {str(e.term): "; ".join(e.failed) for e in ranked}
@@ -100,39 +56,39 @@ def spoken_of(found: Diagnosis) -> set[str]:
     return {name for term, rivals in named(found) for name in (term, *rivals)}
 
 
-def test_a_link_side_encoder_tells_a_spring_from_a_gap(arm: dict[int, Model]) -> None:
+def test_a_link_side_encoder_tells_a_spring_from_a_gap() -> None:
     """One cosine shakes a spring as it would a gap; the encoder sees a line or a dead zone. A gap may show in the
     torque, too, whose flanks are struck at instants of their own."""
     poor = Setting(excitation="one_cosine")
     made = recorded(poor, ("elasticity", 0, 1500.0))
-    found = diagnose(arm[1], [made.plain])
+    found = kept(diagnose, bank.model("judge1"), [made.plain])
     assert named(found)[0] == ("elasticity@1", ["backlash@1"])
     assert found.document().to_json()["findings"][0]["missing_signals"] == [
         {"signal": "q1_link", "rivals": ["backlash"]}
     ]
-    assert named(diagnose(arm[1], [made.with_link()]))[0] == ("elasticity@1", [])
+    assert named(kept(diagnose, bank.model("judge1"), [made.with_link]))[0] == ("elasticity@1", [])
     made = recorded(poor, ("backlash", 0, 3e-3))
-    assert named(diagnose(arm[1], [made.plain]))[0][0] == "backlash@1"
-    assert named(diagnose(arm[1], [made.with_link()]))[0] == ("backlash@1", [])
+    assert named(kept(diagnose, bank.model("judge1"), [made.plain]))[0][0] == "backlash@1"
+    assert named(kept(diagnose, bank.model("judge1"), [made.with_link]))[0] == ("backlash@1", [])
 
 
-def test_a_gap_without_width_is_a_spring(arm: dict[int, Model]) -> None:
+def test_a_gap_without_width_is_a_spring() -> None:
     """A spring, whose link on flanks a hundredth of a milliradian apart moves alike: another integration of the same
     law is no evidence of a gap."""
     made = recorded(Setting(excitation="one_cosine"), ("elasticity", 0, 2400.0), seed=2)
-    found = diagnose(arm[1], [made.plain])
+    found = kept(diagnose, bank.model("judge1"), [made.plain])
     assert named(found)[0][0] == "elasticity@1"
     assert "backlash@1" not in spoken_of(found)
 
 
-def test_a_spring_that_leaves_more_than_noise_rules_out_no_gap(arm: dict[int, Model]) -> None:
+def test_a_spring_that_leaves_more_than_noise_rules_out_no_gap() -> None:
     """The blows in a wide gap follow from motion above the band: a soft spring comes as near as a simulation of them.
     The encoder shows the play, behind flanks so stiff that nothing tells them from rigid ones."""
     made = recorded(Setting(excitation="one_cosine"), ("backlash", 0, 4.8e-3), seed=2)
-    found = diagnose(arm[1], [made.plain])
+    found = kept(diagnose, bank.model("judge1"), [made.plain])
     assert "backlash@1" in spoken_of(found)
     assert "q1_link" in {x["signal"] for f in found.document().to_json()["findings"] for x in f["missing_signals"]}
-    found = diagnose(arm[1], [made.with_link()])
+    found = kept(diagnose, bank.model("judge1"), [made.with_link])
     assert named(found) == [("backlash@1", [])]
     low, high = found.document().to_json()["findings"][0]["parameters"]["gap"]["interval"]
     assert low < 4.8e-3 < high
@@ -141,25 +97,25 @@ def test_a_spring_that_leaves_more_than_noise_rules_out_no_gap(arm: dict[int, Mo
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", ["one_cosine", "full"])
 @pytest.mark.parametrize("seed", range(1, 7))
-def test_a_spring_and_a_gap_never_rule_each_other_out_wrongly(arm: dict[int, Model], seed: int, motion: str) -> None:
+def test_a_spring_and_a_gap_never_rule_each_other_out_wrongly(seed: int, motion: str) -> None:
     """On the torque alone the true one is named or a rival; with the link's encoder it is named, and first."""
     for effect, amount in (("elasticity", 1500.0), ("backlash", 3e-3)):
         made = recorded(Setting(excitation=motion), (effect, 0, (1.0, 0.6, 1.6)[seed % 3] * amount), seed=seed)
-        assert f"{effect}@1" in spoken_of(diagnose(arm[1], [made.plain])), effect
-        assert named(diagnose(arm[1], [made.with_link()]))[0][0] == f"{effect}@1", effect
+        assert f"{effect}@1" in spoken_of(kept(diagnose, bank.model("judge1"), [made.plain])), effect
+        assert named(kept(diagnose, bank.model("judge1"), [made.with_link]))[0][0] == f"{effect}@1", effect
 
 
-def test_a_link_side_encoder_says_whether_the_transmission_gives_way(arm: dict[int, Model]) -> None:
+def test_a_link_side_encoder_says_whether_the_transmission_gives_way() -> None:
     """A delay and an elasticity without slow motion: each is ruled out where the other is the truth."""
     quick, shape = Setting(excitation="no_slow"), {"stiffness": 1500.0, "damping": 1.0}
-    fitted = identify(arm[1], [recorded(quick, ("torque_delay", 0, 4e-3)).with_link()])
+    fitted = kept(identify, bank.model("judge1"), [recorded(quick, ("torque_delay", 0, 4e-3)).with_link])
     field = CandidateField(fitted.problem, fitted.fit)
     soft = Candidate(ELASTICITY, shape, 2, 0.0, at_edge=False)
     (doubt,) = FurtherSensors(field).doubts(field.ground, soft, field.block(ELASTICITY, shape), np.ones(1))
     assert doubt.startswith("the link-side encoder does not show it")
-    recording = recorded(quick, ("elasticity", 0, 1500.0)).with_link()
-    assert not doubts(arm[1], recording, ELASTICITY, DELAY)["elasticity@1"]
-    fitted = identify(arm[1], [recording])
+    recording = recorded(quick, ("elasticity", 0, 1500.0)).with_link
+    assert not doubts(bank.model("judge1"), recording, ELASTICITY, DELAY)["elasticity@1"]
+    fitted = kept(identify, bank.model("judge1"), [recording])
     field = CandidateField(fitted.problem, fitted.fit)
     late, block = Candidate(DELAY, {}, 0, 0.0, at_edge=False), field.block(DELAY, {})
     parts = np.append(1.0, field.ground.solve(block).coefficients[field.ground.size :])
@@ -167,78 +123,78 @@ def test_a_link_side_encoder_says_whether_the_transmission_gives_way(arm: dict[i
     assert "the transmission gives way instead" in said
 
 
-def test_a_link_side_encoder_finds_the_soft_joint(arm: dict[int, Model]) -> None:
+def test_a_link_side_encoder_finds_the_soft_joint() -> None:
     """Short strokes: what the soft joint 2 does to joint 1 looks like joint 1's own as well."""
     made = recorded(Setting(joints=2, excitation="small"), ("elasticity", 1, 600.0), seed=11)
     both = ELASTICITY, Term("elasticity", 2)
-    without, known = (doubts(arm[2], r, *both) for r in (made.plain, made.with_link()))
+    without, known = (doubts(bank.model("judge2"), r, *both) for r in (made.plain, made.with_link))
     assert without == {"elasticity@1": "", "elasticity@2": ""}
     assert known["elasticity@1"].startswith("the link-side encoder does not show it")
     assert not known["elasticity@2"]
 
 
-def test_an_output_sensor_tells_the_motor_side_from_the_link_side(arm: dict[int, Model]) -> None:
+def test_an_output_sensor_tells_the_motor_side_from_the_link_side() -> None:
     """Slow strokes: a spring passes for friction of either direction. Full motion: friction of a place for a stop."""
-    bent, spring = Term("viscous_asymmetric", 1), Term("linear_spring", 1)
+    arm, bent, spring = bank.model("judge1"), Term("viscous_asymmetric", 1), Term("linear_spring", 1)
     pulls = recorded(Setting(excitation="slow"), ("linear_spring", 0, 0.6))
-    assert doubts(arm[1], pulls.plain, bent, spring) == {"linear_spring@1": "", "viscous_asymmetric@1": ""}
-    found = doubts(arm[1], pulls.with_output(), bent, spring)
+    assert doubts(arm, pulls.plain, bent, spring) == {
+        "linear_spring@1": "",
+        "viscous_asymmetric@1": "",
+    }
+    found = doubts(arm, pulls.with_output, bent, spring)
     assert not found["linear_spring@1"]
     assert found["viscous_asymmetric@1"].startswith("the torque sensor at the output feels it")
     patch, stop = Term("friction_patch", 1), Term("end_stop", 1)
     rubs = recorded(Setting(), ("friction_patch", 0, 0.5))
-    assert not doubts(arm[1], rubs.plain, stop)["end_stop@1"]
-    found = doubts(arm[1], rubs.with_output(), patch, stop)
+    assert not doubts(arm, rubs.plain, stop)["end_stop@1"]
+    found = doubts(arm, rubs.with_output, patch, stop)
     assert not found["friction_patch@1"]
     assert "does not feel it" in found["end_stop@1"]
 
 
-def test_the_users_own_rigid_torque_replaces_an_arm_that_the_file_cannot_say(arm: dict[int, Model]) -> None:
+def test_the_users_own_rigid_torque_replaces_an_arm_that_the_file_cannot_say() -> None:
     """Gravity acts and the file has none, nor could it have; only the friction of joint 2 is missing."""
     made = recorded(Setting(joints=2), ("gravity", 0, 9.81), ("stribeck", 1, 0.5))
-    found = diagnose(arm[2], [made.with_rigid()])
+    found = kept(diagnose, bank.model("judge2"), [made.with_rigid])
     assert named(found) == [("stribeck@2", [])]
     assert found.findings[0].share() > 0.9
     assert found.reason.startswith("the model lacks stribeck")
     assert {p["fit"] for p in found.document().to_json()["parameters"]} == {None}
     last = found.steps[-1].identification
-    assert np.array_equal(last.fit.prediction.lumps, arm[2].lump_values)
+    assert np.array_equal(last.fit.prediction.lumps, bank.model("judge2").lump_values)
     torque = last.inference.values[Term("stribeck", 2)]["torque"]
     assert torque.interval is not None
     assert torque.interval[0] < 0.5 < torque.interval[1]
     with pytest.raises(RecordingError, match=r"judge\.csv: has no tau1_rigid"):
-        diagnose(arm[2], [made.with_rigid()], [made.plain])
+        kept(diagnose, bank.model("judge2"), [made.with_rigid], [made.plain])
 
 
-def test_a_measured_force_is_no_residual(arm: dict[int, Model]) -> None:
+def test_a_measured_force_is_no_residual() -> None:
     """A hand that pushes the end-effector: unknown it is named as something, known it is not."""
-    setting = Setting()
-    pushed = Hidden("", 4.0, (0.1, 10.0), push=lambda t, most: most * np.maximum(np.sin(0.9 * t), 0.0) ** 2)
-    made = recorded(setting, (pushed, 0, 4.0))
-    torque = pushed.push(made.plain.t, 4.0) if pushed.push else made.plain.t
-    length, q = ARMS[1][0].length, made.run.link[0]
+    made = recorded(Setting(), ("push", 0, 4.0))
+    torque, length, q = pushing(made.plain.t, 4.0), ARMS[1][0].length, made.link[0]
     # Across the link, on the arm: its torque about the joint is length times the force.
     force = torque / length * np.array([-np.sin(q), np.cos(q)])
-    without = diagnose(arm[1], [made.plain])
-    known = diagnose(arm[1], [replace(made.plain, force=force)])
+    without = kept(diagnose, bank.model("judge1"), [made.plain])
+    known = kept(diagnose, bank.model("judge1"), [replace(made.plain, force=force)])
     assert without.verdict != "clean"
     assert known.verdict == "clean"
     assert known.steps[0].fitted.rms[0] < 0.1 * without.steps[0].fitted.rms[0]
 
 
-def test_signals_that_would_tell_rivals_apart(arm: dict[int, Model]) -> None:
+def test_signals_that_would_tell_rivals_apart() -> None:
     made = recorded(Setting(temperature=False))
-    motion = identify(arm[1], [made.plain]).motion
+    motion = kept(identify, bank.model("judge1"), [made.plain]).motion
 
     def columns(one: str, other: str) -> list[tuple[str, ...]]:
-        return [m.columns for m in missing(arm[1], motion, Term(one, 1), [Term(other, 1)])]
+        return [m.columns for m in missing(bank.model("judge1"), motion, Term(one, 1), [Term(other, 1)])]
 
     assert columns("elasticity", "torque_delay") == [("q1_link",), ("tau1_link",)]
     assert columns("elasticity", "backlash") == [("q1_link",)]
     assert columns("stribeck", "thermal_friction") == [("temperature1",)]
     assert columns("end_stop", "stribeck") == [("tau1_link",)]
     assert columns("stribeck", "viscous_power") == []
-    (weight,) = missing(arm[1], motion, Term("payload"), [Term("gravity")])
+    (weight,) = missing(bank.model("judge1"), motion, Term("payload"), [Term("gravity")])
     assert weight.sentence() == "fx and fy (the force on the end-effector) would tell it from gravity"
 
 
@@ -269,24 +225,24 @@ def test_an_echo_is_within_its_error(part: float, seed: int) -> None:
     assert abs(found.part - part) < 6 * max(found.spread, 0.5 / np.sqrt(2000))
 
 
-def test_a_rigid_torque_without_rotors_leaves_them_to_be_fitted(arm: dict[int, Model]) -> None:
+def test_a_rigid_torque_without_rotors_leaves_them_to_be_fitted() -> None:
     """The user's own model knows gravity, which the file has not, and no rotor."""
     made = recorded(Setting(), ("gravity", 0, 9.81))
-    whole = made.with_rigid()
+    whole = made.with_rigid
     assert whole.tau_rigid is not None
     rotor = ARMS[1][0].rotor
-    acceleration = np.gradient(np.gradient(made.run.q, made.plain.t, axis=1), made.plain.t, axis=1)
+    acceleration = np.gradient(np.gradient(made.q, made.plain.t, axis=1), made.plain.t, axis=1)
     bare = replace(whole, tau_rigid=whole.tau_rigid - rotor * acceleration)
     for recording, lacking in ((whole, 0.0), (bare, rotor)):
-        found = diagnose(arm[1], [recording])
+        found = kept(diagnose, bank.model("judge1"), [recording])
         assert found.verdict == "clean"
         (entry,) = found.document().to_json()["rotors"]
         assert entry["fit"] == pytest.approx(lacking, abs=2e-3)
         assert entry["interval"][0] < lacking < entry["interval"][1]
 
 
-def test_a_rigid_torque_of_its_own_leaves_no_effect_of_the_files_geometry(arm: dict[int, Model]) -> None:
-    fitted = identify(arm[1], [recorded(Setting()).with_rigid()])
+def test_a_rigid_torque_of_its_own_leaves_no_effect_of_the_files_geometry() -> None:
+    fitted = kept(identify, bank.model("judge1"), [recorded(Setting()).with_rigid])
     terms = {t.effect for t in CandidateField(fitted.problem, fitted.fit).terms()}
     assert not terms & {"gravity", "payload", "elasticity", "backlash"}
     assert {"load_friction", "torque_ripple", "lugre"} <= terms

@@ -13,46 +13,38 @@ from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify_motion, prepared
 from runtime.estimation.problem import Problem
 from runtime.estimation.robust import over_stretches
-from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.workspace.source import open_model
-from tests import spatial_wrist
-from tests.judge.bodies import ARMS, BELIEVED, model_text
+from tests import bank, spatial_wrist
+from tests.judge.bodies import ARMS
 from tests.judge.cases import Setting
-from tests.runtime.test_sensors import recorded
+from tests.judge.sensed import sensed
+from tests.kept import kept
 
 ELASTICITY = Term("elasticity", 1)
 
 
-@pytest.fixture(scope="module")
-def stiff(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Model:  # noqa: ARG001
-    path = tmp_path_factory.mktemp("arms") / "arm1.toml"
-    path.write_text(model_text(ARMS[1], BELIEVED))
-    return open_model(path)
-
-
-def soft(model: Model, stiffness: float, seed: int) -> tuple[Identification, float]:
+def soft(stiffness: float, seed: int) -> tuple[Identification, float]:
     """A fit with an elasticity of the independent plant, and its damping there, N m s/rad."""
-    made = recorded(Setting(), ("elasticity", 0, stiffness), seed=seed)
-    rows, _ = made.bench.plant(made.hidden)
+    made, model = kept(sensed, Setting(), ("elasticity", 0, stiffness), seed=seed), bank.model("judge1")
     known = {**structure(model), ELASTICITY: {}}
-    return identify_motion(model, prepared(model, [made.plain]), known), rows[0]["STIFFNESS_DAMPING"]
+    return identify_motion(model, prepared(model, [made.plain]), known), made.plant[0]["STIFFNESS_DAMPING"]
 
 
 def holds(e: Estimate, truth: float) -> bool:
     return e.interval is not None and e.interval[0] < truth < e.interval[1]
 
 
-def test_a_soft_joint_pushed_from_outside_is_within_its_interval(stiff: Model) -> None:
-    found, damping = soft(stiff, 1500.0, 51)
+def test_a_soft_joint_pushed_from_outside_is_within_its_interval() -> None:
+    found, damping = soft(1500.0, 51)
     values = found.inference.values[ELASTICITY]
     assert holds(values["stiffness"], 1500.0)
     assert holds(values["damping"], damping)
 
 
-def test_a_stiffness_is_no_surer_than_the_inertia_behind_it(stiff: Model) -> None:
+def test_a_stiffness_is_no_surer_than_the_inertia_behind_it() -> None:
     """A resonance tells k/J: what the fit does not know of J it does not know of k."""
-    found, _ = soft(stiff, 600.0, 50)
+    found, _ = soft(600.0, 50)
     sure = uncertainty(found.problem, found.fit)
     behind = found.fit.coefficients[0] - ARMS[1][0].rotor
     k = sure.names.index("elasticity@1 stiffness")
@@ -61,11 +53,11 @@ def test_a_stiffness_is_no_surer_than_the_inertia_behind_it(stiff: Model) -> Non
 
 
 @pytest.mark.slow
-def test_intervals_of_soft_joints_hold(stiff: Model) -> None:
+def test_intervals_of_soft_joints_hold() -> None:
     held: dict[str, list[bool]] = {"stiffness": [], "damping": []}
     for stiffness in (1500.0, 4000.0):
         for seed in range(50, 56):
-            found, damping = soft(stiff, stiffness, seed)
+            found, damping = soft(stiffness, seed)
             for name, truth in (("stiffness", stiffness), ("damping", damping)):
                 held[name].append(holds(found.inference.values[ELASTICITY][name], truth))
     assert all(sum(of_one) >= 11 for of_one in held.values())

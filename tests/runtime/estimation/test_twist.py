@@ -19,6 +19,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.settings import UNTOUCHED
 from runtime.recordings.recording import Recording
+from tests.kept import kept
 from tests.plants import LINK, ROTOR
 
 Array = NDArray[np.float64]
@@ -85,7 +86,7 @@ def pushed(seed: int, joint: Transmission, seconds: float = 30.0, count: float =
 
 
 def fitted(drive: Model, recording: Recording) -> tuple[CandidateField, TwistFit]:
-    found = identify(drive, [recording])
+    found = kept(identify, drive, [recording])
     fit = fit_twist(found.problem, found.fit, 0)
     assert fit is not None
     return CandidateField(found.problem, found.fit), fit
@@ -93,7 +94,7 @@ def fitted(drive: Model, recording: Recording) -> tuple[CandidateField, TwistFit
 
 def test_a_late_link_side_encoder_is_told_from_a_soft_joint(drive: Model) -> None:
     """3 ms look like a lag of 9 mrad at 3 rad/s; the transmission yields by 3 mrad."""
-    found = diagnose(drive, [pushed(1, Transmission())])
+    found = kept(diagnose, drive, [pushed(1, Transmission())])
     document = found.document().to_json()
     (late,) = document["encoder_skew"]
     assert late["joint"] == 1
@@ -141,7 +142,7 @@ def test_a_gap_is_told_from_a_spring(drive: Model) -> None:
 
 def test_rests_that_reach_every_row_leave_nothing_of_the_twist(drive: Model) -> None:
     """A joint that turns again and again: friction is known at no row for sure."""
-    found = identify(drive, [pushed(3, Transmission(), seconds=8.0)])
+    found = kept(identify, drive, [pushed(3, Transmission(), seconds=8.0)])
     assert fit_twist(found.problem, found.fit, 0) is not None
     motion = found.motion.changed(
         lambda p: replace(p, without=tuple(replace(w, left=np.full_like(w.left, UNTOUCHED / 2)) for w in p.without))

@@ -15,6 +15,7 @@ from runtime.model.loader import Model
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
+from tests.kept import kept
 
 Array = NDArray[np.float64]
 DT = 1e-3  # s
@@ -41,7 +42,7 @@ def low_passed(_: Array, rate: Array) -> Array:
 
 
 def fitted(drive: Model, noisy: tuple[Recording, Array], qd: Array) -> Identification:
-    return identify(drive, [replace(noisy[0], qd=qd[None])])
+    return kept(identify, drive, [replace(noisy[0], qd=qd[None])])
 
 
 @pytest.mark.parametrize("step", [0.0, 0.01])
@@ -49,7 +50,7 @@ def test_a_quiet_rate_is_used_and_widens_the_band(drive: Model, noisy: tuple[Rec
     """Also one that is quantised: its steps are noise like another."""
     rate = tachometer(noisy[0].q[0], noisy[1])
     found = fitted(drive, noisy, step * np.round(rate / step) if step else rate)
-    plain = identify(drive, [noisy[0]])
+    plain = kept(identify, drive, [noisy[0]])
     used, without = found.inference.lumps[0], plain.inference.lumps[0]
     assert found.motion.rates[0] is not None
     assert found.motion.rates[0].used
@@ -83,7 +84,7 @@ def test_any_other_is_left_alone(
     wrong: bool,
 ) -> None:
     found = fitted(drive, noisy, measured(noisy[0].q[0], noisy[1]))
-    plain = identify(drive, [noisy[0]])
+    plain = kept(identify, drive, [noisy[0]])
     rate = found.motion.rates[0]
     assert rate is not None
     assert not rate.used
@@ -95,4 +96,4 @@ def test_any_other_is_left_alone(
 def test_a_rate_that_is_not_in_all_recordings_is_not_used(drive: Model, noisy: tuple[Recording, Array]) -> None:
     with_rate = replace(noisy[0], qd=noisy[1][None])
     without = replace(noisy[0], tau=noisy[0].tau + 1e-6)
-    assert identify(drive, [with_rate, without]).motion.rates == (None,)
+    assert kept(identify, drive, [with_rate, without]).motion.rates == (None,)

@@ -13,6 +13,7 @@ from runtime.workspace.source import open_model
 from tests.judge.cases import Setting, cases, make
 from tests.judge.recorder import Logger
 from tests.judge.situations import SITUATIONS
+from tests.kept import kept
 
 
 def rivals(effect: str, amount: float, folder: Path) -> dict[str, list[str]]:
@@ -21,7 +22,7 @@ def rivals(effect: str, amount: float, folder: Path) -> dict[str, list[str]]:
     made = make(case, [amount])
     path = folder / "arm.toml"
     path.write_text(made.model)
-    found = diagnose(open_model(path), [made.recording])
+    found = kept(diagnose, open_model(path), [made.recording])
     return {f.term.effect: [r.effect for r in f.rivals] for f in found.findings}
 
 
@@ -50,7 +51,7 @@ def test_bristles_are_as_stiff_at_slow_sampling(tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
     path.write_text(made.model)
     model, term = open_model(path), Term("lugre", 1)
-    plain = identify(model, [made.recording])
+    plain = kept(identify, model, [made.recording])
     known = {**structure(model), term: {"stiffness": 300.0}}
     found = identify_motion(model, plain.motion, known, start=plain.fit).inference.values[term]["stiffness"]
     assert found.value == pytest.approx(300.0, rel=0.05)

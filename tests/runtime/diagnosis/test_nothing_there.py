@@ -16,6 +16,7 @@ from runtime.motion.spectrum import strongest_line
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
+from tests.kept import kept
 
 DT = 1e-3
 
@@ -71,7 +72,7 @@ def test_the_densest_part_of_coloured_noise_is_no_line(rows: int, slow: float, f
 def test_a_transmission_that_only_noise_would_drive_explains_nothing(drive: Model) -> None:
     """Less the encoder's noise the square of its column is negative: then any error would fall without end."""
     recording, _ = simulate.simulate(drive, settings=SimulationSettings(seconds=1000.0))
-    field = diagnose.begin(drive, [recording]).ground()
+    field = kept(diagnose.begin, drive, [recording]).ground()
     gains = {term: found.gain for term in field.terms() if (found := field.search(term)) is not None}
     assert len(gains) > 10
     assert max(gains.values()) < 0.03 * field.excerpt[1].equations().sse

@@ -14,6 +14,7 @@ from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
+from tests.kept import kept
 from tests.runtime.conftest import recorded
 
 Shared = Callable[[str, Model], Recording]
@@ -23,7 +24,7 @@ PUBLISHED = {"M1": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -
 
 
 def test_published_parameters_of_emps(emps: Model, shared: Shared) -> None:
-    found = identify(emps, [shared("emps/identification.csv.gz", emps)])
+    found = kept(identify, emps, [shared("emps/identification.csv.gz", emps)])
     assert found.uncorrected is not None
     values = {"M1": found.uncorrected.lumps[0].value}
     for name, parameter in (("viscous", "coefficient"), ("coulomb", "torque"), ("offset", "torque")):
@@ -36,7 +37,7 @@ def test_published_parameters_of_emps(emps: Model, shared: Shared) -> None:
 
 def test_parameters_of_an_independent_plant(drive: Model) -> None:
     """Table I's joint 4, from equations that are not the library's; the interval holds the truth in most cases."""
-    found = identify(drive, [recorded(None, 5)])
+    found = kept(identify, drive, [recorded(None, 5)])
     values = found.inference.values
     assert found.inference.lumps[0].value == pytest.approx(0.2365, rel=0.01)
     assert values[Term("coulomb_asymmetric", 1)]["positive"].value == pytest.approx(1.72, abs=0.02)
@@ -53,7 +54,7 @@ def test_inertia_stays_positive_definite(drive: Model) -> None:
     turned = Recording(
         plain.path, plain.t, plain.run, plain.q, -plain.tau, plain.types, plain.segments, plain.temperature
     )
-    found = identify(drive, [turned])
+    found = kept(identify, drive, [turned])
     assert found.inference.lumps[0].value > 0
     assert found.inference.values[Term("viscous", 1)]["coefficient"].value >= 0
 
@@ -74,17 +75,17 @@ def test_inseparable_parameters_are_named_together(drive: Model) -> None:
         (slice(0, len(t)),),
         (None,),
     )
-    viscous = identify(drive, [steady]).inference.values[Term("viscous", 1)]["coefficient"]
+    viscous = kept(identify, drive, [steady]).inference.values[Term("viscous", 1)]["coefficient"]
     assert viscous.interval is None
     assert any("coulomb_asymmetric" in name for name in viscous.with_others)
 
 
 def test_compare_says_where_the_residual_sits(drive: Model) -> None:
     """A hidden spring shows over position, hidden direction-dependent friction over the velocity."""
-    spring = compare(drive, [recorded("linear_spring", 3)])
+    spring = kept(compare, drive, [recorded("linear_spring", 3)])
     shares = structure_shares(spring.joints[0])
     assert max(shares, key=lambda k: shares[k]) == "position"
-    friction = compare(drive, [recorded("viscous_asymmetric", 3)])
+    friction = kept(compare, drive, [recorded("viscous_asymmetric", 3)])
     shares = structure_shares(friction.joints[0])
     assert shares["velocity"] > 0.5
     assert shares["velocity"] > shares["position"]
@@ -92,7 +93,7 @@ def test_compare_says_where_the_residual_sits(drive: Model) -> None:
 
 def test_leaving_the_range_of_the_data_warns(drive: Model) -> None:
     """The cubic term bends the friction down: beyond the data it would drive the joint."""
-    document = compare(drive, [recorded(None, 5)]).document().to_json()
+    document = kept(compare, drive, [recorded(None, 5)]).document().to_json()
     assert len(document["warnings"]) == 1
     assert "drives the joint" in document["warnings"][0]
 
@@ -103,7 +104,7 @@ def test_joints_that_are_held_stay_as_the_file_has_them(model: Model) -> None:
     swing = -0.8 + 0.7 * np.sin(2 * np.pi * 0.31 * t) * np.cos(2 * np.pi * 0.9 * t)
     held = [2e-4 * np.sin(2 * np.pi * f * t) for f in (1.1, 1.7, 2.3)]
     made, _ = simulate(model, settings=SimulationSettings(seed=3), motion=np.array([*held, swing]))
-    found = identify(model, [made])
+    found = kept(identify, model, [made])
     fit = found.fit.prediction
     for number, (lump, value) in enumerate(zip(model.lumps, fit.lumps, strict=True)):
         if lump.joint < 4:

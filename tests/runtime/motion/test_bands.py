@@ -21,6 +21,7 @@ from runtime.motion.settings import BLOCK_ROWS, HIGHEST_CUTOFF, WIDE_ENOUGH
 from runtime.recordings.recording import Recording
 from runtime.workspace.source import Source
 from tests import wrist
+from tests.kept import kept
 from tests.six_joints import six_joints
 
 Array = NDArray[np.float64]
@@ -100,7 +101,7 @@ def model(cache: Path, tmp_path: Path) -> Model:  # noqa: ARG001 - the cache is 
 
 
 def test_a_line_of_a_wrist_is_found_above_what_the_base_s_encoder_permits(model: Model) -> None:
-    found = diagnose(model, [recorded(LINE, seed=3)])
+    found = kept(diagnose, model, [recorded(LINE, seed=3)])
     band = found.steps[0].identification.motion.band
     speed = np.abs(np.diff(recorded(LINE, seed=3).q[1])).mean() * wrist.RATE
     assert band.cutoffs[0] < ORDER * 100 * speed / (2 * np.pi) < band.cutoffs[1]
@@ -112,7 +113,7 @@ def test_a_line_of_a_wrist_is_found_above_what_the_base_s_encoder_permits(model:
 
 
 def test_without_the_line_nothing_is_named(model: Model) -> None:
-    assert not diagnose(model, [recorded(0.0, seed=4)]).findings
+    assert not kept(diagnose, model, [recorded(0.0, seed=4)]).findings
 
 
 def test_a_wider_band_tells_more_of_the_joint_that_has_it(model: Model) -> None:

@@ -17,6 +17,7 @@ from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
+from tests.kept import kept
 
 Array = NDArray[np.float64]
 
@@ -72,15 +73,17 @@ def test_a_delay_of_samples_is_found_in_time(drive: Model, samples: int) -> None
 def test_a_delay_is_named_first(drive: Model) -> None:
     """At 15 ms and 8 Hz no first order explains it; a cable or gravity was nearer."""
     recording = chirped(0.015)
-    assert any("0.015 s ahead of its motion" in w for w in compare(drive, [recording]).document().to_json()["warnings"])
-    found = diagnose(drive, [recording])
+    assert any(
+        "0.015 s ahead of its motion" in w for w in kept(compare, drive, [recording]).document().to_json()["warnings"]
+    )
+    found = kept(diagnose, drive, [recording])
     assert found.findings[0].term == DELAY
     assert found.document().to_json()["delay"][0]["value"] == pytest.approx(0.0175, abs=2e-4)
 
 
 def test_a_hold_is_no_delay(drive: Model) -> None:
     """Half a sample is estimated, not assumed, and no column changes."""
-    found = identify(drive, [chirped(0.0)])
+    found = kept(identify, drive, [chirped(0.0)])
     assert found.fit.ahead is None
     (total,) = found.document().to_json()["delay"]
     assert total["assumed"] == 0.0
@@ -116,6 +119,6 @@ def test_a_delay_that_is_simulated_is_one(time: float, drive: Model) -> None:
 
 def test_nothing_is_named_beside_a_delay_that_is_simulated(drive: Model) -> None:
     made, _ = simulate(drive, [Hidden(DELAY, {"time": 0.008})], SimulationSettings(seconds=30.0, noise=0.02))
-    found = diagnose(drive, [made])
+    found = kept(diagnose, drive, [made])
     assert [f.term for f in found.findings] == [DELAY]
     assert found.document().to_json()["delay"][0]["value"] == pytest.approx(0.008, abs=1e-4)

@@ -17,6 +17,7 @@ from runtime.estimation.torque_lines import per_turn
 from runtime.loop.improve import improve
 from runtime.motion.angle_spectrum import angle_spectrum, lines
 from runtime.workspace.source import Source
+from tests.kept import kept
 from tests.motors import GEARED, Motor, record, sines, steps
 from tests.variants import slow
 
@@ -76,8 +77,8 @@ def test_noise_has_no_lines() -> None:
 
 def test_ripples_of_high_order_are_found_each_by_itself(tmp_path: Path) -> None:
     arm, motor = source(tmp_path, Motor()), Motor()
-    path = record(tmp_path / "run.csv", motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES)
-    found = diagnose(arm.compiled.model(), arm.recordings([path]))
+    recording = kept(record, motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES)
+    found = kept(diagnose, arm.compiled.model(), [recording])
     assert found.verdict == "effect"
     assert {(f.term.effect, f.term.joint) for f in found.findings} == {("torque_ripple", 1)}
     assert_same(found_waves(found), WAVES)
@@ -91,11 +92,10 @@ def test_a_motor_that_its_magnets_stop_again_and_again_lacks_ripples_alone(tmp_p
     named for that."""
     motor = Motor(inertia=6e-6, coulomb=2e-3, viscous=1e-4, noise=1e-4, counts=20_000)
     waves = ((72.0, 1.4e-2, 0.5), (186.0, 2e-3, 0.3), (18.0, 1e-3, 0.2))
-    arm, path = source(tmp_path, motor), record(tmp_path / "run.csv", motor, steps((6.0, 5.7), 8.0), waves)
-    recordings = arm.recordings([path])
-    rate = prepared(arm.compiled.model(), recordings).pieces[0].qd[0]
+    arm, recording = source(tmp_path, motor), kept(record, motor, steps((6.0, 5.7), 8.0), waves)
+    rate = prepared(arm.compiled.model(), [recording]).pieces[0].qd[0]
     assert np.count_nonzero(np.diff(np.sign(rate))) > 200
-    found = diagnose(arm.compiled.model(), recordings)
+    found = kept(diagnose, arm.compiled.model(), [recording])
     assert {f.term.effect for f in found.findings} == {"torque_ripple"}
     assert found.findings[0].term.number == 1
     assert_same(found_waves(found)[:3], waves)
@@ -103,8 +103,8 @@ def test_a_motor_that_its_magnets_stop_again_and_again_lacks_ripples_alone(tmp_p
 
 def test_ripples_of_a_geared_joint_are_found_and_said_in_both_counts(tmp_path: Path) -> None:
     arm, waves = source(tmp_path, GEARED), ((4.0, 0.6, 0.5), (2.0, 0.3, 0.1))
-    path = record(tmp_path / "run.csv", GEARED, sines(0.35, 16.0, 0), waves)
-    found = diagnose(arm.compiled.model(), arm.recordings([path]))
+    recording = kept(record, GEARED, sines(0.35, 16.0, 0), waves)
+    found = kept(diagnose, arm.compiled.model(), [recording])
     assert_same(found_waves(found), waves)
     assert "at 4 per turn of the motor, 200 of the joint" in found.reason
 
@@ -123,8 +123,8 @@ def test_ripples_of_a_geared_joint_are_found_and_said_in_both_counts(tmp_path: P
 def test_ripples_of_any_order_are_found(tmp_path: Path, motor: Motor, order: float, size: float) -> None:
     arm = source(tmp_path, motor)
     desired = steps((0.8, -1.0, 0.5, -1.2), 16.0) if motor.ratio == 1.0 else sines(0.35, 16.0, 3)
-    path = record(tmp_path / "run.csv", motor, desired, [(order, size, 0.7)])
-    assert_same(found_waves(diagnose(arm.compiled.model(), arm.recordings([path]))), ((order, size, 0.7),))
+    recording = kept(record, motor, desired, [(order, size, 0.7)])
+    assert_same(found_waves(kept(diagnose, arm.compiled.model(), [recording])), ((order, size, 0.7),))
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(slow(k) for k in range(2, 12))])
@@ -132,16 +132,16 @@ def test_ripples_of_any_order_are_found(tmp_path: Path, motor: Motor, order: flo
 def test_a_clean_recording_has_no_ripple(tmp_path: Path, seed: int, geared: bool) -> None:
     motor = GEARED if geared else Motor()
     desired = sines(0.35, 10.0, seed) if geared else steps((2.0, -3.0, 2.5, -2.0), 10.0)
-    arm, path = source(tmp_path, motor), record(tmp_path / "run.csv", motor, desired, (), seed)
-    found = diagnose(arm.compiled.model(), arm.recordings([path]))
+    arm, recording = source(tmp_path, motor), kept(record, motor, desired, (), seed)
+    found = kept(diagnose, arm.compiled.model(), [recording])
     assert not [f for f in found.findings if f.term.effect == "torque_ripple"]
 
 
 def test_a_wave_over_the_time_is_no_ripple(tmp_path: Path) -> None:
     motor = Motor()
     arm = source(tmp_path, motor)
-    path = record(tmp_path / "run.csv", motor, steps((2.0, 2.1, 2.0, 1.9), 10.0), (), outside=0.05)
-    found = diagnose(arm.compiled.model(), arm.recordings([path]))
+    recording = kept(record, motor, steps((2.0, 2.1, 2.0, 1.9), 10.0), (), outside=0.05)
+    found = kept(diagnose, arm.compiled.model(), [recording])
     assert not [f for f in found.findings if f.term.effect == "torque_ripple"]
 
 
@@ -151,9 +151,9 @@ def test_a_line_above_the_band_raises_it_or_is_reported(tmp_path: Path) -> None:
     cutoffs = []
     for motor in (fine, coarse):
         arm = source(tmp_path, motor)
-        path = record(tmp_path / "run.csv", motor, desired, [(72.0, 0.2, 0.5)])
-        model, recordings = arm.compiled.model(), arm.recordings([path])
-        band = prepared(model, recordings).band
+        recording = kept(record, motor, desired, [(72.0, 0.2, 0.5)])
+        model = arm.compiled.model()
+        band = prepared(model, [recording]).band
         cutoffs.append(band.cutoff)
         if motor is fine:
             assert "72 times per turn" in band.reason
@@ -161,15 +161,17 @@ def test_a_line_above_the_band_raises_it_or_is_reported(tmp_path: Path) -> None:
             assert not band.above
         else:
             assert [round(line.order) for line in band.above] == [72]
-            assert "a line at 72 per turn lies above its band" in above_band(Step.of(None, identify(model, recordings)))
+            assert "a line at 72 per turn lies above its band" in above_band(
+                Step.of(None, kept(identify, model, [recording]))
+            )
     assert cutoffs[0] > cutoffs[1]
 
 
 def test_a_model_file_may_have_several_and_all_are_fitted_written_and_compensated(tmp_path: Path) -> None:
     motor = Motor()
     arm = source(tmp_path, motor)
-    path = record(tmp_path / "run.csv", motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES[:2])
-    better = improve(arm, arm.recordings([path]))
+    recording = kept(record, motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES[:2])
+    better = kept(improve, arm, [recording])
     assert [str(f.term) for f in better.findings] == ["torque_ripple@1", "torque_ripple_2@1"]
     effects = arm.with_text(better.model_text).arm().joints[0].effects
     waves = [tuple(effects[name].values()) for name in ("torque_ripple", "torque_ripple_2")]
@@ -180,9 +182,9 @@ def test_a_model_file_may_have_several_and_all_are_fitted_written_and_compensate
 def test_orders_that_a_model_file_leaves_open_are_found(tmp_path: Path) -> None:
     motor = Motor()
     arm = source(tmp_path, motor, ("coulomb", "viscous", "torque_ripple", "torque_ripple_2"))
-    path = record(tmp_path / "run.csv", motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES[:2])
+    recording = kept(record, motor, steps((2.0, -3.0, 4.0, -2.5), 14.0), WAVES[:2])
     model = arm.compiled.model()
-    values = identify(model, arm.recordings([path])).inference.values
+    values = kept(identify, model, [recording]).inference.values
     orders = sorted(entry["order"].value for term, entry in values.items() if term.effect == "torque_ripple")
     assert orders == pytest.approx([18.0, 72.0], rel=1e-3)
 

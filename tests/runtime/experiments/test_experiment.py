@@ -27,8 +27,9 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, read_motion, simulate
 from runtime.workspace.source import open_model
+from tests.kept import kept
 
-DRIVE = Path(__file__).resolve().parents[2] / "symbolic" / "arms" / "drive.toml"
+DRIVE = Path(__file__).resolve().parents[3] / "symbolic" / "arms" / "drive.toml"
 SMALL = "linear_spring@1:stiffness=0.4,rest=0,gravity:gx=1,gy=0"
 """Over the range of the ordinary excitation, these two are one."""
 
@@ -227,7 +228,7 @@ def test_an_answer_is_right_if_it_rules_the_rival_out(
 
 def test_one_oscillation_does_not_separate_what_two_radians_would(drive: Model) -> None:
     a, b = parse_rivals(SMALL, drive)
-    answer = confirm(TrialArm.of(drive, [a, b], ExperimentSettings(seed=3)), _two_sines(0.3), [3])
+    answer = kept(confirm, TrialArm.of(drive, [a, b], ExperimentSettings(seed=3)), _two_sines(0.3), [3])
     assert not answer
     assert answer.problem
 
@@ -236,7 +237,7 @@ def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) 
     """The ordinary excitation meets the plate in one stretch only: held out, that stretch tells of nothing else. A soft
     joint beside it shakes the arm nearly alike."""
     bench = _bench(open_model("vishard4"), "elasticity@2,torque_delay@2")
-    search = begin(bench.model, [bench.record(bench.ordinary_path, bench.rivals[0], 2)])
+    search = kept(begin, bench.model, [bench.record(bench.ordinary_path, bench.rivals[0], 2)])
     step = search.steps[-1]
     soft = [Term("elasticity", joint) for joint in (1, 2, 3, 4)]
     ground = search.ground()
@@ -248,8 +249,9 @@ def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) 
 
 
 def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
-    drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(design, "propose", lambda model, rivals, settings, _: kept(propose, model, rivals, settings))
     out = tmp_path / "motion.csv"
     status = output.run(app, ["experiment", str(DRIVE), "--between", SMALL, "--out", str(out), "--json", "-"])
     found = json.loads(capsys.readouterr().out)

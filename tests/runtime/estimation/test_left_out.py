@@ -25,6 +25,7 @@ from runtime.simulation.plant import Plant
 from runtime.workspace.source import Source
 from symbolic.model_file.checks import ModelError
 from tests import wrist
+from tests.kept import kept
 from tests.runtime.conftest import ROOT, recorded
 from tests.variants import slow
 
@@ -50,7 +51,7 @@ def sourced(cache: Path, tmp_path: Path) -> Sourced:  # noqa: ARG001 - the cache
 @pytest.mark.parametrize("hidden", [slow("stribeck"), slow(None), slow("linear_spring"), slow("lugre")])
 def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourced, hidden: str | None) -> None:
     recording = recorded(hidden, seed=1)
-    true, unknown = (diagnose(sourced(text).compiled.model(), [recording]) for text in (DRIVE, bare(DRIVE)))
+    true, unknown = (kept(diagnose, sourced(text).compiled.model(), [recording]) for text in (DRIVE, bare(DRIVE)))
     assert [f.term for f in unknown.findings] == [f.term for f in true.findings]
     assert [str(f.term) for f in unknown.findings] == ([f"{hidden}@1"] if hidden else [])
     assert unknown.verdict == true.verdict
@@ -63,7 +64,7 @@ def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourc
 
 def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: Sourced) -> None:
     source = sourced(bare(wrist.MODEL))
-    fitted = identify(source.compiled.model(), [wrist.record(wrist.CoupledMotor(), seed=5)])
+    fitted = kept(identify, source.compiled.model(), [wrist.record(wrist.CoupledMotor(), seed=5)])
     model = source.with_text(source.edits.set(fitted.document()).text).compiled.model()
     np.testing.assert_allclose(model.lump_values, fitted.fit.coefficients[: len(model.lumps)], rtol=1e-6)
     true = sourced(wrist.MODEL).compiled.model()
@@ -76,7 +77,7 @@ def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: So
 
 
 def test_a_file_that_leaves_numbers_open_has_no_error_as_written(sourced: Sourced) -> None:
-    found = compare(sourced(bare(DRIVE)).compiled.model(), [recorded(None, seed=2)])
+    found = kept(compare, sourced(bare(DRIVE)).compiled.model(), [recorded(None, seed=2)])
     assert found.written is None
     assert found.document().to_json()["joints"][0]["as_written"] is None
     assert not any("physical" in warning for warning in found.document().to_json()["warnings"])
@@ -93,7 +94,7 @@ def test_what_no_row_tells_stays_open(sourced: Sourced) -> None:
     tau = np.array([held[0], 0.08 * acceleration + 0.8 * np.sign(np.gradient(q[1], t))])
     source = sourced(bare(wrist.MODEL))
     smooth = replace(recording, q=q, tau=tau + 0.03 * rng.standard_normal(q.shape))
-    document = identify(source.compiled.model(), [smooth]).document()
+    document = kept(identify, source.compiled.model(), [smooth]).document()
     assert {p.name for p in document.inertial if p.fit is None} == {"J1", "h2", "hy2"}
     with pytest.raises(ModelError, match="J1, h2, hy2"):
         _ = source.with_text(source.edits.set(document).text).compiled.model().lump_values
@@ -106,7 +107,7 @@ def test_the_band_follows_the_inertia_that_the_recordings_show() -> None:
 @pytest.mark.slow
 def test_a_transmission_tells_the_rotor_from_its_link(sourced: Sourced) -> None:
     source = sourced(bare(DRIVE))
-    better = improve(source, [recorded("elasticity", seed=1)])
+    better = kept(improve, source, [recorded("elasticity", seed=1)])
     assert [str(f.term) for f in better.findings] == ["elasticity@1"]
     fitted = better.steps[-1].identification
     values = fitted.inference.values[better.findings[0].term]
@@ -126,7 +127,7 @@ def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced:
     truth = DRIVE.replace("rotor_inertia = 0.10", "rotor_inertia = 0.12")
     told = truth.replace("[joint.effects.viscous]", "[joint.effects.viscous]\n[joint.effects.load_friction]")
     made, _ = simulate.simulate(sourced(told).compiled.model(), settings=SimulationSettings(seconds=20))
-    found = diagnose(source.compiled.model(), [made])
+    found = kept(diagnose, source.compiled.model(), [made])
     assert found.verdict == "clean"
     inference = found.steps[-1].identification.inference
     others = inference.values[Term("load_friction", 1)]["coefficient"].with_others

@@ -25,6 +25,8 @@ from runtime.recordings.recording import Recording, RecordingError, read
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from runtime.workspace.source import Source
+from tests import bank
+from tests.kept import kept
 from tests.plants import SIZES
 from tests.runtime.conftest import recorded
 from tests.runtime.recordings.formats import write_mcap
@@ -59,7 +61,7 @@ def arm_recording(model: Model) -> Recording:
 
 
 def kinds(model: Model, *recordings: Recording) -> list[tuple[str, int]]:
-    return [(s.kind, s.joint) for s in suspicions(identify(model, recordings))]
+    return [(s.kind, s.joint) for s in kept(bank.suspected, model, recordings)]
 
 
 WRONG = {
@@ -74,18 +76,18 @@ def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
     """Every verb says it; diagnosis and loop add nothing, and the model file stays as it is."""
     change, cure = WRONG[kind]
     wrong = change(analytic(1))
-    found = suspicions(identify(drive, [wrong]))
+    found = kept(bank.suspected, drive, [wrong])
     assert [(s.kind, s.joint) for s in found] == [(kind, 1)]
     assert cure in str(found[0])
-    fitted = judged(identify(drive, [wrong]), [wrong])
+    fitted = judged(kept(identify, drive, [wrong]), [wrong])
     assert fitted.verdict == "refused"
     assert cure in fitted.reason
-    assert any(cure in warning for warning in compare(drive, [wrong]).document().to_json()["warnings"])
-    verdict = diagnose(drive, [wrong])
+    assert any(cure in warning for warning in kept(compare, drive, [wrong]).document().to_json()["warnings"])
+    verdict = kept(diagnose, drive, [wrong])
     assert (verdict.verdict, verdict.findings) == ("refused", ())
     assert cure in verdict.reason
     source = Source.shipped("drive")
-    assert improve(source, [wrong]).model_text == source.text
+    assert kept(improve, source, [wrong]).model_text == source.text
 
 
 @pytest.mark.parametrize("hidden", [None, *SIZES])
@@ -121,7 +123,7 @@ ALL_MAPS = {"sign": '--map tau1="-tau1"', "degrees": '--map q1="q1 [deg]"', "mil
 def test_two_mistakes_at_once(drive: Model, name: str) -> None:
     """Both are named, and the options that put both right are the same wherever they are typed out."""
     change, expected = TWO_OF_ONE[name]
-    found = suspicions(identify(drive, [change(analytic(1))]))
+    found = kept(bank.suspected, drive, [change(analytic(1))])
     assert [s.kind for s in found] == expected
     signal = ALL_MAPS["milli"] if "milli" in expected else ALL_MAPS["sign"]
     maps = {"sign": (signal,), "milli": (signal,), "degrees": (ALL_MAPS["degrees"],), "ratio": ()}
@@ -165,7 +167,7 @@ def test_degrees_that_a_gear_might_have_made(model: Model, arm_recording: Record
     geared = copy(model)
     geared.joints = tuple(replace(joint, gear_ratio=58.0) for joint in model.joints)
     scale = np.array([[1.0], [DEGREES], [1.0], [1.0]])
-    (found,) = suspicions(identify(geared, [replace(arm_recording, q=arm_recording.q * scale)]))
+    (found,) = kept(bank.suspected, geared, [replace(arm_recording, q=arm_recording.q * scale)])
     assert (found.kind, found.joint, found.maps) == ("degrees", 2, ('--map q2="q2 [deg]"',))
     assert found.cure.endswith("if it is the motor's, divide q2, and qd2 if it is recorded, by the gear ratio of 58")
 
@@ -176,7 +178,7 @@ def test_mistakes_that_make_up_for_each_other_are_doubts(drive: Model, wrong: tu
     sizes = {"milli": (1000, 1), "ratio": (1 / 100, 1), "degrees": (1, DEGREES)}
     r = analytic(1)
     tau, q = np.prod([sizes[kind] for kind in wrong], axis=0)
-    fitted = identify(drive, [replace(r, tau=r.tau * tau, q=r.q * q)])
+    fitted = kept(identify, drive, [replace(r, tau=r.tau * tau, q=r.q * q)])
     assert suspicions(fitted) == ()
     assert {s.kind for s in doubts(fitted)} == set(wrong)
     said = [w for w in warnings(fitted) if w.startswith("the data may be wrong: joint 1: ")]
@@ -193,7 +195,7 @@ def test_currents_in_another_unit(drive: Model, stated: str, scale: float, cure:
     geared.joints = (replace(drive.joints[0], torque_constant=7.0),)
     r = analytic(1)
     units = {"tau1": stated} if stated else {}
-    found = suspicions(identify(geared, [replace(r, tau=r.tau * scale, units=units)]))
+    found = kept(bank.suspected, geared, [replace(r, tau=r.tau * scale, units=units)])
     assert [s.maps for s in found] == [(f'--map tau1="tau1 [{cure}]"',)]
     assert "current" in found[0].cure if cure == "mA" else "torque" in found[0].cure
 
@@ -220,7 +222,7 @@ TWO_OF_FOUR = {
 @pytest.mark.parametrize("name", TWO_OF_FOUR)
 def test_two_mistakes_among_four_joints(model: Model, arm_recording: Recording, name: str) -> None:
     change, expected = TWO_OF_FOUR[name]
-    found = suspicions(identify(model, [change(arm_recording)]))
+    found = kept(bank.suspected, model, [change(arm_recording)])
     assert [f"{s.kind} {s.joint}" for s in found] == expected
 
 
@@ -229,7 +231,7 @@ def test_a_sign_and_a_ratio_leave_a_fit(model: Model, arm_recording: Recording) 
     """Torques so small that no column stands out of the encoders' noise: the fit ends, and the sign is told."""
     ratios = np.array([joint.gear_ratio for joint in model.joints])[:, None]
     wrong = arm_recording.tau / ratios * np.array([[-1.0], [1], [1], [1]])
-    found = suspicions(identify(model, [replace(arm_recording, tau=wrong)]))
+    found = kept(bank.suspected, model, [replace(arm_recording, tau=wrong)])
     assert ("sign", 1) in [(s.kind, s.joint) for s in found]
 
 
@@ -237,7 +239,7 @@ def test_a_sign_and_a_ratio_leave_a_fit(model: Model, arm_recording: Recording) 
 def test_exchanged_joints(model: Model, arm_recording: Recording, what: str) -> None:
     order = [1, 0, 2, 3]
     wrong = replace(arm_recording, **{what: np.ascontiguousarray(getattr(arm_recording, what)[order])})
-    found = suspicions(identify(model, [wrong]))
+    found = kept(bank.suspected, model, [wrong])
     assert [s.kind for s in found] == ["exchanged"]
     assert f'--map {what}1="{what}2" --map {what}2="{what}1"' in str(found[0])
 
@@ -246,7 +248,7 @@ def test_joints_in_another_order(model: Model, arm_recording: Recording) -> None
     """As drivers log them that sort by name: positions and torques stand together, in each other's place."""
     order = [0, 2, 1, 3]
     q, tau = (np.ascontiguousarray(x[order]) for x in (arm_recording.q, arm_recording.tau))
-    found = suspicions(identify(model, [replace(arm_recording, q=q, tau=tau)]))
+    found = kept(bank.suspected, model, [replace(arm_recording, q=q, tau=tau)])
     assert [s.kind for s in found] == ["exchanged"]
     said = "joint 2: what is recorded as q2 and tau2 fits joint 3, and that of joint 3 fits joint 2; "
     assert str(found[0]).startswith(said)
@@ -257,7 +259,7 @@ def test_a_passive_joint_is_left_out_and_said(model: Model, arm_recording: Recor
     """Its torque never changes while it moves; the others are fitted as if it were recorded."""
     tau = arm_recording.tau.copy()
     tau[1] = 0.0
-    result = compare(model, [replace(arm_recording, tau=tau)])
+    result = kept(compare, model, [replace(arm_recording, tau=tau)])
     warnings = result.document().to_json()["warnings"]
     assert any(w.startswith("joint 2: left out of the fit: tau2 is constant") for w in warnings)
     assert all(s.relative < 0.02 for s in result.joints)
@@ -269,7 +271,7 @@ def test_a_recording_given_twice(drive: Model, copied: str) -> None:
     copy = replace(one, path=Path("copy.csv"))
     fitted, held = ([one, copy], []) if copied == "fitted" else ([one], [copy])
     with pytest.raises(RecordingError, match=r"copy.csv: holds the same samples as run.csv; .* leave one out"):
-        diagnose(drive, fitted, held)
+        kept(diagnose, drive, fitted, held)
 
 
 def rows(tmp_path: Path, recording: Recording, step: float = 1.0) -> Path:
@@ -300,7 +302,7 @@ def test_a_minus_turns_a_column_round(tmp_path: Path) -> None:
 
 
 def test_a_fit_that_may_be_believed_says_its_error(drive: Model) -> None:
-    document = judged(identify(drive, [analytic(1)]), [analytic(1)]).document().to_json()
+    document = judged(kept(identify, drive, [analytic(1)]), [analytic(1)]).document().to_json()
     assert document["verdict"] == "fitted"
     joint = document["joints"][0]
     assert joint["relative"] < 0.03
@@ -315,7 +317,7 @@ def test_the_verdict_of_torques_that_another_clock_stamps(drive: Model, tmp_path
     efforts = {"t": whole.t[::2] + 1 + late, "tau": whole.tau[:, ::2]}
     topics = [("/joint_states", ("axis",), {"t": whole.t + 1, "q": whole.q}), ("/efforts", ("axis",), efforts)]
     apart = read(write_mcap(tmp_path / "run.mcap", topics), None)
-    found = diagnose(drive, [apart])
+    found = kept(diagnose, drive, [apart])
     assert (found.verdict, [f.term.effect for f in found.findings]) == ("effect", ["stribeck"])
 
 
@@ -325,7 +327,7 @@ def test_one_speed_tells_no_parameters(drive: Model) -> None:
     q, tau = 0.5 * t + 1e-5 * rng.standard_normal(6000), 2.0 + 0.1 * rng.standard_normal(6000)
     whole = np.zeros(6000, dtype=np.int64)
     steady = Recording(Path("run.csv"), t, whole, q[None], tau[None], ("revolute",), (slice(0, 6000),), (None,))
-    found = judged(identify(drive, [steady]), [steady])
+    found = judged(kept(identify, drive, [steady]), [steady])
     assert found.verdict == "refused"
     assert "does not separate" in found.reason
 
@@ -334,7 +336,7 @@ def test_one_speed_tells_no_parameters(drive: Model) -> None:
 def test_recordings_that_disagree_in_friction(drive: Model, friction: Sequence[float], verdict: str) -> None:
     """The parameter is named, by the fit as by the diagnosis; without a thermometer nothing tells why."""
     both = [analytic(k + 1, coulomb, f"run{k}.csv") for k, coulomb in enumerate(friction)]
-    fitted, found = judged(identify(drive, both), both), diagnose(drive, both)
+    fitted, found = judged(kept(identify, drive, both), both), kept(diagnose, drive, both)
     assert fitted.verdict == verdict
     assert (found.verdict == "refused") == (verdict == "refused")
     assert [len(found.document().to_json()["recordings"]), len(fitted.document().to_json()["recordings"])] == [2, 2]

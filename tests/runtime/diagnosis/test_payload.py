@@ -13,6 +13,7 @@ from runtime.diagnosis.diagnose import diagnose
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
+from tests.kept import kept
 
 Array = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ def runs(picked_up: float, seed: int = 0, pause: tuple[float, float] = (0.0, 0.0
 )
 def test_a_payload_from_a_moment_on(drive: Model, picked_up: float, pause: tuple[float, float]) -> None:
     """Named with its mass; the interval of the moment holds it, and is that of a pause where there is one."""
-    found = diagnose(drive, [runs(picked_up, pause=pause)])
+    found = kept(diagnose, drive, [runs(picked_up, pause=pause)])
     assert found.findings[0].term == PAYLOAD
     values = found.steps[1].identification.inference.values[PAYLOAD]
     assert values["mass"].value == pytest.approx(MASS, rel=0.05)

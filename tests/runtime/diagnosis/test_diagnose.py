@@ -22,6 +22,7 @@ from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
 from runtime.workspace.source import Source, open_model
+from tests.kept import kept
 from tests.runtime.conftest import ROOT, SHARED, recorded
 from tests.variants import slow
 
@@ -50,7 +51,7 @@ def shared_model(name: str) -> Model:
 )
 def test_recordings_of_another_simulator(recording: str, model: str, truth: list[str], shared: Shared) -> None:
     loaded = shared_model(model)
-    found = diagnose(loaded, [shared(f"hidden/recording_{recording}.csv.gz", loaded)])
+    found = kept(diagnose, loaded, [shared(f"hidden/recording_{recording}.csv.gz", loaded)])
     assert named(found) == truth
     assert found.verdict == ("effect" if truth else "clean")
     assert found.seen
@@ -60,7 +61,7 @@ def test_recordings_of_another_simulator(recording: str, model: str, truth: list
 
 def test_a_disturbance_from_outside_is_not_physics(shared: Shared) -> None:
     loaded = shared_model("drive1.toml")
-    found = diagnose(loaded, [shared("hidden/recording_e.csv.gz", loaded)])
+    found = kept(diagnose, loaded, [shared("hidden/recording_e.csv.gz", loaded)])
     assert found.verdict == "unexplained"
     assert "3.7" in found.reason
 
@@ -84,16 +85,16 @@ def with_a_stop(model: Model, beyond: float, brushed: float, stiffness: float, s
 def test_what_happened_once_is_decided_by_a_second_recording(drive: Model) -> None:
     """A stop that was touched for half a second explains nothing of the stretches beside it."""
     first, second = (with_a_stop(drive, 0.4, -0.1, 1.4, seed) for seed in (1, 2))
-    once = diagnose(drive, [first])
+    once = kept(diagnose, drive, [first])
     assert once.verdict == "unexplained"
     assert "end_stop@1 would explain" in once.reason
     assert once.reason.endswith("give that as --held-out")
-    assert named(diagnose(drive, [first], [second])) == ["end_stop@1"]
+    assert named(kept(diagnose, drive, [first], [second])) == ["end_stop@1"]
 
 
 def test_noise_of_a_stop_that_is_only_brushed_does_not_speak_against_it(drive: Model) -> None:
     """By 3 mrad at one time: what that says of its stiffness is nothing beside what the other says."""
-    found = diagnose(drive, [with_a_stop(drive, 0.5, 0.003, 10.0, 1)])
+    found = kept(diagnose, drive, [with_a_stop(drive, 0.5, 0.003, 10.0, 1)])
     assert named(found) == ["end_stop@1"]
     values = found.steps[-1].identification.inference.values[found.findings[0].term]
     assert values["stiffness"].value == pytest.approx(10.0, rel=0.02)
@@ -104,7 +105,7 @@ def test_noise_of_a_stop_that_is_only_brushed_does_not_speak_against_it(drive: M
     "hidden", ["parallel_spring", "viscous_asymmetric", *(slow(x) for x in ("torque_ripple", "lugre"))]
 )
 def test_effects_of_an_independent_plant(hidden: str, drive: Model) -> None:
-    found = diagnose(drive, [recorded(hidden, 11)])
+    found = kept(diagnose, drive, [recorded(hidden, 11)])
     assert named(found) == [f"{hidden}@1"]
     finding = found.findings[0]
     assert finding.share() > 0.8
@@ -117,7 +118,7 @@ def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: P
     hidden = [simulate.parse_hidden("backlash@1", drive)]
     made, present = simulate.simulate(drive, hidden, SimulationSettings(seconds=20.0, signals="q_link"))
     recording.write(tmp_path / "run.csv", made)
-    found = diagnose(drive, [recording.read(tmp_path / "run.csv", RecordedArm.without_model(drive.n))])
+    found = kept(diagnose, drive, [recording.read(tmp_path / "run.csv", RecordedArm.without_model(drive.n))])
     assert named(found) == ["backlash@1"]
     assert [str(s.added) for s in found.steps[1:]] == ["backlash@1"]
     (finding,) = found.findings
@@ -127,7 +128,7 @@ def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: P
 
 @pytest.mark.parametrize("seed", [21, slow(22), slow(23)])
 def test_silence_where_nothing_is_hidden(seed: int, drive: Model) -> None:
-    found = diagnose(drive, [recorded(None, seed)])
+    found = kept(diagnose, drive, [recorded(None, seed)])
     assert found.verdict == "clean"
     assert not found.findings
 
@@ -139,7 +140,7 @@ def test_a_contradicted_inertia_is_said_first(drive: Model) -> None:
     source = Source.shipped("drive")
     wrong = source.with_text(text.replace("mass = 2.0", "mass = 6.0")).compiled.model()
     assert wrong.lump_values[0] > loaded.lump_values[0] * 1.3
-    found = diagnose(wrong, [recorded(None, 21)])
+    found = kept(diagnose, wrong, [recorded(None, 21)])
     assert found.reason.startswith("check the model file first: J1 is")
     assert found.verdict == "clean"
 
@@ -158,7 +159,7 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     """The error falls on both files at every step; nothing is claimed that explains nothing there."""
     fitted, held = (shared(f"emps/{name}.csv.gz", emps) for name in ("identification", "validation"))
     source = Source.shipped("emps")
-    result = improve(source, [fitted], [held])
+    result = kept(improve, source, [fitted], [held])
     history = result.document().to_json()["history"]
     added = [step["added"] for step in history]
     assert {"viscous_asymmetric@1", "viscous_power@1"} == set(added[1:3])
@@ -168,15 +169,15 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     assert history[-1]["relative"][0] < 0.025
     assert history[-1]["held_out_relative"][0] < 0.03
     assert not {"load_friction@1", "thermal_friction@1"} & set(added)
-    refitted = diagnose(source.with_text(result.model_text).compiled.model(), [fitted], [held])
+    refitted = kept(diagnose, source.with_text(result.model_text).compiled.model(), [fitted], [held])
     assert named(refitted) == []
 
 
 def test_the_improved_file_is_the_file_that_was_fitted(tmp_path: Path) -> None:
     source = Source.shipped("drive")
-    result = improve(source, [recorded("linear_spring", 3)])
+    result = kept(improve, source, [recorded("linear_spring", 3)])
     path = tmp_path / "better.toml"
     path.write_text(result.model_text)
-    again = diagnose(open_model(path), [recorded("linear_spring", 4)])
+    again = kept(diagnose, open_model(path), [recorded("linear_spring", 4)])
     assert named(again) == []
     assert again.steps[0].fitted.rms[0] < 1.3 * result.steps[-1].fitted.rms[0]

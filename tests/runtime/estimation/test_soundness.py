@@ -20,6 +20,7 @@ from runtime.recordings.recording import Recording, RecordingError
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from runtime.workspace.source import open_model
+from tests.kept import kept
 from tests.runtime.conftest import ROOT
 
 DRIVE = (ROOT / "symbolic" / "arms" / "drive.toml").read_text(encoding="utf-8")
@@ -43,7 +44,7 @@ def arm(folder: Path, inertia: float, rotor: float, effects: str = "") -> Model:
 
 def test_a_guessed_inertia_does_not_choose_the_band(tmp_path: Path, coarse: Recording) -> None:
     """One a thousandth of the true one lets the encoder's noise in, which then passes for a motion without inertia."""
-    found = identify(arm(tmp_path, 1.4e-4, 1e-4), [coarse])
+    found = kept(identify, arm(tmp_path, 1.4e-4, 1e-4), [coarse])
     assert found.motion.band.cutoff == pytest.approx(8.0)
     assert found.inference.lumps[0].value == pytest.approx(0.2365, rel=0.02)
     assert found.unsound is None
@@ -72,7 +73,7 @@ def test_a_fit_that_compensation_has_spoilt_is_refused(drive: Model, coarse: Rec
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_sound_fit_is_not(drive: Model, seed: int) -> None:
     run = simulate(drive, settings=SimulationSettings(seconds=20.0, seed=seed))[0]
-    assert identify(drive, [run]).unsound is None
+    assert kept(identify, drive, [run]).unsound is None
 
 
 def test_a_link_without_inertia_warns_of_nothing(tmp_path: Path) -> None:
@@ -81,9 +82,9 @@ def test_a_link_without_inertia_warns_of_nothing(tmp_path: Path) -> None:
     run, _ = simulate(model, settings=SimulationSettings(seconds=20.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert diagnose(model, [run]).verdict == "clean"
+        assert kept(diagnose, model, [run]).verdict == "clean"
         believed = arm(tmp_path, 1e-6, 0.2365, "[joint.effects.elasticity]\n")
-        identify(believed, [run]).document().to_json()
+        kept(identify, believed, [run]).document().to_json()
 
 
 def test_an_effect_that_cannot_be_placed_is_one_line(tmp_path: Path, drive: Model) -> None:
@@ -92,7 +93,7 @@ def test_an_effect_that_cannot_be_placed_is_one_line(tmp_path: Path, drive: Mode
     path = tmp_path / "drive.toml"
     path.write_text(DRIVE.split("[joint.effects.")[0] + "[joint.effects.lugre]\n", encoding="utf-8")
     with pytest.raises(RecordingError, match=r"lugre@1 cannot be placed: .* no scale"):
-        identify(open_model(path), [run])
+        kept(identify, open_model(path), [run])
 
 
 @pytest.mark.parametrize("rate", [300.0, 700.0])
@@ -113,5 +114,5 @@ def test_columns_that_overflow_are_left_out(drive: Model, rate: float) -> None:
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        limits = diagnose(drive, [plain]).seen
+        limits = kept(diagnose, drive, [plain]).seen
     assert np.isfinite([limit.value for limit in limits]).all()

@@ -1,0 +1,167 @@
+"""Recordings by name, each made once and identified, compared and diagnosed once: what tests assert things over.
+
+They come from equations written apart from the library's: `plants` (the drive), `wrist` (two motors that turn with two
+joints), `spatial_wrist` (six joints). What is computed from them is kept, see `kept`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose
+from runtime.diagnosis.grammar_search import Draft, Wider
+from runtime.diagnosis.search import Search
+from runtime.estimation.compare import Comparison, compare
+from runtime.estimation.identify import Identification, identify
+from runtime.estimation.suspicions import Suspicion, suspicions
+from runtime.loop.law_proposal import propose
+from runtime.model.loader import Model
+from runtime.recordings.recording import Recording
+from runtime.workspace.compiled import CompiledArm
+from runtime.workspace.source import Source
+from tests import plants, spatial_wrist, wrist
+from tests.judge import bodies
+from tests.judge.cases import Case
+from tests.judge.line import Line, line
+from tests.kept import kept
+from tests.sources import ROOT
+
+ARMS = ROOT / "symbolic" / "arms"
+TEXTS = {
+    "drive": (ARMS / "drive.toml").read_text(encoding="utf-8"),
+    "wrist": wrist.MODEL,
+    "six": spatial_wrist.MODEL,
+    **{f"judge{n}": bodies.model_text(bodies.ARMS[n], bodies.BELIEVED) for n in (1, 2)},
+}
+"""Model files by the arm's name."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A recording: of which arm, and the call that makes it."""
+
+    arm: str
+    make: Callable[..., Recording]
+    arguments: tuple[object, ...]
+
+
+def drive(hidden: str | None, seed: int, size: float | None = None) -> Entry:
+    """The drive of `plants`, 77 s at 1 kHz, the same motion twice."""
+    return Entry("drive", plants.recording, (hidden, seed, size))
+
+
+def pair(motor: wrist.CoupledMotor, seed: int) -> Entry:
+    """Two joints of parallel axes."""
+    return Entry("wrist", wrist.record, (motor, seed))
+
+
+def six(motor: wrist.CoupledMotor, seed: int, beside: spatial_wrist.Beside | None = None) -> Entry:
+    """Six joints in space, 9 s."""
+    arguments = (motor, seed, 9.0) if beside is None else (motor, seed, 9.0, beside)
+    return Entry("six", spatial_wrist.record, arguments)
+
+
+NONE = wrist.CoupledMotor()
+COUPLED = wrist.CoupledMotor(1.4, 0.7, 0.01)
+ENTRIES = {
+    "clean": drive(None, 21),
+    "parallel spring": drive("parallel_spring", 11),
+    "viscous asymmetric": drive("viscous_asymmetric", 11),
+    "linear spring": drive("linear_spring", 3),
+    "linear spring again": drive("linear_spring", 4),
+    "friction wave": drive("friction_wave", 5),
+    "friction wave again": drive("friction_wave", 6),
+    "disturbance": drive("disturbance", 21),
+    "elasticity": drive("elasticity", 1),
+    "pair clean": pair(NONE, 3),
+    "pair coupled": pair(wrist.CoupledMotor(0.5, 0.4, 0.03, 1.0), 3),
+    "pair coupled backwards": pair(wrist.CoupledMotor(0.5, 0.4, 0.03, -1.0), 3),
+    "pair rubbing": pair(wrist.CoupledMotor(dry=0.4), 3),
+    "six clean": six(NONE, 4),
+    "six coupled": six(COUPLED, 4),
+    "six coupled and more": six(COUPLED, 4, spatial_wrist.Beside(1.0, 0.05)),
+}
+
+
+@cache
+def source(arm: str) -> Source:
+    """The model file of an arm of the bank."""
+    return Source(Path(f"{arm}.toml"), TEXTS[arm])
+
+
+@cache
+def model(arm: str) -> Model:
+    """The compiled arm of the bank."""
+    return source(arm).compiled.model()
+
+
+def recording(name: str) -> Recording:
+    entry = ENTRIES[name]
+    return kept(entry.make, *entry.arguments)
+
+
+def identified(name: str) -> Identification:
+    return kept(identify, model(ENTRIES[name].arm), [recording(name)])
+
+
+def compared(name: str) -> Comparison:
+    return kept(compare, model(ENTRIES[name].arm), [recording(name)])
+
+
+def diagnosed(name: str) -> Diagnosis:
+    return kept(diagnose, model(ENTRIES[name].arm), [recording(name)])
+
+
+def searched(name: str) -> Search:
+    """The findings one after another, before any is looked at anew in the light of the others."""
+    return kept(advanced, model(ENTRIES[name].arm), [recording(name)])
+
+
+def advanced(model: Model, recordings: Sequence[Recording]) -> Search:
+    search = begin(model, recordings)
+    while search.open and search.advance() is not None:
+        pass
+    return search
+
+
+def suspected(model: Model, recordings: Sequence[Recording]) -> tuple[Suspicion, ...]:
+    """What is found wrong with recordings."""
+    return suspicions(identify(model, recordings))
+
+
+def diagnosed_by(arm: CompiledArm, recordings: Sequence[Recording]) -> Diagnosis:
+    """As `tendon diagnose` calls it: with guesses at hand."""
+    return diagnose(arm.model(), recordings, wider=arm.model_with_guesses)
+
+
+def proposed(arm: CompiledArm, recordings: Sequence[Recording]) -> Draft | None:
+    """As `tendon diagnose --draft` calls it."""
+    return propose(kept(diagnosed_by, arm, recordings), *arm.model_with_guesses())
+
+
+def judged(case: Case) -> Line:
+    """A row of the judge's table. RuntimeError where it could not be made."""
+    row = line(case)
+    if row.outcome == "failed":
+        raise RuntimeError(row.reason)
+    return row
+
+
+class KeptVerbs:
+    """Lets `tendon diagnose` and its --draft take what they find from the bank; all else they do themselves."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        patch.setattr("runtime.diagnosis.diagnose.diagnose", self._diagnose)
+        patch.setattr("runtime.loop.law_proposal.propose", self._propose)
+
+    def _diagnose(self, _: Model, recordings: Sequence[Recording], wider: Wider) -> Diagnosis:
+        self.asked = wider.__self__, recordings
+        return kept(diagnosed_by, *self.asked)
+
+    def _propose(self, *_: object) -> Draft | None:
+        return kept(proposed, *self.asked)
