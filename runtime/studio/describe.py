@@ -25,7 +25,6 @@ from runtime.report.page import recorded_motion
 from runtime.report.page.html_page import verdict as answer
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.studio.documents import (
-    CommandShown,
     Cure,
     EffectOffered,
     EffectShown,
@@ -161,7 +160,7 @@ def verdict(summary: ResultSummary) -> VerdictShown:
         to_record=cards.to_record(summary),
         experiments=[row | {"commands": list(map(asdict, row["commands"]))} for row in cards.experiments(summary)],
         warnings=list(summary.document.warnings),
-        commands=[CommandShown(what=command.what, command=command.line) for command in summary.commands],
+        commands=[command.document() for command in summary.commands],
     )
 
 

@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from runtime.documents.diagnosis import CommandEntry
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ClockEntry
 from runtime.studio.session import JointError, PlacedEffect, SessionStep, Verdict, read
@@ -117,13 +118,6 @@ class FindingShown(EffectShown, frozen=True, kw_only=True):
     card: Row
 
 
-class CommandShown(Document, frozen=True, kw_only=True):
-    """A command line, and what it does."""
-
-    what: str
-    command: str
-
-
 class VerdictShown(Document, frozen=True, kw_only=True):
     """A diagnosis.
 
@@ -145,7 +139,7 @@ class VerdictShown(Document, frozen=True, kw_only=True):
     to_record: list[Row]
     experiments: list[Row]
     warnings: list[str]
-    commands: list[CommandShown]
+    commands: list[CommandEntry]
 
 
 class ValuesFound(Document, frozen=True, kw_only=True):

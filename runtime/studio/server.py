@@ -13,15 +13,19 @@ import webbrowser
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import runtime
 from runtime.report.page.filling import policy
 from runtime.report.signals.signal_set import AskedWrongly, SignalSet
-from runtime.studio.guard import App, Guard, new_token
+from runtime.studio.guard import Guard, new_token
 from runtime.studio.session import SessionError, safe_name
 from runtime.studio.settings import MOST_REQUEST, MOST_SETS
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkError
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
 
 HOST = "127.0.0.1"
 GIVEN = "/given"
@@ -98,7 +102,7 @@ def bound(port: int) -> socket.socket:
     return listening
 
 
-def application(studio: Studio) -> App:
+def application(studio: Studio) -> FastAPI:
     """Everything that is served, without the guard."""
     from fastapi import FastAPI
     from nicegui import ui
@@ -127,12 +131,10 @@ def application(studio: Studio) -> App:
     return app
 
 
-def _add_routes(app: App, studio: Studio) -> None:
+def _add_routes(app: FastAPI, studio: Studio) -> None:
     """Everything beside the page."""
-    from fastapi import FastAPI, Request
+    from fastapi import Request
     from starlette.responses import PlainTextResponse, Response
-
-    assert isinstance(app, FastAPI)
 
     @lru_cache(maxsize=MOST_SETS)
     def loaded(path: Path, _changed: int) -> SignalSet:

@@ -212,14 +212,6 @@ class History(Document, frozen=True):
         step = replace(self.step(number), verdict=verdict)
         return replace(self, steps=(*self.steps[:number], step, *self.steps[number + 1 :]))
 
-    @property
-    def can_undo(self) -> bool:
-        return self.here is not None and self.here.parent is not None
-
-    @property
-    def can_redo(self) -> bool:
-        return bool(self.undone)
-
     def undo(self) -> History:
         """Back to the step that the current one changes."""
         here = self.here
@@ -254,6 +246,7 @@ class StudioSession:
 
     def __init__(self, folder: Path, state: SessionState) -> None:
         self.folder = folder.resolve()
+        self.scratch = self.folder / "work"  # of results that are not complete
         self._state = state
 
     @classmethod
@@ -322,26 +315,21 @@ class StudioSession:
         shutil.rmtree(self.folder / "recordings", ignore_errors=True)
         self.change(inputs, History())
 
-    @property
-    def scratch(self) -> Path:
-        """The folder of results that are not complete."""
-        return self.folder / "work"
-
     def given(self, file: GivenFile) -> Path:
         """The path of a given file."""
         return self.folder / "given" / file.file
 
     def step(self, number: int) -> Path:
         """The folder of a step, from 0."""
-        return self.folder / "steps" / str(int(number))
+        return self.folder / "steps" / str(number)
 
     def recording(self, number: int) -> Path:
         """The folder of what was read of a recording, from 1."""
-        return self.folder / "recordings" / str(int(number))
+        return self.folder / "recordings" / str(number)
 
     def plan(self, number: int) -> Path:
         """The folder of a plan, from 1."""
-        return self.folder / "plans" / str(int(number))
+        return self.folder / "plans" / str(number)
 
     def place_for(self, name: str) -> GivenFile:
         """A free name in `given/` for a file of any name."""

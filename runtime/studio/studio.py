@@ -59,7 +59,7 @@ class Studio:
             raise SessionError(f"{session.folder}: was made with effects of your own; open it with --effects")
         self.session = session
         self._effects = effects
-        self._version = 0
+        self.version = 0  # another number after every change of inputs, history or task
         self._lock = threading.RLock()  # results arrive in another thread than clicks
         self._session_lock: int | None = session.locked()
         shutil.rmtree(session.scratch, ignore_errors=True)  # of a process that was killed
@@ -74,18 +74,11 @@ class Studio:
             self._session_lock = None
 
     @property
-    def version(self) -> int:
-        """Another number after every change of inputs, history or task."""
-        return self._version
-
-    @property
     def inputs(self) -> Inputs:
-        """What was given."""
         return self.session.inputs
 
     @property
     def history(self) -> History:
-        """The steps, and which of them is the current one."""
         return self.session.history
 
     @property
@@ -194,15 +187,12 @@ class Studio:
     # The history; each raises HistoryError
 
     def undo(self) -> None:
-        """Back to the step that the current one changes."""
         self._move(History.undo)
 
     def redo(self) -> None:
-        """To the step that was undone last."""
         self._move(History.redo)
 
     def go_to(self, number: int) -> None:
-        """To any step."""
         self._move(lambda history: history.at(number))
 
     # Results
@@ -272,7 +262,7 @@ class Studio:
         self._changed()
 
     def _changed(self) -> None:
-        self._version += 1
+        self.version += 1
 
     def _finished(self, work: WorkState) -> None:
         """Move the results of a task to their places."""

@@ -82,7 +82,7 @@ def test_an_arm_of_tendon_and_a_robot_description(here, served):
         (["arm.toml", "--session", "."], "is not empty"),
         (["arm.toml", "--map", "q1"], "expected NAME=COLUMN"),
         (["arm.toml", "--port", "70000"], "--port"),
-        (["old", "--demo"], "give nothing else beside it"),
+        (["old", "--demo"], "drop the other arguments"),
         (["nothing"], "nothing"),
     ],
 )

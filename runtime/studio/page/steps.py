@@ -15,8 +15,8 @@ def history(view: PageView) -> None:
     studio, busy = view.studio, view.busy
     put("h2", "Steps")
     with put("div", classes="acts"):
-        button("Undo", lambda: view.act(studio.undo), disabled=busy or not studio.history.can_undo, data_do="undo")
-        button("Redo", lambda: view.act(studio.redo), disabled=busy or not studio.history.can_redo, data_do="redo")
+        button("Undo", lambda: view.act(studio.undo), disabled=busy or view.step.parent is None, data_do="undo")
+        button("Redo", lambda: view.act(studio.redo), disabled=busy or not studio.history.undone, data_do="redo")
     with put("ol", classes="steps"):
         for step in studio.history.steps:
             joint, current = step.joints[view.joint.joint - 1], "step" if step is view.here else None
