@@ -71,15 +71,15 @@ def sweep(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
+    from runtime.documents.plans import SweepDocument
     from runtime.planning import scenario_file
     from runtime.report import plans, terminal
     from runtime.sweep import grid, journal
-    from runtime.sweep import table as tables
     from runtime.sweep.job import Code
 
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes of this machine, --scheduler is a cluster; give one of them")
-    tables.check(table)
+    journal.check(table)
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: exists without its journal {diary.name}; move it away, or choose another --table")
@@ -99,22 +99,21 @@ def sweep(
     ):
         before = kept.finished(jobs)
         results = _run(jobs, pool, kept)
-    tables.write(table, tables.columns(case, model.n, names), jobs, results)
-    variations = tables.summary(jobs, results, model)
-    document = {
-        "scenario": case.name,
-        "arm": model.name,
-        "goal": case.objective.goal,
-        "over": {axis.name: axis.values for axis in axes},
-        "jobs": len(jobs),
-        "found_finished": before,
-        "seconds": time.monotonic() - began,
-        "table": table,
-        "journal": diary,
-        "variations": variations,
-    }
-    emit(json, document, terminal.printer(plans.sweep))
-    if not all(variation["feasible"] for variation in variations):
+    journal.write(table, journal.columns(case, model.n, names), jobs, results)
+    document = SweepDocument(
+        scenario=case.name,
+        arm=model.name,
+        goal=case.objective.goal,
+        over={axis.name: list(axis.values) for axis in axes},
+        jobs=len(jobs),
+        found_finished=before,
+        seconds=time.monotonic() - began,
+        table=str(table),
+        journal=str(diary),
+        variations=journal.summary(jobs, results, model),
+    )
+    emit(json, document.to_json(), terminal.printer(plans.sweep))
+    if not all(variation.feasible for variation in document.variations):
         raise typer.Exit(NO)
 
 

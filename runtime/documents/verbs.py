@@ -16,7 +16,7 @@ from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import EffectDocument, EffectsDocument, ExportDocument, ImportDocument, InitDocument
 from runtime.documents.parts import Document
-from runtime.documents.plans import ExecuteDocument, OptimizeDocument, PaperDocument
+from runtime.documents.plans import ExecuteDocument, OptimizeDocument, PaperDocument, SweepDocument
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
 
 BY_VERB: dict[str, type[Document]] = {
@@ -31,6 +31,7 @@ BY_VERB: dict[str, type[Document]] = {
     "experiment": ExperimentDocument,
     "optimize": OptimizeDocument,
     "execute": ExecuteDocument,
+    "sweep": SweepDocument,
     "paper": PaperDocument,
     "generate": GenerateDocument,
     "verify": VerifyDocument,

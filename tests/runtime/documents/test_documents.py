@@ -29,6 +29,7 @@ LINES = {
     "demo": ["--out", "demo"],
     "optimize": ["scenario1"],
     "execute": ["vishard4", "plan.json", "--on", "simulation", "--trials", "1", "--out", "executed.csv"],
+    "sweep": ["scenario1", "--over", "seed=0", "--over", "case=A,B", "--table", "table.csv", "--workers", "1"],
     "paper": ["table2", "--trials", "0"],
     "generate": ["drive", "--out", "drive"],
     "add": ["own.toml", "stribeck", "--joint", "1", "--out", "own"],

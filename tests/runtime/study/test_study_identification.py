@@ -80,6 +80,7 @@ def test_the_arm_has_the_printed_friction_and_the_controller_compensates_none(mo
 # --- what comes out ---
 
 
+@pytest.mark.xdist_group("Table I")
 def test_printed_parameters_are_recovered(table: Table1) -> None:
     assert [(p.joint, p.column) for p in table.parameters] == [
         (4, column) for column in ("positive", "negative", "viscous", "cubic")
@@ -95,6 +96,7 @@ def test_printed_parameters_are_recovered(table: Table1) -> None:
     assert cubic.interval[0] > -0.0145  # the model file's own value is another
 
 
+@pytest.mark.xdist_group("Table I")
 def test_another_arm_is_not_taken_for_the_papers(
     monkeypatch: pytest.MonkeyPatch, model: Model, recordings: dict[Cosine, Recording]
 ) -> None:
@@ -107,6 +109,7 @@ def test_another_arm_is_not_taken_for_the_papers(
     assert values["positive"].ours.value == pytest.approx(1.72, abs=0.01)
 
 
+@pytest.mark.xdist_group("Table I")
 def test_least_squares_of_the_friction_torque_agree(
     table: Table1, model: Model, recordings: dict[Cosine, Recording]
 ) -> None:
@@ -137,6 +140,7 @@ def _friction(model: Model, recording: Recording, joint: int) -> tuple[Array, Ar
     return qd[joint, away], torque[away]
 
 
+@pytest.mark.xdist_group("Table I")
 def test_the_document_is_json_and_tells_published_from_assumed(table: Table1) -> None:
     document = json.loads(json.dumps(table.entry().to_json(), allow_nan=False))
     assert document["published"]["speeds"][3] == [1.0, 3.0, 5.0]
@@ -154,6 +158,7 @@ def test_the_document_is_json_and_tells_published_from_assumed(table: Table1) ->
 # --- Figure 4 ---
 
 
+@pytest.mark.xdist_group("Table I")
 def test_the_figure_shows_measured_torque_around_the_map(table: Table1) -> None:
     found = table.joint(4)
     figure = figures.figure4(found)

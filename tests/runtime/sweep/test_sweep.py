@@ -31,7 +31,6 @@ from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
 from runtime.sweep import grid, journal
-from runtime.sweep import table as tables
 from runtime.sweep.job import Code, Job, JobResult, Pool, PoolError, outcomes, processes
 from runtime.workspace.source import open_model
 from symbolic.effects import LIBRARY
@@ -262,6 +261,7 @@ def test_a_contact_varies_by_its_parameters() -> None:
 # --- the table ---
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 def test_one_row_a_job_in_the_order_of_the_grid(undisturbed: pd.DataFrame) -> None:
     rows = list(undisturbed[["cycle_time", "case", "seed"]].itertuples(index=False, name=None))
     assert rows == [(T, case, seed) for T in (1.0, 1.4) for case in "AD" for seed in range(3)]
@@ -273,6 +273,7 @@ def test_one_row_a_job_in_the_order_of_the_grid(undisturbed: pd.DataFrame) -> No
     assert best[1.4, "A"] == pytest.approx(best[1.0, "A"] * (1.0 / 1.4) ** 3, rel=1e-9)
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 def test_the_document_says_what_the_table_says(run: Run, undisturbed: pd.DataFrame) -> None:
     status, document = run("undisturbed.csv", *GRID)
     assert (status, document["found_finished"]) == (0, JOBS)
@@ -284,6 +285,7 @@ def test_the_document_says_what_the_table_says(run: Run, undisturbed: pd.DataFra
         assert variation["close"] == (rows["cost"] <= 1.01 * rows["cost"].min()).mean()
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 def test_parquet_and_csv_are_equal(run: Run, folder: Path, undisturbed: pd.DataFrame) -> None:
     # The journal alone decides what is in a table, so that of the CSV serves.
     (folder / "same.parquet.journal").write_bytes((folder / "undisturbed.csv.journal").read_bytes())
@@ -318,6 +320,7 @@ def test_a_name_that_is_no_table_is_refused(run: Run, capfd: Any) -> None:
 # --- what a journal holds ---
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 def test_a_journal_goes_on_where_it_was_torn(run: Run, folder: Path, undisturbed: pd.DataFrame) -> None:
     whole = (folder / "undisturbed.csv.journal").read_bytes()
     ends = [i + 1 for i, byte in enumerate(whole) if byte == ord("\n")]
@@ -329,6 +332,7 @@ def test_a_journal_goes_on_where_it_was_torn(run: Run, folder: Path, undisturbed
     pd.testing.assert_frame_equal(table(folder / "torn.csv"), undisturbed, check_exact=True)
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 @pytest.mark.usefixtures("undisturbed")
 def test_the_journal_of_another_sweep_is_refused(run: Run, folder: Path, capfd: Any) -> None:
     diary = folder / "other.csv.journal"
@@ -386,6 +390,7 @@ def kill(pid: int) -> None:
     os.kill(pid, signal.SIGKILL)
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 def test_killed_in_the_middle_it_goes_on_to_the_same_table(folder: Path, run: Run, undisturbed: pd.DataFrame) -> None:
     diary = folder / "killed.csv.journal"
     script = "import sys; from runtime.cli.main import main; main()"
@@ -403,6 +408,7 @@ def test_killed_in_the_middle_it_goes_on_to_the_same_table(folder: Path, run: Ru
     pd.testing.assert_frame_equal(table(folder / "killed.csv"), undisturbed, check_exact=True)
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 @pytest.mark.slow
 def test_a_worker_process_that_dies_loses_nothing(run: Run, folder: Path, undisturbed: pd.DataFrame) -> None:
     diary = folder / "worker.csv.journal"
@@ -454,7 +460,7 @@ def test_a_failed_job_is_tried_again(swing: Any, tmp_path: Path) -> None:
     """It is a row of the table, and not in the journal."""
     scenario, model, code = swing
     jobs = jobs_of(swing, "seed=0:3")
-    names = tables.columns(scenario, model.n, ["seed"])
+    names = journal.columns(scenario, model.n, ["seed"])
     told: list[JobResult] = []
     for bad, new in ((1, 4), (None, 1)):
 
@@ -468,7 +474,7 @@ def test_a_failed_job_is_tried_again(swing: Any, tmp_path: Path) -> None:
         with in_threads(task) as pool, journal.opened(tmp_path / "t.csv.journal", heading) as kept:
             results = journal.run(jobs, pool, kept, told.append)
         assert len(told) == new
-        tables.write(tmp_path / "t.csv", names, jobs, results)
+        journal.write(tmp_path / "t.csv", names, jobs, results)
         feasible = pd.read_csv(tmp_path / "t.csv")["feasible"]
         assert list(feasible.isna()) == [seed == bad for seed in range(4)]
 
@@ -498,6 +504,7 @@ def cluster(cache: Path) -> Iterator[Any]:  # noqa: ARG001
         yield client
 
 
+@pytest.mark.xdist_group("undisturbed sweep")
 @pytest.mark.slow
 def test_a_worker_killed_in_a_cluster_loses_and_doubles_nothing(
     run: Run, folder: Path, cluster: Any, undisturbed: pd.DataFrame
