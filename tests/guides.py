@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+ROOT = Path(__file__).resolve().parent.parent
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NAMED = re.compile(r"(?:#|//|/\*) ([\w.-]+\.(?:toml|py|c|csv))(?: \*/)?(?:$|[:,;] )")
 _NUMBER = re.compile(r"~?[-−+]?\d[\d,]*(?:\.\d+)?(?:[eE][-+]?\d+)?")
@@ -109,3 +110,9 @@ def _same_number(said: str, printed: str) -> bool:
     last = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
     value, other = float(digits), float(printed.replace(",", "").replace("−", "-"))
     return abs(value - other) <= max(0.501 * last, _TOLERANCE * abs(value))
+
+
+def demo_errors() -> list[str]:
+    """What README.md says of the demo's errors, %: fitted and held out before the effect is added, and after."""
+    text = next(block.text for block in blocks(ROOT / "README.md") if block.language == "text")
+    return re.findall(r"([\d.]+) %", text)[:4]

@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from guides import Block, blocks, differs
+from guides import ROOT, Block, blocks, demo_errors, differs
+from PIL import Image
 from test_rooms import ORDER
 
 from codegen.toolchain import build
@@ -32,7 +33,6 @@ from symbolic.effects.declaration import Effect
 
 tendon = pytest.importorskip("tendon", reason="the package is not installed (pip install -e .)")
 
-ROOT = Path(__file__).resolve().parent.parent
 GUIDES = ["README.md", "symbolic/README.md", "codegen/README.md", "runtime/README.md", "tests/README.md"]
 LONGEST = 200
 """Lines of the first page."""
@@ -319,12 +319,16 @@ def test_every_function_for_notebooks_has_its_line() -> None:
 
 
 @pytest.mark.cheap
-def test_the_picture_of_the_error_has_the_figures_of_the_demo() -> None:
-    """The words of a drawing stand in its comments."""
-    (printed, *_) = (block.text for block in blocks(ROOT / "README.md") if block.language == "text")
-    before, held_out_before, after, held_out_after = re.findall(r"([\d.]+) %", printed)[:4]
+def test_the_pictures_have_the_figures_of_the_demo() -> None:
+    """The words of a drawing stand in its comments, those of the screenshot in its description."""
+    before, held_out_before, after, held_out_after = demo_errors()
     words = re.findall(r"<!--.*?([\d.]+) % -->", (ROOT / ".images" / "error.svg").read_text(encoding="utf-8"))
     assert differs(" ".join((before, after, held_out_before, held_out_after)), " ".join(words)) is None
+    with Image.open(ROOT / ".images" / "studio.png") as picture:
+        said = picture.text["Description"].splitlines()
+    for label, figures in (("error", (before, after)), ("error, held out", (held_out_before, held_out_after))):
+        shown = re.findall(r"[\d.]+", said[said.index(label) + 1])
+        assert differs(" ".join(figures), " ".join(shown)) is None
 
 
 @pytest.mark.cheap

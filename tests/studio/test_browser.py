@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -14,6 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 from bench_arm import BENCH, SPRING, THERE_AND_BACK, trajectory
+from guides import demo_errors, differs
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from runtime.studio.server import write_start_file
 from tests.studio.browser import ROOT, Server, Watched, served
@@ -39,6 +43,8 @@ def test_the_loop_of_the_demo_by_clicks_alone(tab: Tab, new_server: Server) -> N
     page.wait_for_selector("#verdict h1:has-text('falls')")
     after = seen.error()
     assert after < 0.6 * before
+    shown = re.findall(r"([\d.]+)\s%", page.inner_text("#verdict h1"))
+    assert differs(" ".join(demo_errors()[::2]), " ".join(shown)) is None
     assert "at its noise floor" in page.inner_text("#errors")
     page.wait_for_selector("tendon-signals[data-ready]")
     page.click("[data-do=undo]")
@@ -388,7 +394,7 @@ def demo(tab: Tab, tmp_path: Path) -> Iterator[Watched]:
 
 def test_the_picture_of_the_guide(fitted: Watched, request: pytest.FixtureRequest) -> None:
     """What the README shows is as large as the page here. TENDON_PICTURE=write, and nothing else, makes it anew, of
-    the demo."""
+    the demo, with the words of its verdict as the file's description."""
     write = os.environ.get("TENDON_PICTURE") == "write"
     page = request.getfixturevalue("demo").page if write else fitted.page
     if write:
@@ -398,7 +404,10 @@ def test_the_picture_of_the_guide(fitted: Watched, request: pytest.FixtureReques
     page.wait_for_selector("#joint tendon-signals[data-ready]")
     picture = page.screenshot()
     if write:
-        PICTURE.write_bytes(picture)
+        words = PngInfo()
+        words.add_text("Description", page.inner_text("#verdict"))
+        with Image.open(io.BytesIO(picture)) as image:
+            image.save(PICTURE, pnginfo=words, optimize=True)
     assert PICTURE.read_bytes()[:24] == picture[:24]  # signature, width and height
 
 
