@@ -118,8 +118,8 @@ def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R
 
     for index, part in enumerate(parts):
         if index not in found and done(index, function(part)) > _WORTH_FORKING and cores() > 1:
-            with suppress(_Lost):
-                for other, result in _forked(function, parts, range(index + 1, len(parts))):
+            with suppress(_Lost), closing(_forked(function, parts, range(index + 1, len(parts)))) as coming:
+                for other, result in coming:
                     done(other, result)
     return [found[index] for index in range(len(parts))]
 
