@@ -360,15 +360,6 @@ def test_effects(run, here):
     assert refused(run, here, "effects", "stribek") == expected
 
 
-def test_verify(run):
-    status, out, _ = run("verify", "drive.toml", "--samples", "1", "--json", "verified.json")
-    assert status == 0
-    assert "Equal" in out
-    document = json.loads(Path("verified.json").read_text())
-    assert document["equal"] is True
-    assert document["vectors"]
-
-
 # --- recordings ---
 
 
@@ -426,15 +417,6 @@ def test_identify_writes_values_where_they_belong(run, here, recorded):
     assert source.arm().inertial["J1"] == pytest.approx(document["inertial"][0]["fit"], rel=1e-6)  # 7 digits
     assert set(source.arm().joints[0].effects["coulomb_asymmetric"]) == {"positive", "negative"}
     assert open_model("drive.toml").lump_values[0] == pytest.approx(document["inertial"][0]["fit"], rel=1e-6)
-
-
-def test_compare(run, recorded):
-    status, out, _ = run("compare", "drive.toml", recorded)
-    assert status == 0
-    assert "velocity" in out
-    joint = json.loads(run("compare", "drive.toml", recorded, "--json", "-")[1])["joints"][0]
-    assert joint["rms"] > joint["floor"] > 0
-    assert joint["structure"][0]["signal"] == "velocity"
 
 
 def test_diagnose_names_the_effect(run, here, recorded):
