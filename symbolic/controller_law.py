@@ -1,7 +1,7 @@
-"""What a controller adds to the inverse dynamics, at the measured motion: friction by (7), springs (2), the plate (3).
+"""Torques that a controller adds to inverse dynamics at the measured motion: friction (7), springs (2), the plate (3).
 
-Every active effect without a memory that reads only the measured motion is compensated. Springs parallel to the
-joints and the plate belong to a trajectory, not to the arm: they are always there, with parameters of their own.
+Every active effect without memory that reads only the measured motion is compensated. Parallel springs and the plate
+belong to a trajectory, not to the arm: they are always compensated, with their own parameters.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ class Site:
         return f"reads {', '.join(unknown)}" if unknown else None
 
     def symbol(self, parameter: Parameter) -> sp.Symbol:
-        """The parameter of this effect, here."""
+        """The symbol of a parameter at this site."""
         owner = self.effect.scope if self.joint is None else f"joint{self.joint}"
         return sp.Symbol(f"{owner}_{self.effect.name}_{parameter.name}", real=True)
 
     @property
     def symbols(self) -> tuple[sp.Symbol, ...]:
-        """Those of all parameters, in declared order."""
+        """Symbols of all parameters, in declared order."""
         return tuple(self.symbol(p) for p in self.effect.parameters)
 
     def torque(self, joint: int, reading: Reading) -> sp.Expr:
-        """The effect's torque at a joint (1-based) whose signals have these expressions."""
+        """The effect's torque at a joint (1-based) with these signals."""
         own = {p.symbol: self.symbol(p) for p in self.effect.parameters}
         return self.effect.torque.xreplace({**reading, **own, HAS_NEXT: sp.Integer(joint == self.joint)})
 
     def acts_on(self, joint: int) -> bool:
-        """Whether a joint (1-based) feels it."""
+        """Whether the effect acts on a joint (1-based)."""
         if self.joint is None:
             return True
         return joint == self.joint or (self.effect.scope == "joints" and joint == self.joint + 1)
@@ -66,9 +66,9 @@ class Site:
 
 @dataclass(frozen=True)
 class Spring:
-    """The spring that a trajectory brings along for a joint (1-based).
+    """A spring of a trajectory at a joint (1-based).
 
-    usual   the one that is meant where nobody names one; the names of others stand before those of their parameters
+    usual   the default kind; other kinds have their name in front of their parameters' names
     """
 
     effect: Effect
@@ -77,8 +77,8 @@ class Spring:
 
     @property
     def lumps(self) -> tuple[tuple[Parameter, sp.Expr], ...]:
-        """What a controller takes of it, and how that follows from its parameters: no product of theirs is computed
-        twice. Of others than the usual one, the parameters themselves."""
+        """The controller's parameters, with expressions in the effect's parameters: coefficients of the usual spring,
+        which avoid repeated products, and the parameters themselves of others."""
         form = self.effect.form if self.usual else None
         solved = zip(form.coefficients, form.from_parameters, strict=True) if form else ()
         used = self._law.free_symbols
@@ -91,29 +91,29 @@ class Spring:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its lumps among those of all springs of a joint."""
+        """Names of its lumps, unique among the springs of a joint."""
         return tuple(p.name if self.usual else f"{self.effect.name}_{p.name}" for p, _ in self.lumps)
 
     @property
     def symbols(self) -> tuple[sp.Symbol, ...]:
-        """Those of its lumps, in order."""
+        """Symbols of its lumps, in order."""
         return tuple(sp.Symbol(f"joint{self.joint}_spring_{name}", real=True) for name in self.names)
 
     def torque(self, reading: Reading) -> sp.Expr:
-        """At its joint, whose signals have these expressions."""
+        """Its torque at the joint with these signals."""
         own = {p.symbol: symbol for (p, _), symbol in zip(self.lumps, self.symbols, strict=True)}
         return self._law.xreplace({**reading, **own})
 
 
 def _springs(model: ArmModel, library: Mapping[str, Effect]) -> tuple[Spring, ...]:
-    """One of each kind that a trajectory may bring, joint by joint."""
+    """One spring of each kind that a trajectory may have, joint by joint."""
     effects = [e for e in library.values() if e.brought and e.scope == "joint"]
     joints = range(1, len(model.arm.joints) + 1)
     return tuple(Spring(effect, joint, effect is effects[0]) for joint in joints for effect in effects)
 
 
 def _touched(library: Mapping[str, Effect]) -> tuple[Site, ...]:
-    """What the end-effector may touch: the effects that a trajectory brings, of those that give a signal the first."""
+    """Contact effects that a trajectory may have; of several that give the same signal, the first."""
     found: list[Effect] = []
     for effect in (e for e in library.values() if e.brought and e.scope == "contact"):
         given = {p.gives for p in effect.parameters if p.gives}
@@ -124,11 +124,11 @@ def _touched(library: Mapping[str, Effect]) -> tuple[Site, ...]:
 
 @dataclass(frozen=True)
 class Compensation:
-    """The generated functions of a controller beside those of the arm, and what they take.
+    """A controller's generated functions besides those of the arm, and their parameters.
 
-    springs         that a trajectory may bring, joint by joint, the usual one first
-    touched         effects of the contact that it brings
-    effects         struct of c_u, c_e and the parameters of the compensated effects; None where the file has no value
+    springs         that a trajectory may have, joint by joint, the usual one first
+    touched         contact effects that a trajectory may have
+    effects         struct of c_u, c_e and the compensated effects' parameters; None where unknown
     compensated     sites in the order of their fields
     uncompensated   the other active effects
     functions       joint_compensation, contact_compensation
@@ -143,7 +143,7 @@ class Compensation:
 
 
 def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation:
-    """The compensation of an arm's active effects; `library`: all declarations by name."""
+    """The compensation of an arm's active effects. library: all declarations by name."""
     springs, touched = _springs(model, library), _touched(library)
     sites = [site for site, _ in _active(model, library) if not site.effect.brought]
     compensated = tuple(site for site in sites if site.obstacle is None)
@@ -192,7 +192,7 @@ def _coordinates(model: ArmModel) -> Coordinates:
 
 
 def nested(terms: sp.Expr, x: sp.Symbol) -> sp.Expr:
-    """A sum with its powers of x as x (a + x^2 (b + ...)): fewer products."""
+    """A sum with powers of x in Horner form, x (a + x^2 (b + ...)), which needs fewer products."""
     by_power: dict[int, sp.Expr] = {}
     rest = sp.S.Zero
     for term in sp.Add.make_args(terms):
@@ -209,7 +209,7 @@ def nested(terms: sp.Expr, x: sp.Symbol) -> sp.Expr:
 
 
 def underestimated(friction: sp.Expr, qd: sp.Expr) -> sp.Expr:
-    """A joint's friction as a controller may compensate it: a little less, and nothing at rest; equation (7)."""
+    """The compensated part of a joint's friction: slightly less, and zero at rest; equation (7)."""
     return C_U * friction * (1 - sp.exp(-C_E * sp.Abs(qd)))
 
 
@@ -255,7 +255,7 @@ def _contact(model: ArmModel, effects: Struct, touched: Sequence[Site], sites: S
 
 
 def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> list[Reading]:
-    """What every joint's effects read, in the positions and rates."""
+    """Every joint's signals in positions and rates."""
     there = [s for s in SIGNALS if model.arm.space or not s.space]
     read = [(s, s.source) for s in there if s.known_to == "controller"]
     signals = [(s, source) for s, source in read if source is not None and not isinstance(source, ArmSlope)]
@@ -289,7 +289,7 @@ def _read(
 
 
 def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:
-    """The outputs of one of the arm's functions, its definitions taken over by the recorder."""
+    """The outputs of one of the arm's functions, with its definitions recorded again."""
     function = model.function(name)
     known: dict[sp.Symbol, sp.Expr] = {}
     for symbol, expression in function.definitions:

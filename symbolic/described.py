@@ -1,7 +1,7 @@
-"""What a declaration of an effect says without equations: fields that are data, shared with whoever reads effects.json.
+"""The declaration of an effect without its equations: data that effects.json contains, free of SymPy.
 
-No SymPy here, and no list of the fields but the classes themselves: `to_json` and `from_json` walk them. What other
-rooms need to know of an effect, of its parameters and of its states stands here; nothing asks for a name.
+`to_json` and `from_json` convert the classes field by field. Other rooms decide by these fields, never by an effect's
+name.
 """
 
 from __future__ import annotations
@@ -18,42 +18,42 @@ JOINT_TYPES = ("revolute", "prismatic")
 
 
 class UnitOfJoint(Protocol):
-    """A unit that a revolute and a prismatic joint may read differently."""
+    """A unit whose text depends on the joint's type."""
 
     def text(self, joint_type: str = "revolute") -> str:
-        """The unit in letters, of a revolute joint or of a prismatic one."""
+        """The unit's text at a revolute or prismatic joint."""
 
 
 @dataclass(frozen=True)
 class UnitTexts:
-    """A unit as it is read back: its text by type of joint."""
+    """A unit read from JSON: its text by joint type."""
 
     revolute: str
     prismatic: str
 
     def text(self, joint_type: str = "revolute") -> str:
-        """For people, e.g. `N m s/rad`."""
+        """The unit's text, e.g. `N m s/rad`."""
         return self.prismatic if joint_type == "prismatic" else self.revolute
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Where a shape parameter is looked for: `count` values from `low` to `high` times the data's `of`.
+    """The grid on which a shape parameter is searched: `count` values from `low` to `high`, times a scale of the data.
 
-    of   "one"              as they are
+    of   "one"              no scale
          "rate"             largest |qd|
          "position"         from the smallest to the largest q (low = 0, high = 1)
-         "end"              from the end of the motion inwards, as parts of its range: from the largest q for a
-                            parameter of the kind "side" of +1, from the smallest for -1
-         "range"            largest q less smallest: for a length within the motion
+         "end"              from an end of the motion inwards, as parts of its range: from the largest q where the
+                            parameter of the kind "side" is +1, from the smallest where it is -1
+         "range"            largest minus smallest q: for a length within the motion
          "tip"              from the smallest to the largest tip_y (low = 0, high = 1)
          "load"             largest |load|
          "duration"         of the longest run, s
          "elapsed"          of the longest recording, its runs one after another, s
          "link_inertia"     median link_inertia: for a stiffness low and high are then angular frequencies squared
-         "critical"         2 sqrt(k · median link_inertia), k the parameter of the kind "stiffness" that is tried
-         "line"             from an order of a line of the residual's spectrum over the motor's angle, in periods of the
-                            whole motion: low and high are then its surroundings, and no order is the highest
+         "critical"         2 sqrt(k · median link_inertia), k the tried value of the parameter of the kind "stiffness"
+         "line"             orders around a line of the residual's spectrum over the motor's angle: low and high are
+                            offsets from it, in periods of the whole motion
          "level_per_range"  largest level over the range of q: a stiffness whose deflection is a part of the range
     """
 
@@ -79,7 +79,7 @@ class Grid:
 
     @property
     def continuous(self) -> bool:
-        """Whether values between those of the grid have a meaning: not so for a side."""
+        """Whether values between grid points are meaningful; not so for a side."""
         return self.spacing == "log" or self.count > 2
 
 
@@ -91,21 +91,21 @@ class DescribedParameter:
     """A parameter of an effect; `bounds` are physical (dissipation, order), in SI.
 
     role      "linear": solved exactly by identification; "shape": searched on a grid; "given": from the model file or
-              `default`, because no motion can tell it
+              `default`, because motion cannot identify it
     default   the value of a "given" parameter that the model file does not state
-    kind      what searches and limits take a shape parameter for: "stiffness", more than 0, and the "damping" beside
-              it; "play", from flank to flank; "side", +1 or -1; "begin" and "end" of a stretch; "onset", a time from
-              which it acts, tried also where runs and gaps end; "lead", by which the recorded torque is ahead of the
-              acting one (less than 0 cannot be simulated forwards)
+    kind      the meaning of a shape parameter for searches and limits: "stiffness" (> 0) and its "damping"; "play",
+              from flank to flank; "side", +1 or -1; "begin" and "end" of an interval of positions; "onset", a start
+              time, also tried where runs and gaps end; "lead", the time by which the recorded torque precedes the
+              acting one (negative values cannot be simulated forwards)
     neutral   the value at which the effect vanishes
-    gives     the signal that its value is for the effects beside it; "" for none
-    planned   what an optimization seeks of an effect that a trajectory brings: its "size", which may be chosen from a
-              catalogue, and the "place" where it begins to act; "" for what a scenario states
-    scale     a typical size, SI: an optimization counts in it, so that its unknown is about one
-    says      the words with which a plan gives its value; None: its name
-    abroad    what files of simulators (URDF, MJCF) call it, where they have it: the "damping" or the dry "friction" of
-              a joint, the "stiffness" of a spring and its "rest"; gravity along the base's axes
-    space     only an effect of an arm in space has it; on a planar one it is as if it were zero
+    gives     the signal that other effects read this value as; "" for none
+    planned   the role in optimization: "size", which may come from a catalogue; "place", where the effect begins to
+              act; "" for values that a scenario states
+    scale     a typical size in SI, by which an optimization scales its unknown
+    says      the words that introduce its value in a plan; None: its name
+    abroad    its word in simulators' files (URDF, MJCF), if they have one: "damping" or dry "friction" of a joint,
+              "stiffness" and "rest" of a spring, gravity along base axes
+    space     exists on spatial arms only; on a planar arm the effect behaves as if it were zero
     """
 
     name: str
@@ -130,33 +130,31 @@ P = TypeVar("P", bound=DescribedParameter)
 
 @dataclass(frozen=True, kw_only=True)
 class DescribedEffect(Generic[P]):
-    """One physical effect, as far as words and numbers go.
+    """One physical effect without its equations.
 
     name         as users write it
     scope        "joint"; "joints" (acts on a joint and the next one outwards); "arm"; "contact"
-    family       a heading for lists; nothing is decided by it
+    family       a heading for lists
     parameters   linear, shape and given ones
-    dissipates   its power torque * qd is never negative within the bounds (or, for contact, work on the plate)
+    dissipates   its power torque * qd (of a contact: its work on the plate) is never negative within the bounds
     friction     is friction although it does not always dissipate: a curvature, a change by warmth, a bristle
-    dry          dry friction that presliding bristles carry: what the signal `level` is the magnitude of; g(qd) of
-                 Canudas de Wit et al. 1995
-    has_gap      between two flanks nothing is transmitted; a link-side encoder shows the play
-    carried      the transmission carries it on to the link, as it carries the weight of the arm: it belongs to the
-                 signal `load`, so that it may read neither that nor what hangs on other effects
-    one_form     its law is one of many forms of such an effect: what it leaves is where it differs from the true one
-    sits_at      on which side of a torque sensor at the joint's output, where `side` does not follow from the rest
-    brought      a trajectory brings it along, with parameters of its own: springs to plan with (scope "joint"), what
+    dry          dry friction that presliding bristles carry; the signal `level` is its magnitude, g(qd) of Canudas de
+                 Wit et al. 1995
+    has_gap      transmits nothing between two flanks; a link-side encoder shows the play
+    carried      the transmission carries it to the link, like the arm's weight: it is part of the signal `load`, and
+                 must read neither that nor signals that depend on other effects
+    one_form     its law is one of several published forms, so that a residual may remain where the true form differs
+    sits_at      the side of a torque sensor at the joint's output, if it does not follow from the other fields
+    brought      belongs to a trajectory, with its own parameters: springs to plan with (scope "joint"), objects that
                  the end-effector touches (scope "contact"); a controller always compensates it
-    several      a joint may have more than one, each with values of its own: the second of torque_ripple is called
-                 torque_ripple_2
-    generalises  effects whose torques are special cases: adding this one replaces them
-    assumed      every joint of an arm from elsewhere is taken to have it until recordings say otherwise
-    gives_way    the transmission gives way: what the own joint's link does is felt at all joints; set by the signals
-                 that it reads
+    several      a joint may have more than one; the second torque_ripple is called torque_ripple_2
+    generalises  effects that are special cases of it: adding this one replaces them
+    assumed      imported arms have it at every joint, with unknown values
+    gives_way    the transmission is compliant, so that the joint's link affects all joints; follows from the signals
     summary      one sentence
-    equation     the law as a person writes it
-    trace        what it leaves in a residual, one sentence
-    experiment   the motion that would bring it out, one sentence
+    equation     the law as text
+    trace        the pattern that it leaves in a residual, one sentence
+    experiment   a motion that reveals it, one sentence
     source       literature
     """
 
@@ -194,20 +192,20 @@ class DescribedEffect(Generic[P]):
 
     @property
     def given(self) -> tuple[P, ...]:
-        """Parameters that no motion tells."""
+        """Parameters that motion cannot identify."""
         return tuple(p for p in self.parameters if p.role == "given")
 
     @property
     def rubs(self) -> bool:
-        """Whether it is friction: what (7) scales, and what a frictionless plan leaves out."""
+        """Whether it is friction: scaled by equation (7), and omitted in a frictionless plan."""
         return self.scope != "contact" and (self.friction or self.dissipates)
 
     @property
     def side(self) -> Literal["motor", "link"] | None:
-        """Of a torque sensor at the joint's output, on which the effect acts; None where nothing tells.
+        """The side of a torque sensor at the joint's output on which the effect acts; None if undetermined.
 
-        What rubs at one joint is taken to sit at the motor; what weighs, touches or couples links, at the link. The
-        transmission lies before the sensor, but the torque that it withholds is missing behind it.
+        Friction of one joint is assumed at the motor; weight, contact and coupling act at the link. A compliant
+        transmission is in front of the sensor, but the torque that it withholds is missing behind it.
         """
         if self.sits_at is not None:
             return self.sits_at
@@ -217,7 +215,7 @@ class DescribedEffect(Generic[P]):
 
     @property
     def line(self) -> P | None:
-        """The shape parameter that is an order of a line over the motor's angle."""
+        """The shape parameter that is the order of a spectral line over the motor's angle."""
         return next((p for p in self.shape if p.grid is not None and p.grid.of == "line"), None)
 
     def of_kind(self, kind: ParameterKind) -> P | None:
@@ -225,7 +223,7 @@ class DescribedEffect(Generic[P]):
         return next((p for p in self.parameters if p.kind == kind), None)
 
     def giving(self, signal: str) -> P | None:
-        """The parameter whose value is a signal for others."""
+        """The parameter whose value is a signal for other effects."""
         return next((p for p in self.parameters if p.gives == signal), None)
 
 
@@ -233,17 +231,14 @@ AnyEffect = DescribedEffect[Any]
 """With equations or without."""
 
 
-# --- several of an effect at one place ---
+# --- several instances of an effect at one joint ---
 
 _NUMBERED = re.compile(r"(.+)_([2-9]|[1-9][0-9]+)", re.ASCII)
 E = TypeVar("E", bound="DescribedEffect[Any]")
 
 
 def numbered(name: str, effects: Mapping[str, E]) -> tuple[str, int]:
-    """The effect that a name in a model file means, and which of several at its place: torque_ripple_2, the second.
-
-    A name that means no effect is its own.
-    """
+    """Effect and number of a name in a model file: torque_ripple_2 is number 2; an unknown name is unchanged."""
     match = None if name in effects else _NUMBERED.fullmatch(name)
     if match and match[1] in effects and effects[match[1]].several:
         return match[1], int(match[2])
@@ -251,12 +246,12 @@ def numbered(name: str, effects: Mapping[str, E]) -> tuple[str, int]:
 
 
 def number_name(effect: str, number: int) -> str:
-    """The name of the first, second, ... of an effect at one place."""
+    """The model file's name of the first, second, ... instance of an effect."""
     return effect if number == 1 else f"{effect}_{number}"
 
 
 def declared(name: str, effects: Mapping[str, E]) -> E:
-    """The declaration that a name in a model file means, under that name. Raises KeyError."""
+    """The declaration for a name in a model file, under that name. Raises KeyError."""
     effect, number = numbered(name, effects)
     return effects[effect] if number == 1 else replace(effects[effect], name=name)
 
@@ -265,10 +260,8 @@ def declared(name: str, effects: Mapping[str, E]) -> E:
 
 
 def to_json(value: Any, kind: Any = None) -> Any:
-    """`value` as JSON, its data classes by the fields that the class `kind` declares (None: its own).
-
-    Infinite numbers are null, and a unit is its text by type of joint.
-    """
+    """`value` as JSON, data classes by the fields of `kind` (None: their own). Infinite numbers are null, and a unit is
+    its text by joint type."""
     kind = _plain(type(value) if kind is None else kind)
     if kind in (UnitOfJoint, UnitTexts):
         return {joint_type: value.text(joint_type) for joint_type in JOINT_TYPES}
@@ -283,7 +276,7 @@ def to_json(value: Any, kind: Any = None) -> Any:
 
 
 def from_json(kind: Any, data: Any) -> Any:
-    """What `to_json` made of a value of this type; null is an infinite number where there must be one."""
+    """The inverse of `to_json` for a type; null is an infinite number where a number is required."""
     plain: Any = _plain(kind)
     if data is None and plain is not kind:
         return None
@@ -301,7 +294,7 @@ def from_json(kind: Any, data: Any) -> Any:
 
 
 def _plain(kind: Any) -> Any:
-    """A type without its None; for a variable, its bound."""
+    """An optional type without None; a type variable's bound."""
     if isinstance(kind, TypeVar):
         return kind.__bound__
     if get_origin(kind) in (Union, UnionType):

@@ -18,17 +18,17 @@ Definitions = tuple[tuple[sp.Symbol, sp.Expr], ...]
 
 
 class Notes(Protocol):
-    """What a recursion needs besides +, − and *."""
+    """The operations that a recursion needs besides +, − and *."""
 
     def let(self, name: str, value: Any) -> Any:
-        """Name an intermediate value; returns what stands for it from here on."""
+        """Name an intermediate value; returns its replacement, a symbol or the value itself."""
 
     def sincos(self, angle: Any) -> tuple[Any, Any]:
         """(cos, sin) of an angle; angles can be added and subtracted."""
 
 
 class Recorder:
-    """Records definitions in SymPy. Equal values share a symbol; a leading minus stays outside, where it is free."""
+    """Records definitions in SymPy. Equal values share a symbol; a leading minus stays outside the definition."""
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:
         self._definitions: list[tuple[sp.Symbol, sp.Expr]] = []
@@ -36,7 +36,7 @@ class Recorder:
         self._taken = set(reserved)
 
     def let(self, name: str, value: Any) -> sp.Expr:
-        """A symbol that stands for the value from here on; one for both signs of it, none for an input."""
+        """A symbol for the value, shared with its negative; an input or a number is returned as it is."""
         expr = sp.sympify(value)
         sign, rest = expr.as_coeff_Mul()
         if expr.is_Atom or (rest.is_Atom and sign == -1):
@@ -49,13 +49,13 @@ class Recorder:
         return self._known[expr]
 
     def symbol(self, name: str, value: Any) -> sp.Symbol:
-        """One of its own for a value, whatever that is."""
+        """A new symbol for a value, even if one exists."""
         symbol = self._symbol(name)
         self._definitions.append((symbol, sp.sympify(value)))
         return symbol
 
     def sincos(self, angle: Any) -> tuple[sp.Expr, sp.Expr]:
-        """Symbols of cosine and sine of an angle; of 0, the numbers 1 and 0."""
+        """Symbols of an angle's cosine and sine; the numbers 1 and 0 for angle 0."""
         if angle == 0:
             return sp.Integer(1), sp.Integer(0)
         name = str(angle)
@@ -81,7 +81,7 @@ class Recorder:
 
 @dataclass(frozen=True)
 class Suffixed:
-    """A recorder's names with an end that tells several runs of one recursion apart."""
+    """A recorder with a suffix on all names, for several runs of one recursion."""
 
     recorder: Recorder
     end: str
@@ -95,7 +95,7 @@ class Suffixed:
 
 @dataclass(frozen=True)
 class Turn:
-    """An angle as (cos, sin) in any ring: exact where the angle itself would not be."""
+    """An angle as (cos, sin) in any ring, which can be exact where the angle cannot."""
 
     cos: Any
     sin: Any
@@ -146,19 +146,19 @@ class Residues(Exact):
 
 @dataclass(frozen=True)
 class Count:
-    """Operations of a straight-line program: + − * / and lone negations; pairs of sin and cos apart."""
+    """Operations of a straight-line program: + − * / and separate negations, and pairs of sine and cosine."""
 
     operations: int
     sincos: int
 
     @property
     def cost(self) -> int:
-        """For choosing between programs: an inlined sine and cosine cost about twenty operations."""
+        """A cost for comparing programs: an inlined sine and cosine cost about twenty operations."""
         return self.operations + 20 * self.sincos
 
 
 def count(definitions: Definitions, outputs: Sequence[sp.Expr]) -> Count:
-    """Count a program as it will be printed; a power by an integer is a chain of products."""
+    """Count a program as it is printed; integer powers are chains of products."""
     expressions = [*(e for _, e in definitions), *map(sp.sympify, outputs)]
     angles = {f.args[0] for e in expressions for f in e.atoms(sp.sin, sp.cos)}
     return Count(sum(_operations(e) for e in expressions), len(angles))
@@ -208,9 +208,9 @@ def output(name: str, values: Sequence[Any], shape: tuple[int, ...], *, unit: st
 
 @dataclass(frozen=True)
 class Struct:
-    """Parameters that generated code takes as one C struct, so that identified values need no regeneration.
+    """Parameters that generated code takes as one C struct, so that new values need no regeneration.
 
-    `defaults` are the values that follow from the model file, field by field; None where it leaves one open.
+    defaults   values from the model file; None where unknown
     """
 
     name: str
@@ -222,11 +222,11 @@ class Struct:
 
 @dataclass(frozen=True)
 class Continuation:
-    """How a function goes on from another one of the same inputs, which a target may call in place of its definitions.
+    """A function that continues another one with the same inputs, which a target may call instead of recomputing it.
 
-    function   the other one's name
-    values     (symbol, position): what the definitions call elements of its flat output; the elements at all other
-               positions are its own as they are
+    function   the other function's name
+    values     (symbol, position): symbols of the definitions for elements of the other's flat output; the elements at
+               all other positions are identical in both outputs
     """
 
     function: str
@@ -244,8 +244,8 @@ class SymbolicFunction:
     struct        the parameters, or None
     doc           one sentence: what it returns
     source        equation number of the paper or the literature
-    notation      what the names of the definitions stand for, without their numbers; "c, s": two of one kind
-    continues     another function whose output is all that the outputs need of the definitions, or None
+    notation      meanings of the definitions' names, without numbers; "c, s": two of one kind
+    continues     another function whose output replaces the definitions, or None
     """
 
     name: str
@@ -260,7 +260,7 @@ class SymbolicFunction:
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
-        """All that it takes, in the order of a generated signature: the parameters as a vector, then the inputs."""
+        """All arguments in the order of a generated signature: the parameters as a vector, then the inputs."""
         if self.struct is None:
             return self.inputs
         symbols = self.struct.symbols
@@ -272,16 +272,16 @@ class SymbolicFunction:
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Symbols q, qd, qdd, tau of an arm with n joints, and their units (mixed arms have both)."""
+    """Symbols and units of q, qd, qdd and tau of an arm with n joints; mixed arms have two units."""
 
     types: tuple[str, ...]
 
     def symbols(self, name: str) -> list[sp.Symbol]:
-        """n symbols, one a joint: name1, name2 and so on."""
+        """n symbols, one for each joint: name1, name2 and so on."""
         return [sp.Symbol(f"{name}{i + 1}", real=True) for i in range(len(self.types))]
 
     def unit(self, revolute: str, prismatic: str) -> str:
-        """One unit if all joints are of one type, else "a or b", joint by joint."""
+        """One unit if all joints have one type, otherwise "a or b"."""
         kinds = dict.fromkeys(revolute if t == "revolute" else prismatic for t in self.types)
         return " or ".join(kinds)
 
@@ -297,7 +297,7 @@ class Coordinates:
 
     @property
     def force(self) -> str:
-        """Unit of the joints' torques, in letters: N m, N, or both where joints are mixed."""
+        """Unit of the joint torques: N m, N, or both of mixed arms."""
         return self.unit("N m", "N")
 
 

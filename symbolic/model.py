@@ -28,12 +28,12 @@ from symbolic.rigid_body.spatial import kinematics as spatial_kinematics
 from symbolic.rigid_body.spatial.geometry import geometry
 
 ASSUMED_SHARE = sp.Rational(1, 2)
-"""Of a rotor in the base parameter into which its inertia is merged, where neither file nor rigid motion tell it."""
+"""Assumed share of an unknown rotor in the base parameter with which its inertia is merged."""
 
 
 @dataclass(frozen=True)
 class ArmModel:
-    """lumps: base inertial parameters, in which tau is linear; struct "parameters": these first, then geometry."""
+    """An arm's functions. lumps: base inertial parameters, in which tau is linear; struct: these, then geometry."""
 
     arm: Arm
     lumps: tuple[Lump, ...]
@@ -46,7 +46,7 @@ class ArmModel:
 
 
 def derive(arm: Arm) -> ArmModel:
-    """The model of an arm with everything that is generated from it.
+    """Derive an arm's model.
 
     Raises ModelError if the arm's file holds a value for a base parameter that this arm does not have.
     """
@@ -98,7 +98,7 @@ def _model(
     fields: tuple[LayoutConstant, ...],
     functions: Sequence[SymbolicFunction],
 ) -> ArmModel:
-    """The struct has the constants that are used alone."""
+    """The model, whose struct has only the constants that are used."""
     used: set[sp.Symbol] = set()
     for f in functions:
         used = used.union(*(e.free_symbols for o in f.outputs for e in o.expressions))
@@ -108,10 +108,10 @@ def _model(
 
 
 def _rotor(joint: Joint, i: int, base: BaseParameters, symbols: Mapping[Column, sp.Symbol]) -> sp.Expr:
-    """What the link side of a joint does without: the rotor's inertia as the file has it. Where it is not known, the
-    base parameter that is nothing else, as joints further out have it; where none is, no rigid motion tells the rotor
-    from its link, and half of what both are in is taken for it: the gear that accelerates its load best makes them
-    equal (Pasch & Seering 1984, On the drive systems for high-performance machines)."""
+    """A rotor's inertia: from the file, else the base parameter that consists of it alone. If there is none, rigid
+    motion cannot separate the rotor from its link, and half of their common base parameter is assumed, because the gear
+    ratio of fastest acceleration makes both equal (Pasch & Seering 1984, On the drive systems for high-performance
+    machines)."""
     if joint.rotor_inertia is not None:
         return rational(joint.rotor_inertia)
     own: Column = ("I", i)

@@ -1,10 +1,9 @@
-"""The three switching primitives, and how each target lowers them.
+"""The three switching primitives, and their exact and smooth forms.
 
-`sgn`, `step` and `ramp` are the only places where an equation switches. Their second argument is the
-width of the smooth surrogate (a symbol out of WIDTHS, in the unit of the first argument). Code that
-needs the exact law (C, identification) prints a branch and drops the width; the optimizer's functions
-print the surrogate, a piecewise polynomial with two continuous derivatives which equals the exact law
-outside |x| < width, not merely approaches it.
+Equations switch only in `sgn`, `step` and `ramp`. Their second argument is the width of the smooth form (a symbol of
+WIDTHS, in the unit of the first argument). C and identification use the exact law as a branch and drop the width. The
+optimizer uses the smooth form, a piecewise polynomial with two continuous derivatives that equals the exact law outside
+|x| < width.
 """
 
 from __future__ import annotations
@@ -39,12 +38,12 @@ class ramp(sp.Function):
 
 
 def absolute(x: sp.Expr, width: sp.Expr) -> sp.Expr:
-    """|x|, as the two ramps it consists of."""
+    """|x|, as the sum of two ramps."""
     return ramp(x, width) + ramp(-x, width)
 
 
 def exact(expr: sp.Expr) -> sp.Expr:
-    """`expr` with every primitive as the exact branch, in SymPy's own functions (for evaluation and proof)."""
+    """`expr` with exact primitives in SymPy's own functions, for evaluation and proof."""
     return expr.replace(
         lambda e: isinstance(e, (sgn, step, ramp)),
         lambda e: {
@@ -56,14 +55,14 @@ def exact(expr: sp.Expr) -> sp.Expr:
 
 
 def smooth(expr: sp.Expr) -> sp.Expr:
-    """`expr` with every primitive as its surrogate of finite width."""
+    """`expr` with smooth primitives of finite width."""
     return expr.replace(
         lambda e: isinstance(e, (sgn, step, ramp)),
         lambda e: {sgn: smooth_sgn, step: smooth_step, ramp: smooth_ramp}[type(e)](*e.args),
     )
 
 
-# SymPy compares the arguments of Max and Min at length, and one switch stands at many places of a step.
+# Cached: SymPy compares the arguments of Max and Min slowly, and one switch occurs many times in a step.
 @cache
 def smooth_sgn(x: sp.Expr, width: sp.Expr) -> sp.Expr:
     """Quintic between −width and width: value, slope and curvature join the exact law."""

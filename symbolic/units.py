@@ -1,9 +1,8 @@
-"""Physical dimensions of signals and parameters, written once and printed per joint type.
+"""Units of signals and parameters, declared once for both joint types.
 
-A dimension is a product of powers of `force` (a joint's generalised force), `position` (a joint's
-coordinate), `inertia` (what force does by acceleration), and of N, m, kg, s, K. A revolute joint reads
-force as N m, position as rad and inertia as kg m^2, a prismatic one as N, m and kg; so one declaration
-of an effect serves both.
+A unit is a product of powers of `force` (a joint's generalised force), `position` (a joint's coordinate), `inertia`
+(force by acceleration), N, m, kg, s and K. At a revolute joint, force is N m, position rad and inertia kg m^2; at a
+prismatic joint, N, m and kg.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ class Unit:
         return Unit(tuple((s, p * exponent) for s, p in self.powers))
 
     def text(self, joint_type: str = "revolute") -> str:
-        """For people and for JSON, e.g. `N m s/rad`; `1` if dimensionless."""
+        """The unit's text, e.g. `N m s/rad`; `1` if dimensionless."""
         names = _JOINT[joint_type]
         total: dict[str, Fraction] = {}
         for symbol, power in self.powers:

@@ -14,14 +14,14 @@ DECLARED: dict[str, Effect] = {
     for family in (friction, springs, drive, transmission, loads, contact)
     for effect in family.EFFECTS
 }
-"""All effects by name, in the order in which they are listed and emitted, as an arm in space has them."""
+"""All effects by name, in the order of lists and generated code, as spatial arms have them."""
 
 LIBRARY: dict[str, Effect] = {name: effect.in_plane() for name, effect in DECLARED.items()}
-"""The same as a planar arm has them."""
+"""All effects by name, as planar arms have them."""
 
 
 def shipped(space: bool) -> dict[str, Effect]:
-    """The library as an arm in space has it, or a planar one."""
+    """The library for spatial or planar arms."""
     return DECLARED if space else LIBRARY
 
 
@@ -30,15 +30,14 @@ class EffectsError(ValueError):
 
 
 def load_user_effects(path: Path, space: bool = True) -> tuple[Effect, ...]:
-    """The `EFFECTS = (Effect(...), ...)` of a Python file, checked; `space`: as they are declared, for an arm in space,
-    else as a planar arm has them.
+    """The checked `EFFECTS = (Effect(...), ...)` of a Python file, for spatial or planar arms.
 
-    The file is run: it is trusted because the user named it. Raises EffectsError where it cannot be read,
-    fails, has no EFFECTS, contradicts itself or takes a name that is already in use.
+    The file is executed; it is trusted because the user named it. Raises EffectsError if it cannot be read, fails, has
+    no EFFECTS, contradicts itself or uses a name that exists.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise EffectsError(f"{path}: is no file; expected Python that defines EFFECTS")
+            raise EffectsError(f"{path}: is not a file; expected Python that defines EFFECTS")
         found = runpy.run_path(str(path)).get("EFFECTS")
     except EffectsError:
         raise
@@ -46,7 +45,7 @@ def load_user_effects(path: Path, space: bool = True) -> tuple[Effect, ...]:
         raise EffectsError(f"{path}: cannot read the file of effects: {error.strerror}") from error
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # whatever it is that a file raises
+    except BaseException as error:  # a file may raise anything
         raise EffectsError(f"{path}: the file of effects failed: {said(error)}") from error
     if found is None:
         raise EffectsError(f"{path}: no EFFECTS in it; define EFFECTS = (Effect(...), ...)")
@@ -65,14 +64,14 @@ def load_user_effects(path: Path, space: bool = True) -> tuple[Effect, ...]:
             kept.append(effect if space else effect.in_plane())
         except ValueError as error:
             raise EffectsError(f"{path}: {error}") from error
-        except Exception as error:  # SymPy meets a law that it cannot differentiate with whatever its parts raise
+        except Exception as error:  # SymPy may raise anything for a law that it cannot differentiate
             raise EffectsError(f'{path}: effect "{effect.name}" cannot be used: {said(error)}') from error
         seen.add(effect.name)
     return tuple(kept)
 
 
 def said(error: BaseException) -> str:
-    """An error of a user's own code in one line: its kind, and what it says as far as it can say something."""
+    """An error of a user's code in one line: type and message."""
     try:
         text = " ".join(str(error).split())
     except Exception:

@@ -39,8 +39,8 @@ PLATE = Effect(
     carried=True,
     summary="A plate on a spring that the end-effector presses down.",
     equation="-J_y^T F_p,  F_p = F_p0 + k_p (y_p - y) - F_pc sgn(yd) for y < y_p, else 0",
-    trace="All joints' residuals are zero until the end-effector passes one y, then in proportion to dy/dq.",
-    experiment="Press the plate slowly down and up, from well above it.",
+    trace="Zero at all joints until the end-effector passes one y, then proportional to dy/dq.",
+    experiment="Press the plate slowly down and release it, starting well above it.",
     source="Equation (3) of the paper",
     brought=True,
 )
@@ -56,7 +56,7 @@ PLATE_DAMPING = Effect(
     carried=True,
     summary="A damper beside the plate's spring; it needs the effect plate, whose position it shares.",
     equation="J_y^T c yd for y < y_p, else 0",
-    trace="While the plate is touched, residuals in proportion to the speed of the end-effector.",
+    trace="In contact, proportional to the end-effector's speed.",
     experiment="Press the plate down and up at several speeds.",
     source="Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, "
     "Mechanism and Machine Theory 37",

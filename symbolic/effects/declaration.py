@@ -33,29 +33,28 @@ DT = sp.Symbol("dt", positive=True)
 
 @dataclass(frozen=True)
 class Parameter(DescribedParameter):
-    """A parameter of an effect, and the symbol that it has in equations."""
+    """A parameter of an effect, with its symbol."""
 
     unit: u.Unit
 
     @property
     def symbol(self) -> sp.Symbol:
-        """What stands for it in a law."""
+        """Its symbol in a law."""
         return parameter(self.name)
 
 
 def parameter(name: str) -> sp.Symbol:
-    """The symbol under which an effect's torque refers to its parameter."""
+    """The symbol of an effect's parameter."""
     return sp.Symbol(f"p_{name}", real=True)
 
 
 @dataclass(frozen=True)
 class State:
-    """Memory: `step` gives the next value from the states and signals of this sample and dt.
+    """Memory of an effect.
 
-    The torque of a sample is evaluated before its step. `initial` may use the signals of the first
-    sample and the parameters, so that a recording may begin in equilibrium.
-
-    kind   "deflection": motor less link, which a link-side encoder measures
+    step      the next value, from this sample's states and signals and dt; a sample's torque is evaluated before it
+    initial   may use the first sample's signals and the parameters, so that a recording may begin in equilibrium
+    kind      "deflection": motor angle minus link angle, which a link-side encoder measures
     """
 
     name: str
@@ -67,24 +66,23 @@ class State:
 
     @property
     def symbol(self) -> sp.Symbol:
-        """What stands for it in a law: its value at the sample before."""
+        """Its symbol in a law: the value before this sample's step."""
         return state(self.name)
 
 
 def state(name: str) -> sp.Symbol:
-    """The symbol under which an effect's torque and steps refer to its state."""
+    """The symbol of an effect's state."""
     return sp.Symbol(f"x_{name}", real=True)
 
 
 @dataclass(frozen=True)
 class LinearForm:
-    """The same torque, linear in other coefficients than the declared parameters.
+    """An effect's torque, linear in coefficients that are not its declared parameters.
 
-    coefficients      each with its own unit and bounds; what a recording can tell where a given parameter is not known,
-                      or where several are multiplied: then there are more of them than linear parameters
-    torque            equals the effect's torque, in `parameter(name)` of the coefficients
+    coefficients      each with unit and bounds; there may be more of them than linear parameters
+    torque            the effect's torque, in `parameter(name)` of the coefficients
     from_parameters   the coefficients' values, in the effect's parameters
-    recover           the linear parameters' values in declared order, in the coefficients and the others
+    recover           the linear parameters' values in declared order, in the coefficients and the other parameters
     """
 
     coefficients: tuple[Parameter, ...]
@@ -94,17 +92,17 @@ class LinearForm:
 
 
 def _without(law: sp.Expr, parameters: Iterable[Parameter]) -> sp.Expr:
-    """The law where those of them that exist in space only are zero."""
+    """The law with parameters that only spatial arms have set to zero."""
     return sp.sympify(law).xreplace({p.symbol: sp.S.Zero for p in parameters if p.space})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect(DescribedEffect[Parameter]):
-    """One physical effect: what is said of it, and its equations.
+    """One physical effect: its description and its equations.
 
-    torque       what it adds to the motor torque of the joint whose signals are given
-    states       memory, empty for a static effect
-    form         the coefficients in which the torque is linear, where they are not the linear parameters
+    torque   added to the motor torque of the joint whose signals are given
+    states   memory; empty for a static effect
+    form     coefficients in which the torque is linear, if these are not the linear parameters
     """
 
     torque: sp.Expr
@@ -116,23 +114,23 @@ class Effect(DescribedEffect[Parameter]):
 
     @property
     def coefficients(self) -> tuple[Parameter, ...]:
-        """What identification solves for, (k,): the form's coefficients, else the linear parameters."""
+        """The unknowns of identification, (k,): the form's coefficients, otherwise the linear parameters."""
         return self.form.coefficients if self.form else self.linear
 
     @functools.cached_property
     def signals(self) -> tuple[Signal, ...]:
-        """Those it reads, in the order of SIGNALS."""
+        """The signals that it reads, in the order of SIGNALS."""
         used = _symbols(self)
         return tuple(s for s in SIGNALS if s.symbol in used)
 
     @property
     def deflection(self) -> str | None:
-        """The state that a link-side encoder measures."""
+        """The name of the state that a link-side encoder measures, or None."""
         return next((s.name for s in self.states if s.kind == "deflection"), None)
 
     @property
     def columns(self) -> tuple[sp.Expr, ...]:
-        """Derivatives of the torque by the coefficients: the effect's regressor, (k,)."""
+        """The effect's regressor, (k,): derivatives of the torque by the coefficients."""
         return tuple(sp.diff(self._linear_torque, c.symbol) for c in self.coefficients)
 
     @property
@@ -145,19 +143,19 @@ class Effect(DescribedEffect[Parameter]):
         return self.form.torque if self.form else self.torque
 
     def in_plane(self) -> Effect:
-        """The same on a planar arm: without the parameters that exist in space only, as if they were zero.
+        """The effect on a planar arm: parameters that only spatial arms have are zero and omitted.
 
-        Raises ValueError where it still reads a signal that only an arm in space has.
+        Raises ValueError if it still reads a signal that only spatial arms have.
         """
         kept = tuple(p for p in self.parameters if not p.space)
         torque = _without(self.torque, self.parameters)
         effect = replace(self, parameters=kept, torque=torque, form=self._form_in_plane(torque))
         if beyond := [s.name for s in effect.signals if s.space]:
-            raise ValueError(f'effect "{self.name}" reads {beyond[0]}, which only an arm in space has')
+            raise ValueError(f'effect "{self.name}" reads {beyond[0]}, which only a spatial arm has')
         return effect
 
     def _form_in_plane(self, torque: sp.Expr) -> LinearForm | None:
-        """The form where the torque is `torque`; None where that is linear in the parameters as they stand."""
+        """The form for the planar torque; None if that is linear in the parameters themselves."""
         if self.form is None or (left := _without(self.form.torque, self.form.coefficients)) == torque:
             return None
         there = zip(self.form.coefficients, self.form.from_parameters, strict=True)
@@ -174,7 +172,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def check(effect: Effect) -> None:
-    """Raise ValueError where a declaration contradicts itself (an effect of a user's own file is read, too)."""
+    """Raise ValueError if a declaration contradicts itself."""
     _check_names(effect)
     known = {s.symbol for s in SIGNALS} | set(WIDTHS)
     known |= {p.symbol for p in effect.parameters} | {s.symbol for s in effect.states}
@@ -196,9 +194,9 @@ def check(effect: Effect) -> None:
 
 
 def _check_roles(effect: Effect) -> None:
-    """What other rooms take an effect and its parameters for must be there."""
+    """Check that fields on which other rooms rely are consistent."""
     if effect.has_gap and not effect.gives_way:
-        raise ValueError(f'effect "{effect.name}" has a gap, and reads no signal by which a transmission gives way')
+        raise ValueError(f'effect "{effect.name}" has a gap but reads no signal of a compliant transmission')
     beside = [s.name for s in effect.signals if s.needs not in ("motion", "time", "effect")]
     if effect.carried and (beside or effect.states):
         what = f"reads {beside[0]}" if beside else "has a memory"
@@ -238,12 +236,12 @@ def _check_form(effect: Effect, form: LinearForm) -> None:
 
 
 def _symbols(effect: Effect) -> set[sp.Symbol]:
-    """All that torque, steps and initial values use."""
+    """All symbols of torque, steps and initial values."""
     return _union([effect.torque, *(s.step for s in effect.states), *(s.initial for s in effect.states)])
 
 
 def _union(expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
-    """The symbols of all of them; a part that stands at several places is looked at once, unlike by free_symbols."""
+    """The symbols of the expressions; unlike free_symbols, shared parts are visited once."""
     seen: set[sp.Basic] = set()
     ahead: list[sp.Basic] = list(map(sp.sympify, expressions))
     while ahead:
@@ -258,7 +256,7 @@ _OPERATORS = {sp.Add: "add", sp.Mul: "mul", sp.Pow: "pow", sp.atan2: "atan2"}
 
 
 def prefix(expr: sp.Expr) -> Any:
-    """`expr` as JSON: a number, a parameter's name, or [operator, argument...]; it is evaluated without eval.
+    """`expr` as JSON: a number, a parameter's name, or [operator, argument...].
 
     Operators: add, mul (any number of arguments), pow, atan2 (two). Raises ValueError for any other.
     """
@@ -272,23 +270,23 @@ def prefix(expr: sp.Expr) -> Any:
 
 
 LONGEST_NAME: Final = 63
-"""letters; C tells names by as many at least; C99 5.2.4.1."""
+"""characters; C distinguishes names by at least as many; C99 5.2.4.1."""
 
 MOST_VALUES: Final = 200
-"""values of a grid; each is a column along the whole recording, and the library takes some twenty; a choice."""
+"""values of a grid; each is a column over the whole recording, and the library uses some twenty; a choice."""
 
 _NOT_DECLARED = ("gives_way",)
 """Set by the declaration itself."""
 
 
 def mistake(effect: Effect) -> str | None:
-    """The first thing that is wrong with the fields of a declaration, in one sentence; None where nothing is."""
+    """The first invalid field of a declaration, in one sentence, or None: Python does not check types itself."""
     where = f"effect {_shown(effect.name)}"
     return next(_mistyped(effect, where), None) or next(_out_of_range(effect, where), None)
 
 
 def _mistyped(value: Any, where: str) -> Iterator[str]:
-    """Of the fields of a data class, and of what they consist of."""
+    """Errors in the types of a data class's fields, recursively."""
     for name, hint in _hints(value.__class__).items():
         if name not in _NOT_DECLARED:
             yield from _mistake(getattr(value, name), hint, f"{where}: {name}")
@@ -348,7 +346,7 @@ def _is_plain(value: Any, hint: Any) -> bool:
 
 
 def _out_of_range(effect: Effect, where: str) -> Iterator[str]:
-    """Of what has the right types: names, bounds and grids that cannot be meant."""
+    """Names, bounds and grids with the right types but impossible values."""
     coefficients = effect.form.coefficients if effect.form else ()
     names = [effect.name, *(p.name for p in (*effect.parameters, *coefficients)), *(s.name for s in effect.states)]
     for name in names:
@@ -375,5 +373,5 @@ def _word(kind: Any) -> str:
 
 
 def _shown(value: Any) -> str:
-    """What was found, in a word."""
+    """A short description of a value."""
     return repr(value)[:40] if isinstance(value, str | int | float | bool | NoneType) else f"a {type(value).__name__}"

@@ -49,7 +49,7 @@ TORQUE_RIPPLE = Effect(
     ),
     summary="A torque that repeats with the motor's revolution: cogging, commutation, wave generator.",
     equation="A cos(n N q + phi)",
-    trace="Over the motor's angle, a wave that repeats each revolution or a part of it, whatever the speed.",
+    trace="Over the motor's angle, a wave that repeats every revolution or fraction of one, at any speed.",
     experiment="Slow constant speed over ten revolutions of the motor, so that the wave stays below the cut-off.",
     source="Holtz & Springob 1996, Identification and compensation of torque ripple in high-precision permanent magnet "
     "motor drives, IEEE Trans. Industrial Electronics 43(2)",
@@ -69,8 +69,8 @@ TORQUE_SATURATION = Effect(
     ),
     summary="The motor's torque constant falls at large current, so that the current overstates the torque.",
     equation="c tau^3, tau the predicted torque",
-    trace="Over the predicted torque, an S that is visible only at the peaks.",
-    experiment="Motion with the largest accelerations in both directions, beside gentle ones.",
+    trace="Over the predicted torque, a cubic curve that is visible only at the peaks.",
+    experiment="Motion with the largest accelerations in both directions, and with small ones.",
     source="Hanselman 2006, Brushless Permanent Magnet Motor Design",
     sits_at="motor",
 )
@@ -83,8 +83,8 @@ TORQUE_SCALE = Effect(
     parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=(0.0, inf), neutral=1.0),),
     summary="The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.",
     equation="(factor - 1) tau, tau the predicted torque",
-    trace="The residual has the shape of the torque itself; where all parameters are free, it vanishes in them.",
-    experiment="A known mass or a known spring at the joint; motion alone shows it only against fixed parameters.",
+    trace="The residual is proportional to the torque; if all parameters are fitted, they absorb it.",
+    experiment="A known mass or spring at the joint; without one, only parameters that are not fitted reveal it.",
     source="Gautier & Briot 2014, Global identification of joint drive gains and dynamic parameters of robots, "
     "ASME J. Dynamic Systems, Measurement, and Control 136(5)",
     sits_at="motor",
@@ -107,8 +107,8 @@ TORQUE_DELAY = Effect(
     ),
     summary="Torque and motion are not recorded at the same instant: hold, bus cycle, filter.",
     equation="T d(tau)/dt, tau the predicted torque",
-    trace="The residual follows the slope of the torque and grows with frequency, in proportion.",
-    experiment="Motion over two decades of frequency: an elasticity grows with a higher power of frequency.",
+    trace="The residual is proportional to the torque's time derivative, so that it grows with frequency.",
+    experiment="Motion over two decades of frequency; the residual of an elasticity grows faster with frequency.",
     source="Ljung 1999, System Identification: Theory for the User",
     sits_at="motor",
 )

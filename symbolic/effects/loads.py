@@ -36,7 +36,7 @@ GRAVITY = Effect(
     carried=True,
     summary="Gravity that the model leaves out, or a base that is not level.",
     equation="-(g_x dm_x/dq + g_y dm_y/dq), in space g_z dm_z/dq too, m the arm's first mass moment",
-    trace="Over the postures, one direction in space explains the constant torques of all joints together.",
+    trace="Torques that depend on posture as a constant acceleration in one direction does, at all joints.",
     experiment="Slow motion of every joint over two radians of range.",
     source="Spong & Vidyasagar 1989, Robot Dynamics and Control",
 )
@@ -87,7 +87,7 @@ PAYLOAD = Effect(
     summary="A mass at the end-effector that the model does not know, from a moment on.",
     equation="m tau_tip(q, qd, qdd) for t > t_0, tau_tip the torque of a unit mass at the end-effector, in space at "
     "(x, y, z) from it",
-    trace="From one moment on, residuals of all joints in the proportions of a mass at the end-effector.",
+    trace="From one time on, residuals at all joints as a mass at the end-effector causes them.",
     experiment="Accelerations of several joints before and after the mass is picked up.",
     source="Khalil, Gautier & Lemoine 2007, Identification of the payload inertial parameters of industrial "
     "manipulators, ICRA",
@@ -104,8 +104,8 @@ COUPLED_FRICTION = Effect(
     parameters=(Parameter("torque", u.FORCE, "friction torque on the relative rate", bounds=(0.0, inf)),),
     summary="Dry friction between two links that are not neighbours: a belt, cable or shaft that passes a joint.",
     equation="F sgn(qd_i + qd_(i+1)), on both joints",
-    trace="Two joints jump together where the sum of their rates changes its sign.",
-    experiment="Two joints moving at once, in the same and in opposite directions, with different reversals.",
+    trace="Simultaneous steps at two joints when the sum of their rates changes sign.",
+    experiment="Two joints that move together, in the same and in opposite directions, with separate reversals.",
     source="Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot "
     "identification, IEEE Trans. Control Systems Technology 22(1), for the coupled wrist of the TX40",
     dissipates=True,
@@ -144,9 +144,9 @@ COUPLED_GEAR = Effect(
     ),
     summary="A motor that turns with two joints at once, as in wrists: its friction and inertia are felt at both.",
     equation="F sgn(w) + c w + I w_d,  w = qd_i + r qd_(i+1), on joint i; r times that on joint i+1",
-    trace="Two joints jump together, and drag and lag together, where the sum or difference of their rates does.",
-    experiment="Two joints moving at once, in the same and in opposite directions, with different reversals, slow and "
-    "fast.",
+    trace="Friction and inertia at two joints that follow the sum or difference of their rates.",
+    experiment="Two joints that move together, in the same and in opposite directions, with separate reversals, slow "
+    "and fast.",
     source="Janot, Vandanjon & Gautier 2014, A generic instrumental variable approach for industrial robot "
     "identification, IEEE Trans. Control Systems Technology 22(1): the wrist of the TX40; Gautier, Janot & Vandanjon "
     "2012, A new closed-loop output error method for parameter identification of robot dynamics, likewise 21(2)",

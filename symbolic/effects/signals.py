@@ -1,7 +1,7 @@
-"""Every signal that an effect may read, declared once: what it is, where it comes from and who knows it.
+"""Every signal that an effect may read: its meaning, its source, and where it is available.
 
-A signal with a source follows from it wherever it is read: along recordings, in simulation, in plans and in the
-controller. One without a source needs what surrounds the sample, and has a row in runtime/model/signals.py.
+A signal with a source is computed from it everywhere: along recordings, in simulation, in plans and in the controller.
+A signal without a source needs more than the sample itself and is computed in runtime/model/signals.py.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from symbolic import units as u
 
 @dataclass(frozen=True)
 class Coordinate:
-    """q, qd or qdd of the joint that is `step` joints further out; 0 where there is none."""
+    """q, qd or qdd of the joint `step` joints further out; 0 if there is none."""
 
     name: Literal["q", "qd", "qdd"]
     step: int = 0
@@ -27,8 +27,8 @@ class Coordinate:
 class ArmOutput:
     """A component of one of the arm's generated functions.
 
-    index   of its output; "joint": of the joint whose torque is asked for, "own": of the joint where the effect sits;
-            indices beyond the dimensions that a planar arm's output has are left out there
+    index   in its output; "joint": the joint whose torque is computed, "own": the joint with the effect; indices beyond
+            the dimensions of a planar arm's output are ignored
     """
 
     function: str
@@ -37,8 +37,8 @@ class ArmOutput:
 
 @dataclass(frozen=True)
 class ArmSlope:
-    """How the entry of one of the arm's generated functions for the joint whose torque is asked for grows with the
-    position or the rate of the joint where the effect sits."""
+    """The derivative of one of the arm's generated functions, at the joint whose torque is computed, by the position or
+    rate of the joint with the effect."""
 
     function: str
     by: Literal["q", "qd"]
@@ -46,14 +46,14 @@ class ArmSlope:
 
 @dataclass(frozen=True)
 class JointConstant:
-    """A number of the model file's joint, by the name of its attribute."""
+    """An attribute of the model file's joint."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Given:
-    """The value of the parameter of an active effect that `gives` this signal; `absent` where there is none."""
+    """The value of an active effect's parameter that `gives` this signal; `absent` if there is none."""
 
     absent: float
 
@@ -61,16 +61,16 @@ class Given:
 Source = Coordinate | ArmOutput | ArmSlope | JointConstant | Given
 
 Needs = Literal["motion", "time", "temperature", "arm", "friction", "effect", "torque", "torque_rate"]
-"""What one has to know beyond the model file to know a signal:
+"""What a signal depends on, besides the model file:
 
-motion        positions, rates and accelerations alone
-time          when the run began
-temperature   a measured temperature, or that there is none
+motion        positions, rates and accelerations only
+time          the start of the run
+temperature   a measured temperature, or its absence
 arm           the identified inertial parameters
-friction      the identified dry friction of the joint, whose place an effect takes that reads it
+friction      the joint's identified dry friction, which an effect that reads it replaces
 effect        the identified parameters of another effect
-torque        the whole predicted torque, all other effects included
-torque_rate   its derivative: an effect that reads it shifts the torque in time, as a skewed recording does
+torque        the predicted torque with all other effects
+torque_rate   its derivative: an effect that reads it shifts the torque in time, as a skew of the recording does
 """
 
 
@@ -78,14 +78,14 @@ torque_rate   its derivative: an effect that reads it shifts the torque in time,
 class Signal:
     """A quantity that effects may read, one value a joint and sample.
 
-    source      where it comes from; None: from what surrounds the sample
-    known_to    the first that knows it: a controller, at the measured motion; a plan, which knows all that a
-                controller knows and the accelerations; or only those who have a recording
-    seen_over   the signal of `compare` over which an effect that reads it shows; None: over none of its own
-    sensor      the further sensor that shows an effect which reads it; None: none does
-    span        between which generated forms are tried
-    switch      it is 0 or 1 and nothing between
-    space       only an arm in space has it
+    source      see the classes above; None: computed in runtime/model/signals.py
+    known_to    where it is available first: "controller", at the measured motion; "plan", which also has
+                accelerations; "recording"
+    seen_over   the signal of `compare` over which an effect that reads it is visible; None: over none in particular
+    sensor      an additional sensor that shows an effect which reads it, or None
+    span        the range in which generated forms are tested
+    switch      it is either 0 or 1
+    space       only spatial arms have it
     """
 
     name: str
@@ -102,7 +102,7 @@ class Signal:
 
     @property
     def between(self) -> bool:
-        """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
+        """Whether it connects the joint with the effect and the joint whose torque is computed."""
         source = self.source
         return isinstance(source, ArmSlope) or (isinstance(source, ArmOutput) and "own" in source.index)
 
@@ -113,8 +113,8 @@ class Signal:
 
 
 def _tip_load(column: int, part: str) -> Signal:
-    """What the coordinates of a mass in the tip's frame add to the torque that it asks for: the torque of a unit mass
-    at (x, y, z) is the sum over 1, x, y, z, x^2, y^2, z^2, x y, x z, y z."""
+    """A coefficient of the torque of a unit mass at (x, y, z) of the tip's frame, a sum over 1, x, y, z, x^2, y^2, z^2,
+    x y, x z, y z."""
     return Signal(
         f"tip_load_{part}",
         u.FORCE / u.KILOGRAM / u.METRE ** len(part),

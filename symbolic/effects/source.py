@@ -1,4 +1,4 @@
-"""An effect as the Python that declares it: what `load_user_effects` reads back to the same effect."""
+"""An effect written as the Python file that declares it, which `load_user_effects` reads back."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, LinearForm, P
 from symbolic.primitives import WIDTHS, ramp, sgn, step
 
 BANNER = "# A guess by tendon diagnose --draft: no law from the literature."
-"""How a file of a guess begins; one that does not is somebody's own and is never overwritten."""
+"""The first line of a file with a guess; a file without it belongs to the user and is never overwritten."""
 
 _WIDTH = 120
 _INDENT = " " * 4
@@ -58,9 +58,10 @@ _LINES = {"sp": "import sympy as sp", "u": "from symbolic import units as u"}
 
 
 def python_source(effect: Effect, notes: Sequence[str] = (), beside: str | None = None) -> str:
-    """A file for --effects that declares the effect; `notes` are paragraphs of its comment on top.
+    """A file for --effects that declares the effect.
 
-    beside   a file of effects, relative to the folder of this one, whose effects it takes in as well
+    notes    paragraphs of the comment at the top
+    beside   a file of effects, relative to this file's folder, whose effects are included
     """
     comment = [BANNER]
     for note in notes:
@@ -77,7 +78,7 @@ def python_source(effect: Effect, notes: Sequence[str] = (), beside: str | None 
 
 
 def _variables(effect: Effect) -> dict[str, str]:
-    """Parameters, coefficients and states that can stand as variables of their own names, and what makes them."""
+    """Parameters, coefficients and states that become variables of the same name, and the functions that make them."""
     names = {p.name: "parameter" for p in (*effect.parameters, *effect.coefficients)}
     names |= {s.name: "state" for s in effect.states if s.name not in names}
     imported = {name for _, found in _IMPORTS for name in found} | set(SIGNAL) | {"EFFECTS"}
@@ -85,7 +86,7 @@ def _variables(effect: Effect) -> dict[str, str]:
 
 
 def _imports(body: str) -> list[str]:
-    """Those lines of import that the body needs, in groups as linters want them."""
+    """The imports that the body needs, grouped as linters require."""
     used = set(re.findall(r"\b[A-Za-z_]\w*\b(?!=)", re.sub(r'"(\\.|[^"\\])*"', "", body)))
     groups: list[list[str]] = [[], [], []]
     for module, names in _IMPORTS:
@@ -98,7 +99,7 @@ def _imports(body: str) -> list[str]:
 
 
 def _value(value: Any, depth: int, variables: Collection[str] = ()) -> str:
-    """A Python expression of what stands in a declaration, at an indentation of `depth`."""
+    """A value of a declaration as a Python expression, at indentation `depth`."""
     if isinstance(value, u.Unit):
         return _unit(value)
     if isinstance(value, sp.Expr):
@@ -132,7 +133,7 @@ def _law(law: sp.Expr, depth: int, variables: Collection[str]) -> str:
 
 
 def _call(name: str, items: list[str], depth: int) -> str:
-    """On one line where that fits, else an item a line."""
+    """A call on one line if it fits, otherwise with one item per line."""
     flat = f"{name}({', '.join(items)}{',' if not name and len(items) == 1 else ''})"
     if "\n" not in flat and len(flat) + len(_INDENT) * depth < _WIDTH - 16 and name != "Effect":
         return flat
@@ -176,7 +177,7 @@ def expression(law: sp.Expr, variables: Collection[str] = ()) -> str:
 
 
 class _Absolute(sp.Function):
-    """|x| in place of the two ramps it consists of, for printing alone."""
+    """|x| instead of the sum of two ramps, for printing."""
 
     nargs = (2,)
 
@@ -194,7 +195,7 @@ def _absolutes(*terms: sp.Expr) -> sp.Expr:
 
 
 class _Printer(StrPrinter):
-    """SymPy's own text, its functions out of `sp`, our symbols and primitives as declarations write them."""
+    """SymPy's printer with functions from `sp`, and symbols and primitives as in declarations."""
 
     def __init__(self, variables: frozenset[str]) -> None:
         super().__init__({"order": "none"})

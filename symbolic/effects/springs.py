@@ -21,8 +21,8 @@ OFFSET = Effect(
     parameters=(Parameter("torque", u.FORCE, "constant part of the recorded torque"),),
     summary="A constant torque: an amplifier's offset, a constant pull.",
     equation="tau_0",
-    trace="The residual has a mean that no signal explains.",
-    experiment="Any motion that goes both ways over the same range.",
+    trace="The residual has a constant mean.",
+    experiment="Motion in both directions over the same range.",
     source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
     sits_at="link",
 )
@@ -48,7 +48,7 @@ LINEAR_SPRING = Effect(
     summary="A spring that pulls the joint to a rest position from both sides.",
     equation="k (q - q_0)",
     trace="Over the position, a straight line, the same in both directions and at every speed.",
-    experiment="Slow motion over two radians of range or more, there and back.",
+    experiment="Slow motion in both directions over two radians of range or more.",
     source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
     # A constant torque cannot be told from the rest position.
     generalises=("offset",),
@@ -116,7 +116,7 @@ PARALLEL_SPRING = Effect(
     summary="An extension spring on a pulley, parallel to the drive, that pulls on one side of an offset only.",
     equation="-(r_p^2 k_s (q_s0 - q) + r_p F_s0) for q < q_s0, else 0",
     trace="Over the position, a straight line below the offset, with a step there if pretensioned; zero above.",
-    experiment="Slow motion across the offset over a radian on either side, there and back.",
+    experiment="Slow motion in both directions, from a radian below the offset to a radian above it.",
     source="Equation (2) of the paper, with the motor's sign",
     carried=True,
     sits_at="link",
@@ -138,7 +138,7 @@ CABLE = Effect(
     summary="The pull of hoses and wires along the arm: a smooth curve over the position.",
     equation="c1 q + c2 q^2 + c3 q^3 + c4 q^4",
     trace="Over the position, a smooth curve, the same in both directions and at every speed.",
-    experiment="Slow motion over the whole range, there and back.",
+    experiment="Slow motion in both directions over the whole range.",
     source="Lin et al. 2019, A reliable gravity compensation control strategy for dVRK robotic arms with nonlinear "
     "disturbance forces, IEEE Robotics and Automation Letters 4(4)",
     carried=True,
@@ -172,7 +172,7 @@ END_STOP = Effect(
     one_form=True,
     summary="A soft mechanical stop at one end of the range.",
     equation="k (q - q_e)+ + d qd in contact, mirrored for side = -1",
-    trace="Over the position, nothing up to a point near one end of the range, then a steep rise.",
+    trace="Over the position, zero up to a point near one end of the range, then a steep rise.",
     experiment="Slow motion up to the ends of the range.",
     source="Kelvin-Voigt contact: Gilardi & Sharf 2002, Literature survey of contact dynamics modelling, "
     "Mechanism and Machine Theory 37",

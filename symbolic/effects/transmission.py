@@ -102,7 +102,7 @@ ELASTICITY = Effect(
     summary="The link hangs on the motor by a spring: the transmission gives way and resonates.",
     equation="-(J delta_dd + c delta_d + g delta),  J delta_dd + d delta_d + k delta = load,  J, c and g how the link "
     "side's torque grows with acceleration, rate and position",
-    trace="The residual follows the fourth derivative of position and peaks at the resonance sqrt(k/J).",
+    trace="The residual is proportional to the fourth derivative of position and peaks at the resonance sqrt(k/J).",
     experiment="Motion over two decades of frequency up to half the resonance, or steps of acceleration.",
     source="Spong 1987, Modeling and control of elastic joint robots, ASME J. Dynamic Systems, Measurement, and "
     "Control 109(4)",
@@ -215,8 +215,8 @@ BACKLASH = Effect(
     summary="The link hangs behind a gap: where the load changes its sign it is free, then it strikes the other flank.",
     equation="-(J delta_dd + c delta_d + g delta),  J delta_dd + T = load,  T = s (k x + d x_d)+ for "
     "x = |delta| - gap/2 > 0, s = sgn(delta)",
-    trace="Where the load changes its sign the residual is the missing load for a moment, then a blow against it.",
-    experiment="Accelerations and decelerations without other load, some gentle, so that the gap takes ten samples.",
+    trace="When the load changes sign, the load is briefly missing from the torque; then an impact follows.",
+    experiment="Accelerations in both directions without other load, some so small that the gap takes ten samples.",
     # Without a gap it is the spring, but for flanks that cannot pull.
     generalises=("elasticity",),
     source="Nordin, Galic & Gutman 1997, New models for backlash and gear play, Int. J. Adaptive Control and Signal "

@@ -1,13 +1,11 @@
-"""A grammar of guesses: candidate laws for physics that is not in the library, each dimensionally consistent.
+"""A grammar of guesses: dimensionally consistent candidate laws for effects outside the library.
 
-A guess is a carrier (what acts: dry friction, a rate, an inertia, a load, a neighbour's motion) times a
-modulation (how it changes over position, speed or time, or how late it follows). Every factor states its
-own unit; a coefficient's unit is what makes the product a torque. None of them claims a mechanism: a guess
-says over which signals a law is missing, and a person says why.
+A guess is the product of a carrier (dry friction, a rate, an inertia, a load, a neighbour's motion) and a modulation (a
+dependence on position, speed or time, or a lag). Every factor has a unit, and the coefficient's unit makes the product
+a torque. A guess states the signals on which a missing law depends; it does not explain the mechanism.
 
-Source: the products follow the terms of sparse identification, Brunton, Proctor & Kutz 2016, Discovering
-governing equations from data by sparse identification of nonlinear dynamical systems, PNAS 113(15), with
-units kept.
+Source: the products follow the terms of sparse identification, Brunton, Proctor & Kutz 2016, Discovering governing
+equations from data by sparse identification of nonlinear dynamical systems, PNAS 113(15), with units kept.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, St
 from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, WIDTH_RATE, WIDTH_TIME, absolute, ramp, sgn, step
 
 PREFIX = "draft_"
-"""How the names of guesses begin, so that nobody takes one for a law of the library."""
+"""Prefix of the names of guesses, which separates them from the library's effects."""
 
 Q, QD, QDD, T = (SIGNAL[name].symbol for name in ("q", "qd", "qdd", "t"))
 LOAD, PREDICTED = SIGNAL["load"].symbol, SIGNAL["predicted"].symbol
@@ -35,9 +33,9 @@ POSITIVE = (0.0, inf)
 
 @dataclass(frozen=True)
 class Carrier:
-    """What acts. expr in `unit`; text as a person writes it ("" for 1); says: a noun phrase.
+    """The first factor of a guess. expr in `unit`; text as written ("" for 1); says: a noun phrase.
 
-    inertial   its modulation over the position is that of a kinetic energy, so that no energy is made
+    inertial   if modulated over position, the law follows from a kinetic energy, so that energy is conserved
     """
 
     name: str
@@ -50,7 +48,7 @@ class Carrier:
 
 @dataclass(frozen=True)
 class ModulationPart:
-    """One linear coefficient of a modulation and the factor that it multiplies, of a unit."""
+    """A linear coefficient of a modulation and the factor that it multiplies."""
 
     name: str
     meaning: str
@@ -61,7 +59,7 @@ class ModulationPart:
 
 @dataclass(frozen=True)
 class Modulation:
-    """How a carrier changes over a signal. Several parts add up; lag: the carrier through a first-order lag.
+    """The second factor of a guess: a sum of parts. lag: the carrier passes a first-order lag.
 
     over   "position", "speed" or "time"; "" for none
     """
@@ -244,7 +242,7 @@ ALONE = (
     ),
     Carrier("load_even", "The load's magnitude, whatever its sign", "|load|", absolute(LOAD, WIDTH_FORCE), u.FORCE),
 )
-"""Carriers that stand without a modulation and bear none."""
+"""Carriers that are only used without a modulation."""
 
 
 def _neighbours() -> Iterable[Carrier]:
@@ -291,11 +289,11 @@ GRAMMAR: tuple[tuple[Carrier, tuple[Modulation, ...]], ...] = (
     *((carrier, (NONE,)) for carrier in ALONE),
     *((carrier, (NONE, WAVE, SLOPE, SLOW, FROM)) for carrier in NEIGHBOURS),
 )
-"""Which carriers are tried with which modulations."""
+"""The modulations that are tried with each carrier."""
 
 
 def drafts() -> tuple[Effect, ...]:
-    """All guesses, each an effect of one joint like any other; their order is that of the grammar."""
+    """All guesses, as effects of one joint, in the order of the grammar."""
     found = []
     for carrier, modulations in GRAMMAR:
         for modulation in modulations:
@@ -305,7 +303,7 @@ def drafts() -> tuple[Effect, ...]:
 
 
 def draft(carrier: Carrier, modulation: Modulation) -> Effect:
-    """The guess that `carrier` acts with `modulation`."""
+    """The guess for a carrier and a modulation."""
     over = "the position" if modulation.over == "position" else "the " + (modulation.over or "rate")
     says = f"{carrier.says}, {modulation.says}" if modulation.says else carrier.says
     return Effect(
@@ -317,15 +315,15 @@ def draft(carrier: Carrier, modulation: Modulation) -> Effect:
         states=_memory(carrier) if modulation.lag else (),
         summary=f"A guess. {says}.",
         equation=_equation(carrier, modulation),
-        trace=f"The residual follows {carrier.text or 'no rate'}, with a size that is read over {over}.",
+        trace=f"The residual is proportional to {carrier.text or 'a constant'}, with a factor that depends on {over}.",
         experiment=_EXPERIMENT[modulation.over],
-        source="None: this is a guess from one set of recordings, no law from the literature.",
+        source="None: this is a guess from one set of recordings, not a law from the literature.",
     )
 
 
 _EXPERIMENT = {
-    "": "Other speeds, loads and postures, each with the others held, to see what the term really follows.",
-    "position": "The whole range at several constant speeds, there and back: does the pattern stay in its place?",
+    "": "Other speeds, loads and postures, one at a time, to see on what the term depends.",
+    "position": "The whole range at several constant speeds in both directions: does the pattern keep its position?",
     "speed": "Many constant speeds in both directions over the same part of the range.",
     "time": "The same motion at the beginning, in the middle and at the end of a long recording.",
 }
@@ -339,7 +337,7 @@ _FOLLOWED = state("followed")
 
 
 def _memory(carrier: Carrier) -> tuple[State, ...]:
-    """dx/dt = (carrier - x)/T, exact for a carrier that stays as it is during dt."""
+    """dx/dt = (carrier - x)/T, exact for a carrier that is constant during dt."""
     kept = sp.exp(-DT / parameter("time_constant"))
     after = carrier.expr + (_FOLLOWED - carrier.expr) * kept
     return (State("followed", carrier.unit, "what it follows, through a first-order lag", after),)

@@ -104,7 +104,7 @@ def test_an_arm_in_space_has_more_parameters_and_a_planar_one_the_same_torque_wh
 
 def test_what_reads_a_signal_of_space_is_no_effect_of_a_planar_arm() -> None:
     lost = replace(LIBRARY["gravity"], torque=parameter("gx") * SIGNAL["moment_z"].symbol)
-    with pytest.raises(ValueError, match='"gravity" reads moment_z, which only an arm in space has'):
+    with pytest.raises(ValueError, match='"gravity" reads moment_z, which only a spatial arm has'):
         lost.in_plane()
 
 

@@ -79,7 +79,7 @@ def shape(of: str) -> Parameter:
         (replace(RIPPLE, form=None), "is not linear in all"),
         (replace(RIPPLE, torque=2 * RIPPLE.torque), "its form is not the same torque"),
         (replace(OFFSET, form=LinearForm((), sp.Integer(0), (), ())), "an expression for each coefficient"),
-        (replace(OFFSET, has_gap=True), "has a gap, and reads no signal by which a transmission gives way"),
+        (replace(OFFSET, has_gap=True), "has a gap but reads no signal of a compliant transmission"),
         (replace(OFFSET, brought=True), "exactly one parameter must be its planned="),
         (replace(OFFSET, parameters=(*OFFSET.parameters, shape("critical"))), 'needs a parameter of kind "stiffness"'),
         (replace(OFFSET, parameters=(*OFFSET.parameters, shape("end"))), 'needs a parameter of kind "side"'),
