@@ -74,14 +74,14 @@ _GOALS, _KINDS = get_args(Goal), get_args(Kind)
 _MANY = 10_000
 
 POINT = (
-    PerJoint("q1", "position of joint 1, likewise q2, ...; without it free", Number, unit="rad or m", default=None),
-    Numbers("tip", "of the end-effector: base x and y, in space x, y and z; without it free", unit="m", default=()),
+    PerJoint("q1", "position of joint 1, likewise q2, ...; default: free", Number, unit="rad or m", default=None),
+    Numbers("tip", "place of the end-effector: base x and y, in space x, y and z; default: free", unit="m", default=()),
     Numbers(
-        "pointing", "in space: where the z axis of the tip's frame points, in base axes; without it free", default=()
+        "pointing", "in space: direction of the z axis of the tip's frame, in base axes; default: free", default=()
     ),
     Numbers(
         "orientation",
-        "in space: roll, pitch, yaw of the tip's frame, as in URDF; without it free",
+        "in space: roll, pitch, yaw of the tip's frame, as in URDF; default: free",
         unit="rad",
         default=(),
     ),
@@ -92,17 +92,19 @@ PHASE = (
     Text("from", "the point where the phase begins"),
     Text("to", "the point where it ends"),
     Choice("kind", "free: joint coordinates; contact: those of (13)", _KINDS, '"free" or "contact"', default="free"),
-    Number("part", "of the cycle; all parts add up to 1", unit="of the cycle time", high=1.0, positive=True),
-    WholeNumber("degree", "of the polynomials, M of (9)", low=3, high=MAX_DEGREE),
+    Number("part", "fraction of the cycle; all parts add up to 1", unit="of the cycle time", high=1.0, positive=True),
+    WholeNumber("degree", "degree of the polynomials, M of (9)", low=3, high=MAX_DEGREE),
     Flag("monotone", "whether no joint turns back between two stated positions", default=False),
 )
 SPRING = (
-    Whole("joint", "where it is mounted, counted from 1; one spring a joint", 1, _MANY, "a joint, counted from 1"),
-    Text("effect", "which spring, where effects of one's own add others", default=""),
-    Numbers("catalogue", "sizes (stiffnesses) that can be bought; without it any", positive=True, default=()),
+    Whole(
+        "joint", "joint where it is mounted, counted from 1; one spring per joint", 1, _MANY, "a joint, counted from 1"
+    ),
+    Text("effect", "effect of the spring; default: the first of the library", default=""),
+    Numbers("catalogue", "stiffnesses that can be bought; default: any", positive=True, default=()),
     Others(
         "PARAMETER",
-        "of the spring, as its effect declares it: one number, or two bounds within which it is sought",
+        "parameter of the spring: a number, or two bounds if it is optimized",
         Bounds,
         _OF_A_SPRING,
         unit="SI units",
@@ -111,24 +113,24 @@ SPRING = (
 )
 OBJECTIVE = (
     Choice("goal", ", ".join(_GOALS), _GOALS, f"one of {', '.join(_GOALS)}", default=_GOALS[0]),
-    JointNumbers("joints", "whose torque counts; without it those that move", default=()),
-    Numbers("resistance", "of the motors, one a joint, for electrical_energy", unit="Ohm", positive=True, default=()),
-)
-RANGES = (PerJoint("q1", "of joint 1, likewise q2, ...: where it stays", Interval, unit="rad or m", default=None),)
-SCENARIO = (
-    Name("name", "of the scenario: a C identifier"),
-    Text("model", "model file beside this one, or the name of an arm of the toolkit"),
-    Number(
-        "cycle_time", "from the first point back to it, or to the last one", SHORTEST_CYCLE, LONGEST_CYCLE, unit="s"
+    JointNumbers("joints", "joints whose torque counts; default: those that move", default=()),
+    Numbers(
+        "resistance", "resistance of each joint's motor, for electrical_energy", unit="Ohm", positive=True, default=()
     ),
+)
+RANGES = (PerJoint("q1", "range of joint 1, likewise q2, ...", Interval, unit="rad or m", default=None),)
+SCENARIO = (
+    Name("name", "name of the scenario: a C identifier"),
+    Text("model", "model file beside this one, or the name of an arm of the toolkit"),
+    Number("cycle_time", "duration of the motion", SHORTEST_CYCLE, LONGEST_CYCLE, unit="s"),
     Flag("periodic", "whether the last point is the first", default=True),
     Flag("friction", "whether the motion is planned with the model's friction", default=True),
-    JointNumbers("moving", "joints that move, counted from 1; without it all", default=()),
-    Numbers("posture", "of all joints, for those that do not move; without it 0", unit="rad or m", default=()),
-    Inner("objective", "what is least", OBJECTIVE, default={}),
+    JointNumbers("moving", "joints that move, counted from 1; default: all", default=()),
+    Numbers("posture", "positions of all joints, for those that do not move; default: 0", unit="rad or m", default=()),
+    Inner("objective", "what is minimized", OBJECTIVE, default={}),
     Named("points", "instants between two phases", POINT),
     Several("phase", "one after another", PHASE),
-    Several("spring", "parallel springs that are sought together with the motion", SPRING, default=()),
+    Several("spring", "parallel springs that are optimized together with the motion", SPRING, default=()),
     OpenTable(
         "contact",
         "parameters of the contact's effects in place of the model file's",
