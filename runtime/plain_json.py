@@ -15,7 +15,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, msgspec.Struct):
         keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
         pairs = ((encoded, getattr(value, name)) for encoded, name in keys)
-        return {encoded: plain(v) for encoded, v in pairs if v is not msgspec.UNSET}
+        config = value.__struct_config__
+        kind = {} if config.tag is None else {config.tag_field: config.tag}
+        return {**kind, **{encoded: plain(v) for encoded, v in pairs if v is not msgspec.UNSET}}
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if hasattr(value, "tolist"):

@@ -126,12 +126,12 @@ def execute(
 
 def _draw(directory: Path, result: Execution, document: dict[str, Any], json: str | None) -> None:
     """The page of an execution that has been said already."""
-    from runtime.report.page.executed_page import write_execution
+    from runtime.report.page.reports import execution_page
     from runtime.report.terminal import say, working
 
     with costs_itself("the report"):
         with working("drawing the report"):
-            page = write_execution(directory, result, document)
+            page = execution_page(result, document).write(directory)
         if json != "-":
             say(f"Report: {page}")
 

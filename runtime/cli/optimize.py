@@ -96,13 +96,15 @@ def optimize(
         with costs_itself("the plot"):
             style.save(plan_plots.plan(document), plot)
     if report is not None:
-        from runtime.report.page.planned_page import write_plan
+        from runtime.documents.diagnosis import CommandEntry
+        from runtime.report.page.reports import plan_page
 
         arm = Path(asked.model) if is_name(Path(asked.model)) else _as_typed(source.path)
-        following = [] if out is None else [shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])]
+        line = shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])
+        following = [CommandEntry(command=line, what="executes it on the simulated arm")] if out else []
         with costs_itself("the report"):
             with terminal.working("drawing the report"):
-                page = write_plan(report, model, plan.trajectory, document, following)
+                page = plan_page(model, plan.trajectory, document, following).write(report)
             if json != "-":
                 terminal.say(f"Report: {page}")
 

@@ -148,7 +148,7 @@ def write_page(directory: Path | None, summary: ResultSummary, target: str | Non
     """Write the page of a result that has been shown already, if --report asked for it; target: that of --json."""
     if directory is None:
         return
-    from runtime.report.page.html_page import write_report
+    from runtime.report.page.reports import write_report
     from runtime.report.terminal import say, working
 
     with costs_itself("the report"):

@@ -21,9 +21,8 @@ from runtime.planning.optimize import Plan
 from runtime.planning.results import document as plan_document
 from runtime.report import fits, loop, models, plans, terminal
 from runtime.report.page import page_figures
-from runtime.report.page.html_page import write_report
 from runtime.report.page.page_figures import Drawn
-from runtime.report.page.planned_page import write_plan
+from runtime.report.page.reports import plan_page, write_report
 from runtime.report.plots import plan_plots
 from runtime.report.sections import Section
 from runtime.report.summary import LoopDocument, ResultSummary
@@ -178,7 +177,7 @@ class PlanResult(_Result):
 
     def report(self, directory: PathOrText) -> Path:
         """Write the HTML page into a directory; its path. Raises OSError."""
-        return write_plan(Path(directory), self.arm.model, self.plan.trajectory, self.json)
+        return plan_page(self.arm.model, self.plan.trajectory, self.json).write(Path(directory))
 
     def save(self, path: PathOrText) -> None:
         """Write the trajectory, for `tendon execute`. Raises OSError."""

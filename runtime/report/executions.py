@@ -163,6 +163,8 @@ def _range(low: float, high: float) -> str:
 def costs(document: Document) -> list[str]:
     """The cost of a cycle beside the plan's, saturated torques, and how far the plate is pressed down."""
     plan, mean, spread = document["plan"], document["mean"], document["spread"]
+    if mean is None:
+        return []
     units = {joint["force_unit"] for joint in document["joints"]}
     of = unit(f"({units.pop()})^2 s") if len(units) == 1 else "in SI"
     scatter = "" if spread is None else f" ± {number(spread['total'], 2)}"

@@ -176,7 +176,7 @@ def evidence(weighed: EvidenceEntry, place: JointScale) -> Facts:
     twist = given(weighed.twist)
     own = _own(weighed, place) if twist is None else quantity(twist.eff, twist.unit, 3)
     facts = [
-        ("torque" if twist is None else "twist", f"that only it explains: {own}"),
+        (f"{'torque' if twist is None else 'twist'} that only it explains", own),
         ("BIC", fall(weighed.delta_bic)),
         ("cross-validated squared error", fall(weighed.cv_gain, percent)),
     ]

@@ -110,17 +110,18 @@ def verdict_line(document: JudgedFitDocument | DiagnosisBase) -> str:
 # --- what they share ---
 
 
-def basis(band: BandEntry, skew: SkewEntry) -> list[Section]:
+def basis(band: BandEntry, offset: SkewEntry) -> list[Section]:
     """The frequency band, and the offset between the clocks of torque and motion."""
-    origin = "estimated" if skew.estimated else "given" if given(skew.given) else "assumed"
-    low, high = skew.interval or (None, None)
+    first = f"Band up to {quantity(band.cutoff_hz, 'Hz')}: {band.reason}."
+    return texts([first, f"Skew between torque and motion: {skew(offset)}."])
+
+
+def skew(offset: SkewEntry) -> str:
+    """Samples by which the torque lags the motion, and whether they were estimated."""
+    origin = "estimated" if offset.estimated else "given" if given(offset.given) else "assumed"
+    low, high = offset.interval or (None, None)
     within = "" if low is None or high is None else f", 95 % in [{number(low)}, {number(high)}]"
-    return texts(
-        [
-            f"Band up to {quantity(band.cutoff_hz, 'Hz')}: {band.reason}.",
-            f"Skew between torque and motion: {number(skew.value)} {skew.unit} ({origin}){within}.",
-        ]
-    )
+    return f"{number(offset.value)} {offset.unit} ({origin}){within}"
 
 
 def delays(entries: Sequence[DelayEntry]) -> list[Section]:

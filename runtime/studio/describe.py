@@ -9,20 +9,17 @@ import itertools
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import JointSeries, structure_entries
+from runtime.estimation.covariance import estimate
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.suspicions import Suspicion
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
-from runtime.report.page import page_findings as cards
-from runtime.report.page import page_parameters as parameters
-from runtime.report.page import recorded_motion
-from runtime.report.page.html_page import verdict as answer
+from runtime.report.page import moving, reports
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.studio.documents import (
     Cure,
@@ -37,7 +34,7 @@ from runtime.studio.documents import (
     VerdictShown,
 )
 from runtime.studio.session import JointError, PlacedEffect
-from runtime.wording import MORE_THAN_NOISE, numbered
+from runtime.wording import MORE_THAN_NOISE, numbered, unit
 
 
 def recording(index: int, name: str, inspection: Inspection, joints: int) -> RecordingShown:
@@ -72,9 +69,9 @@ def _entries(options: Sequence[str]) -> tuple[str, ...]:
 def step(index: int, summary: ResultSummary, held: Sequence[JointSeries], suspicions: Sequence[Suspicion]) -> StepShown:
     """A fitted model."""
     fitted = summary.first.identification
-    library, picture = fitted.model.library.effects, recorded_motion.of_result(summary)
+    library, picture = fitted.model.library.effects, moving.of_result(summary)
     return StepShown(
-        sentence=answer(summary)["sentence"],
+        sentence=reports.verdict(summary).sentence,
         joints=[_joint(index, k, summary.first, held) for k in range(len(summary.first.joints))],
         active=[
             EffectShown(**_effect(term, library[term.effect], values))
@@ -114,16 +111,15 @@ def _joint(index: int, joint: int, fitted: Step, held: Sequence[JointSeries]) ->
 
 def _effect(term: Term, info: EffectInfo, values: Mapping[str, Estimate]) -> Row:
     """Fields of EffectShown. A parameter may be tried as far from its value as that is large."""
-    rows, ranges = parameters.estimates(values, info), []
-    for name, estimate in values.items():
+    ranges = []
+    for name, e in values.items():
         parameter = info.parameter(name)
-        size = abs(estimate.value) or parameter.scale
-        low, high = (max(parameter.bounds[0], estimate.value - size), min(parameter.bounds[1], estimate.value + size))
-        unit = next(row["unit"] for row in rows if row["name"] == name)
-        ranges.append(ParameterRange(name=name, unit=unit, value=estimate.value, low=low, high=high))
+        size = abs(e.value) or parameter.scale
+        low, high = max(parameter.bounds[0], e.value - size), min(parameter.bounds[1], e.value + size)
+        ranges.append(ParameterRange(name=name, unit=unit(e.unit), value=e.value, low=low, high=high))
     return {
         "placed": PlacedEffect(term.name, term.joint),
-        "values": "; ".join(f"{row['name']} {row['value']} {row['unit']}".strip() for row in rows),
+        "values": "; ".join(f"{name} {estimate(e)}{unit(e.unit, ' ')}" for name, e in values.items()),
         "ranges": ranges,
     }
 
@@ -147,31 +143,32 @@ def offered(search: Search) -> list[EffectOffered]:
 
 def verdict(summary: ResultSummary) -> VerdictShown:
     """A diagnosis."""
-    said = answer(summary)
+    said = reports.verdict(summary)
     return VerdictShown(
-        kind=said["kind"],
-        tag=said["tag"],
-        sentence=said["sentence"],
-        more=said["more"],
+        kind=said.kind,
+        tag=said.tag,
+        sentence=said.sentence,
+        more=said.more,
         findings=[_finding(summary, k) for k in range(len(summary.findings))],
-        ruled_out=cards.ruled_out(summary),
-        limits=cards.limits(summary),
-        left_over=cards.left_over(summary),
-        to_record=cards.to_record(summary),
-        experiments=[row | {"commands": list(map(asdict, row["commands"]))} for row in cards.experiments(summary)],
+        ruled_out=reports.not_named(summary),
+        limits=reports.limits(summary),
+        left_over=reports.left_over(summary),
+        unexplained=reports.unexplained_joints(summary),
+        to_record=reports.to_record(summary),
+        experiments=reports.experiments(summary),
         warnings=list(summary.document.warnings),
         commands=[command.document() for command in summary.commands],
     )
 
 
 def _finding(summary: ResultSummary, index: int) -> FindingShown:
-    finding, card = summary.findings[index], cards.card(summary, index)
+    finding = summary.findings[index]
     fitted = finding.after.identification
     values = fitted.inference.values.get(finding.term, {})
     return FindingShown(
         **_effect(finding.term, fitted.model.library.effects[finding.term.effect], values),
-        title=card["title"],
+        title=reports.finding_title(summary, index),
         shows_at=finding.joint_index + 1,
         rivals=[PlacedEffect(t.name, t.joint) for t in finding.rivals],
-        card=card,
+        card=reports.finding_card(summary, index),
     )

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 from runtime.documents.diagnosis import CommandEntry
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ClockEntry
+from runtime.report.sections import Section
 from runtime.studio.session import JointError, PlacedEffect, SessionStep, Verdict, read
 from runtime.studio.settings import MOST_DOCUMENTS
 
@@ -107,7 +108,7 @@ class StepShown(Document, frozen=True, kw_only=True):
 class FindingShown(EffectShown, frozen=True, kw_only=True):
     """An effect that a diagnosis names.
 
-    title      effect and joint, in words         card   holes of the report's part `finding_of`
+    title      effect and joint, in words         card   sections of the report
     shows_at   the joint (1-based) whose residual shows it
     rivals     effects that the data cannot distinguish from it
     """
@@ -115,7 +116,7 @@ class FindingShown(EffectShown, frozen=True, kw_only=True):
     title: str
     shows_at: int
     rivals: list[PlacedEffect]
-    card: Row
+    card: list[Section]
 
 
 class VerdictShown(Document, frozen=True, kw_only=True):
@@ -124,7 +125,8 @@ class VerdictShown(Document, frozen=True, kw_only=True):
     kind        "effect", "more" (an effect, and a residual above the noise), "clean", "unexplained" or "refused"
     tag         the kind in words
     sentence    the verdict in one sentence; more: a second one, or ""
-    ruled_out, limits, left_over, to_record, experiments   holes of the report's parts of these names
+    ruled_out, limits, left_over, to_record, experiments   sections of the report
+    unexplained   joints (from 1) whose residual nothing explains
     commands    that continue from here in a terminal
     """
 
@@ -133,11 +135,12 @@ class VerdictShown(Document, frozen=True, kw_only=True):
     sentence: str
     more: str
     findings: list[FindingShown]
-    ruled_out: dict[str, list[Any]]
-    limits: list[Row]
-    left_over: list[Row]
-    to_record: list[Row]
-    experiments: list[Row]
+    ruled_out: list[Section]
+    limits: list[Section]
+    left_over: list[Section]
+    unexplained: list[int]
+    to_record: list[Section]
+    experiments: list[Section]
     warnings: list[str]
     commands: list[CommandEntry]
 

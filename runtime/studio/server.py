@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import runtime
-from runtime.report.page.filling import policy
+from runtime.report.page.html import policy
 from runtime.report.signals.signal_set import AskedWrongly, SignalSet
 from runtime.studio.guard import Guard, new_token
 from runtime.studio.session import SessionError, safe_name

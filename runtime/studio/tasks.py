@@ -40,8 +40,6 @@ from runtime.progress import Progress
 from runtime.recordings.recording import Recording
 from runtime.report import plans
 from runtime.report.follow_up import about
-from runtime.report.page import planned_page
-from runtime.report.page.html_page import render
 from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording, of_series
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.simulation.options import SimulationSettings
@@ -306,7 +304,7 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
     found = [ValuesFound(placed=PlacedEffect(t.name, t.joint), values=dict(last.values[t])) for t in named]
     _write(folder / "verdict.json", describe.verdict(summary))
     _write(folder / "found.json", found)
-    (folder / "report.html").write_text(render(summary), encoding="utf-8")
+    (folder / "report.html").write_text(reports.report(summary).html(), encoding="utf-8")
     for joint in range(len(first.joints)):
         added = " + ".join(dict.fromkeys(f.term.effect for f in summary.findings_at(joint)))
         of_joint(first, last, joint, added).save(folder / f"joint{joint + 1}.npz")
@@ -465,7 +463,7 @@ def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]
         report.part(EVALUATING)
         stated = plain(results.stated(model, planned))
         folder = loaded.new_folder(f"plan{k}")
-        (folder / "page.html").write_text(planned_page.render(model, planned, stated), encoding="utf-8")
+        (folder / "page.html").write_text(reports.plan_page(model, planned, stated).html(), encoding="utf-8")
         _write(folder / "plan.json", PlanShown(name=name, headline=plans.headline(stated)))
     return TaskResult(plans=len(names))
 

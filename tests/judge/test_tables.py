@@ -8,7 +8,7 @@ import pytest
 
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.report import loop, terminal
-from runtime.report.page.html_page import render
+from runtime.report.page.reports import report
 from runtime.report.summary import ResultSummary
 from tests import bank
 from tests.judge.specimens import of_two_joints
@@ -51,7 +51,7 @@ def test_thinner_grease_is_said_and_refused() -> None:
 
 def test_page_and_terminal_show_both_tables(capsys: pytest.CaptureFixture[str]) -> None:
     found = both("payload")
-    page = render(found)
+    page = report(found).html()
     assert "Each recording alone" in page
     assert page.count("differs</span>") == len(found.document().to_json()["inconsistent"])
     terminal.show(loop.diagnosis(ResultSummary(found).document))

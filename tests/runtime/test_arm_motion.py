@@ -16,7 +16,7 @@ from jinja2 import Environment, FileSystemLoader
 from codegen import prepare
 from runtime.model import loader
 from runtime.model.loader import carried, joint_places, tip_place
-from runtime.report.page import arm_motion, html_page
+from runtime.report.page import arm_motion
 from runtime.report.page.arm_motion import ArmMotion, Course, JointMarks, SpringTorque
 from symbolic.model_file import reader
 from symbolic.rigid_body.spatial.geometry import rotation
@@ -208,7 +208,7 @@ def test_frames_are_few_and_evenly_spread(count):
 
 
 def drawn_page(page: dict) -> str:
-    templates = Path(html_page.__file__).parent / "templates"
+    templates = Path(arm_motion.__file__).parent / "templates"
     environment = Environment(loader=FileSystemLoader(templates), autoescape=True, trim_blocks=True)
     macro = "{% from 'arm_motion.html.j2' import arm_motion %}{{ arm_motion(moving) }}"
     return environment.from_string(macro).render(moving=page)
@@ -230,7 +230,7 @@ def test_names_are_text_and_nothing_is_asked_from_outside(model):
     assert "<img" not in html
     assert html.count("</script>") == 1
     assert not re.search(r"(?:https?:)?//\w", html.replace("https://evil.example", ""))
-    script = (Path(html_page.__file__).parent / "templates" / "arm_motion.js.j2").read_text()
+    script = (Path(arm_motion.__file__).parent / "templates" / "arm_motion.js.j2").read_text()
     assert not re.search(r"//|import|fetch|XMLHttp|innerHTML|eval", script)
     assert "{{" not in script
     assert "{%" not in script
@@ -242,6 +242,6 @@ def test_it_can_be_played_by_keyboard_and_by_those_who_ask_for_less_motion(model
     assert re.search(r'<button type="button"[^>]*>Play</button>', html)
     assert re.search(r'<input type="range"[^>]*aria-label="Time"', html)
     assert 'role="img" aria-label="what is shown, in words"' in html
-    script = (Path(html_page.__file__).parent / "templates" / "arm_motion.js.j2").read_text()
+    script = (Path(arm_motion.__file__).parent / "templates" / "arm_motion.js.j2").read_text()
     assert "prefers-reduced-motion" in script
     assert "aria-valuetext" in script

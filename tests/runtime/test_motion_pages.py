@@ -19,9 +19,9 @@ from runtime.plain_json import plain
 from runtime.planning import results
 from runtime.planning.optimize import optimize
 from runtime.planning.settings import PlanningSettings
-from runtime.report import plans, terminal
-from runtime.report.page import executed_page, planned_page
-from runtime.report.page.executed_page import ExecutedCycles
+from runtime.report import executions, plans, terminal
+from runtime.report.page.moving import ExecutedCycles
+from runtime.report.page.reports import execution_page, plan_page
 from runtime.report.plots import plan_plots
 from runtime.workspace.source import Source
 from symbolic.model_file.arm import Limits
@@ -70,7 +70,7 @@ def angles(data: dict, body: int) -> np.ndarray:
 
 def test_a_plan_is_drawn_as_it_is(planned) -> None:
     model, plan, document = planned
-    page = planned_page.render(model, plan.trajectory, document)
+    page = plan_page(model, plan.trajectory, document).html()
     alone(page)
     data, whole = scripts(page)
     assert whole == document
@@ -79,7 +79,7 @@ def test_a_plan_is_drawn_as_it_is(planned) -> None:
     q = plan.trajectory.at(model, t).q
     np.testing.assert_allclose(angles(data, 0), q[0], atol=0.004)
     assert "4 rad/s" in page
-    assert page == planned_page.render(model, plan.trajectory, document)
+    assert page == plan_page(model, plan.trajectory, document).html()
 
 
 def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
@@ -133,17 +133,17 @@ def test_all_joints_go_by_one_word(planned, capsys: pytest.CaptureFixture[str]) 
 
 def test_what_is_hidden_in_the_simulated_arm_stands_on_its_page(executed: Execution) -> None:
     document = plain({"on": "simulation", **executed.to_json(), "next": []})
-    assert executed_page.lines(document) == []
+    assert executions.differences(document) == []
     name = document["joints"][0]["name"]
     hidden = {"effect": "offset", "joint": 1, "hidden": True, "changed": False, "values": {"torque": -2.5}}
-    called = "joint 1" if name is None else f"joint 1 {name}"
-    said = f"Hidden in the simulated arm: offset at {called}, torque −2.5."
-    assert executed_page.lines({**document, "effects": [hidden]}) == [said]
+    called = "joint 1" if name is None else f"joint 1 ({name})"
+    said = f"hidden: offset at {called}: torque −2.5"
+    assert executions.differences({**document, "effects": [hidden]}) == [said]
 
 
 def test_an_execution_is_drawn_beside_its_plan(executed: Execution) -> None:
     document = plain({"on": "simulation", **executed.to_json(), "next": []})
-    page = executed_page.render(executed, document)
+    page = execution_page(executed, document).html()
     alone(page)
     data, _ = scripts(page)
     cycles, trial = ExecutedCycles(executed), executed.trials[0]
@@ -156,7 +156,7 @@ def test_an_execution_is_drawn_beside_its_plan(executed: Execution) -> None:
     assert len(cycles.whole) == 4
     assert cycles.over_each_other("q").shape == (1, 4, len(at))
     assert np.ptp(cycles.over_each_other("q"), axis=1).max() < 0.02
-    assert page == executed_page.render(executed, document)
+    assert page == execution_page(executed, document).html()
 
 
 def test_a_safe_stop_is_drawn_up_to_it(bench: Source) -> None:
@@ -166,7 +166,7 @@ def test_a_safe_stop_is_drawn_up_to_it(bench: Source) -> None:
     )
     assert not stopped.completed
     document = plain({"on": "simulation", **stopped.to_json(), "next": []})
-    page = executed_page.render(stopped, document)
+    page = execution_page(stopped, document).html()
     assert "safe stop" in page
     data, _ = scripts(page)
     assert data["begins"] * 1000 + data["t"][-1] <= 1000 * len(stopped.trials[0].t) * stopped.dt

@@ -27,6 +27,8 @@ from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.gates import Evidence, Verdict
 from runtime.diagnosis.sensor_worth import SensorWorth
 from runtime.diagnosis.steps import Errors, Finding, Step
+from runtime.documents.diagnosis import RankedCandidate
+from runtime.documents.parts import EffectAt
 from runtime.estimation import covariance
 from runtime.estimation.compare import Comparison, as_written, compare, series, structure_shares
 from runtime.estimation.estimate import Estimate
@@ -36,9 +38,11 @@ from runtime.loop.improve import Improvement
 from runtime.model.terms import Term, structure
 from runtime.motion import spectrum
 from runtime.recordings.recording import Recording
-from runtime.report import loop, reasons, terminal
+from runtime.report import findings, loop, terminal
+from runtime.report.findings import JointScale
 from runtime.report.follow_up import Invocation, about
-from runtime.report.page import html_page, page_figures, page_findings
+from runtime.report.page import page_figures, reports
+from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style, time_plots
 from runtime.report.summary import ResultSummary
 from runtime.simulation import demo
@@ -107,9 +111,13 @@ def evidence(term: Term, *failed: str) -> Evidence:
     return Evidence(candidate, 0.123, 0.9, 456.0, 234.0, 0.5, failed, 9, np.zeros(3))
 
 
+def rendered(result) -> str:
+    return reports.report(result).html()
+
+
 @pytest.fixture(scope="module")
 def page(improvement) -> str:
-    return html_page.render(improvement)
+    return rendered(improvement)
 
 
 class Reader(HTMLParser):
@@ -150,7 +158,7 @@ def summary(improvement, one) -> ResultSummary:
 
 @pytest.fixture(scope="module")
 def story_text(summary) -> str:
-    return Reader(html_page.render(summary)).text
+    return Reader(rendered(summary)).text
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +193,7 @@ def test_ids_are_unique_and_links_within_the_page_arrive(page):
 
 
 def test_same_result_same_bytes(improvement, page, tmp_path):
-    path = html_page.write_report(tmp_path / "deep" / "folder", improvement)
+    path = reports.write_report(tmp_path / "deep" / "folder", improvement)
     assert path == tmp_path / "deep" / "folder" / "report.html"
     assert path.read_text(encoding="utf-8") == page
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
@@ -299,7 +307,7 @@ def test_torques_are_read_beside_the_moving_picture(page, improvement):
 def test_what_was_demanded_is_drawn_under_what_was_measured(drive, one):
     """In recordings that have it; the table says how far the joint was off."""
     asked = replace(one, q_desired=one.q + 0.1)
-    page = html_page.render(compare(drive, [asked]))
+    page = rendered(compare(drive, [asked]))
     data = json.loads(Reader(page).scripts[0])
     assert "The arm as demanded, dashed, and as it was measured" in page
     assert page.count('<polyline class="arm') == 2
@@ -318,7 +326,7 @@ def test_what_sensors_were_worth_is_on_the_page(improvement, page):
     document = msgspec.structs.replace(summary.document, sensors=[worth.document()])
     summary.__dict__["document"] = document
     assert loop.sensors(document) == ["Contribution of the sensors: q1_link: alone rules out elasticity@1."]
-    assert loop.sensors(document)[0] in Reader(html_page.render(summary)).text
+    assert loop.sensors(document)[0] in Reader(rendered(summary)).text
 
 
 def test_commands_can_be_copied(summary, story_text):
@@ -338,7 +346,7 @@ def test_the_model_files_own_words_and_sources_are_cited():
 def test_what_is_done_already_is_not_asked_for(summary):
     done = replace(summary, given=replace(ORIGIN, improved=Path("better.toml")))
     assert not any(c.line.startswith("tendon add") for c in done.commands)
-    assert "The improved model is in better.toml" in Reader(html_page.render(done)).text.replace(" .", ".")
+    assert "The improved model is in better.toml" in Reader(rendered(done)).text.replace(" .", ".")
     assert not done.document.commands[0].command.startswith("tendon identify")
 
 
@@ -364,61 +372,74 @@ def test_floor_of_a_recording_is_the_same_held_out(improvement, summary, story_t
     assert held_out.floors(improvement.steps[-1].identification, []) == ()
 
 
-def test_why_a_candidate_was_not_named():
-    named, other = evidence(STRIBECK), evidence(ELASTICITY)
-    behind = replace(other, delta_bic=100.0, share=0.4)
-    assert reasons.in_place_of(behind, named, (ELASTICITY,), 0.1) == (
-        "Not ruled out: it passes every gate too and explains 40 % of what is missing, stribeck 90 %. BIC prefers "
-        "stribeck at joint 1 by 356; with Vuong's test of the likelihoods that is not enough to tell the two apart."
+def ranked(term: Term, *failed: str, **values) -> RankedCandidate:
+    """A candidate as documents have it."""
+    made = replace(evidence(term, *failed), **values)
+    return RankedCandidate(effect=term.effect, joint=term.joint, evidence=made.document())
+
+
+def test_why_a_candidate_was_not_named(summary):
+    finding = summary.document.history[1].finding
+    context = reports.context(summary)
+
+    def why(other: RankedCandidate, rivals=(), scale: float = 1.0) -> str:
+        around = context._replace(places={k: JointScale(scale * p.floor, p.unit) for k, p in context.places.items()})
+        own = msgspec.structs.replace(finding, rivals=[EffectAt(effect=t.effect, joint=t.joint) for t in rivals])
+        return findings.in_place_of(other, own, around)
+
+    behind = {"delta_bic": 100.0, "share": 0.4}
+    assert why(ranked(ELASTICITY, **behind), (ELASTICITY,)) == (
+        "is not ruled out: it passes every gate too and explains 40 % of what is missing, stribeck 90 %. BIC prefers "
+        "stribeck at joint 1 by 356; by Vuong's test of the likelihoods that is not enough to separate the two"
     )
-    assert reasons.in_place_of(behind, named, (), 0.1).startswith("Ruled out: it passes every gate by itself, but")
-    elsewhere_all = replace(behind, share=1.0)
-    assert reasons.in_place_of(elsewhere_all, named, (), 0.1) == (
-        "Ruled out: it passes every gate by itself, but BIC prefers stribeck at joint 1 by 356, and Vuong's test of "
-        "the likelihoods agrees."
+    assert why(ranked(ELASTICITY, **behind)).startswith("is ruled out: it passes every gate by itself, but explains 40")
+    assert why(ranked(ELASTICITY, delta_bic=100.0, share=1.0)) == (
+        "is ruled out: it passes every gate by itself, but BIC prefers stribeck at joint 1 by 356, and Vuong's test of "
+        "the likelihoods agrees"
     )
-    ahead = replace(other, delta_bic=1000.0)
-    assert "the error falls less than with stribeck" in reasons.in_place_of(ahead, named, (), 0.1)
-    elsewhere = evidence(Term("elasticity", 2))
-    assert reasons.in_place_of(elsewhere, named, (), 0.1).startswith("Set aside: it acts at another joint")
-    assert reasons.in_place_of(elsewhere, named, (), 0.1, [elsewhere.term]).startswith("Named too")
-    failing = evidence(ELASTICITY, "too little", "too wide")
-    assert reasons.in_place_of(failing, named, (), 0.1) == "Ruled out: too little; too wide."
-    useless = replace(failing, delta_bic=-12.3)
-    assert reasons.not_named(useless, 0.1, held_out=False).endswith("with it, BIC rises by 12.")
-    assert "next to nothing" in reasons.not_named(failing, 100.0, held_out=False)
-    assert "on the held-out recording" in reasons.not_named(other, 0.1, held_out=True)
+    assert "the error falls less than with stribeck" in why(ranked(ELASTICITY, delta_bic=1000.0))
+    elsewhere = context._replace(places={**context.places, 2: context.places[1]})
+    other = ranked(Term("elasticity", 2))
+    assert findings.in_place_of(other, finding, elsewhere).startswith("is set aside: it acts at another joint")
+    named = elsewhere._replace(also={("elasticity", 2)})
+    assert findings.in_place_of(other, finding, named).startswith("is named too")
+    failing = ranked(ELASTICITY, "too little", "too wide")
+    assert why(failing) == "is ruled out: too little; too wide"
+    assert "next to nothing" in why(failing, scale=1000.0)
+    useless = ranked(ELASTICITY, "too little", delta_bic=-12.3)
+    assert findings.why_not_named(useless, context, held_out=False).endswith("with it, BIC rises by 12")
+    passing = findings.why_not_named(ranked(ELASTICITY), context, held_out=True)
+    assert passing.endswith("or on the held-out recording")
+
+
+def card_of(improvement: Improvement, verdict: Verdict, rivals: tuple[Term, ...]) -> Reader:
+    """The page's card of the finding, had its search ended so."""
+    finding = replace(improvement.findings[0], verdict=verdict, rivals=rivals)
+    summary = ResultSummary(replace(improvement.found, findings=(finding,)))
+    return Reader(fragment(reports.finding_card(summary, 0)))
 
 
 def test_every_finalist_has_its_reason(improvement):
-    finding = improvement.findings[0]
-    weak, rival = Term("cable", 1), evidence(ELASTICITY)
-    verdict = Verdict((finding.evidence, rival, evidence(weak, "it explains 3 % only")), (ELASTICITY,))
-    paired = (ELASTICITY, Term("gravity"))  # a pair leaves a rival that was not weighed by itself
-    found = replace(improvement.found, findings=(replace(finding, verdict=verdict, rivals=paired),))
-    (row,) = page_findings.findings(ResultSummary(found))
-    first, second, third, fourth = row["candidates"]["rows"]
-    assert fourth["name"] == "gravity"
-    assert "it fits about as well" in fourth["why"]
-    assert (first["name"], first["kind"]) == ("stribeck at joint 1", "named")
-    assert (second["name"], second["kind"]) == ("elasticity at joint 1", "rival")
-    assert second["why"].startswith("Not ruled out: it passes every gate too")
-    assert third["why"] == "Ruled out: it explains 3 % only."
+    first = improvement.findings[0].evidence
+    verdict = Verdict((first, evidence(ELASTICITY), evidence(Term("cable", 1), "it explains 3 % only")), (ELASTICITY,))
+    text = card_of(
+        improvement, verdict, (ELASTICITY, Term("gravity"))
+    ).text  # a pair leaves a rival that has no evidence
+    rows = text[text.index("why, or why not") :]
+    order = [rows.index(name) for name in ("stribeck at joint 1 named", "elasticity at joint 1 rival", "gravity rival")]
+    assert order == sorted(order)
+    for why in ("Not ruled out: it passes every gate too", "it fits about as well", "Ruled out: it explains 3 % only."):
+        assert why in rows
 
 
 def test_what_does_not_earn_its_parameters_takes_no_row(improvement):
     """But what was named too does: many candidates of an arm of seven joints are of no account to a finding."""
-    finding = improvement.findings[0]
     weak = replace(evidence(Term("cable", 1), "it explains 3 % only"), delta_bic=-7.0)
-    verdict = Verdict((finding.evidence, weak), ())
-    found = replace(improvement.found, findings=(replace(finding, verdict=verdict, rivals=()),))
-    last = replace(found, last=Verdict((weak,), ()))
-    (row,) = page_findings.findings(ResultSummary(found))
-    assert [each["name"] for each in row["candidates"]["rows"]] == ["stribeck at joint 1"]
-    assert row["candidates"]["unearned"] == ["cable at joint 1"]
-    assert page_findings.ruled_out(ResultSummary(last)) == {"rows": [], "nothing": [], "unearned": ["cable at joint 1"]}
-    text = Reader(html_page.render(ResultSummary(last))).text
-    assert "not earning their parameters, with which BIC rises: cable at joint 1." in text
+    read = card_of(improvement, Verdict((improvement.findings[0].evidence, weak), ()), ())
+    assert [tag for tag, attributes in read.tags if tag == "th" and attributes.get("scope") == "row"] == ["th"]
+    assert "Ruled out because BIC rises with their parameters: cable at joint 1." in read.text
+    last = replace(improvement.found, last=Verdict((weak,), ()))
+    assert "BIC rises with their parameters: cable at joint 1." in Reader(rendered(ResultSummary(last))).text
 
 
 def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improvement):
@@ -432,9 +453,9 @@ def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improve
 
 def test_unexplained_shows_where_and_proposes_a_draft(unexplained):
     summary = ResultSummary(unexplained, ORIGIN)
-    text = Reader(html_page.render(summary)).text
+    text = Reader(rendered(summary)).text
     assert "What is left unexplained" in text
-    assert "Signals that the residual follows, and how much of its variance each explains: velocity" in text
+    assert "share of the residual's power that each signal explains: velocity" in text
     assert "tendon diagnose 'my arms/drive.toml' 'run 1.csv' --draft guess.py --effects own.py" in text
     assert "tendon add" not in text
 
@@ -444,10 +465,10 @@ def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
     motion, fit = step.identification.motion, step.identification.fit
     wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
     ringing = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
-    (row,) = page_findings.left_over(
-        ResultSummary(replace(unexplained, steps=(replace(step, identification=ringing),)))
-    )
-    assert float(row["line"].removesuffix(" Hz")) == pytest.approx(3.7, abs=0.03)  # one bin of 37 s
+    found = replace(unexplained, steps=(replace(step, identification=ringing),))
+    text = Reader(fragment(reports.left_over(ResultSummary(found)))).text
+    line = re.search(r"Strongest line of its spectrum: ([\d.]+) Hz", text)[1]
+    assert float(line) == pytest.approx(3.7, abs=0.03)  # one bin of 37 s
 
 
 @given(frequency=st.floats(1.0, 40.0), seed=st.integers(0, 2**32 - 1))
@@ -484,13 +505,13 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
     summary = ResultSummary(clean)
     (peak,) = summary.document.peaks
     assert min(abs(f - 12.3) for f in peak.frequencies_hz) < 0.4
-    page = Reader(html_page.render(summary)).text
-    assert re.search(r"Its spectrum has peaks that hold little: joint 1 at .*12\.\d+ Hz", page)
+    page = Reader(rendered(summary)).text
+    assert re.search(r"Peaks in the spectrum of the residual, with little of its power: joint 1 at .*12\.\d+ Hz", page)
     terminal.show(loop.sections(summary.document))
     assert "Peaks in the spectrum of the residual" in capsys.readouterr().out
     more = replace(improvement, left=replace(improvement.left, verdict="unexplained", reason="something is left"))
-    assert "effect found, more is left" in Reader(html_page.render(more)).text
-    assert "more is left" not in Reader(html_page.render(improvement)).text
+    assert "effect found, more is left" in Reader(rendered(more)).text
+    assert "more is left" not in Reader(rendered(improvement)).text
 
 
 def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
@@ -502,7 +523,7 @@ def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
 
 
 def test_refused_says_what_to_record(unexplained):
-    text = Reader(html_page.render(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
+    text = Reader(rendered(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
     assert "The joints hardly move." in text
     assert "What to record" in text
     assert "Several constant speeds" in text  # viscous friction, in the model
@@ -545,9 +566,9 @@ def test_joints_are_called_by_their_names_too(improvement, capsys):
     whole = Improvement(improvement.model_text, named(improvement.found), named(improvement.left))
     summary = ResultSummary(whole, ORIGIN)
     assert [j.name for j in summary.document.joints] == ["elbow"]
-    page = html_page.render(summary)
+    page = rendered(summary)
     assert "Joint 1 elbow: stribeck added" in page
-    assert "stribeck at joint 1 elbow" in page
+    assert "stribeck at joint 1 (elbow)" in page
     terminal.show(loop.sections(summary.document))
     printed = capsys.readouterr().out
     assert "stribeck at joint 1 (elbow): residual" in printed
@@ -561,7 +582,7 @@ def test_text_of_the_user_stays_text(improvement):
         replace(s, identification=replace(s.identification, model=Renamed(model, HOSTILE))) for s in improvement.steps
     )
     found = replace(improvement.found, reason=f"{HOSTILE}.csv is odd", steps=steps)
-    page = html_page.render(replace(improvement, found=found, left=replace(improvement.left, reason=HOSTILE)))
+    page = rendered(replace(improvement, found=found, left=replace(improvement.left, reason=HOSTILE)))
     read = Reader(page)
     assert HOSTILE in read.text
     assert "<img" not in page
@@ -582,7 +603,7 @@ class Renamed:
 def test_comparison_says_where_the_residual_sits(improvement):
     step = improvement.steps[0]
     comparison = Comparison(step.identification, step.joints, as_written(step.identification))
-    text = Reader(html_page.render(comparison)).text
+    text = Reader(rendered(comparison)).text
     assert re.search(r"the fitted model misses [\d.]+ % of the torque, [\d.]+ times the noise floor", text)
     assert "of what it misses follows velocity" in text  # extra friction at creep
     assert "What the residual follows" in text
@@ -598,7 +619,7 @@ def test_a_joint_that_never_moves_is_no_joint_at_its_floor(library, capsys):
     made, _ = simulate(model, motion=np.array([0 * t, swing]))
     summary = ResultSummary(compare(model, [made]))
     assert (summary.moves(0), summary.moves(1)) == (False, True)
-    page = Reader(html_page.render(summary))
+    page = Reader(rendered(summary))
     assert page.text.count("it never moves, and nothing of it is compared") == 2
     assert not any(str(tag.get("id", "")).startswith("time1") for _, tag in page.tags)
     terminal.show(loop.sections(summary.document))
@@ -614,7 +635,7 @@ def test_parameters_of_joints_at_their_floor_fold_away(library):
     plant = planning_cases.arm(library, "rr", effects={"viscous": {"coefficient": 2.0}})
     spring = Hidden(Term("linear_spring", 1), {"stiffness": 20.0, "rest": 0.0})
     made, _ = simulate(plant, [spring], SimulationSettings(seconds=20.0))
-    text = html_page.render(ResultSummary(compare(model, [made])))
+    text = rendered(ResultSummary(compare(model, [made])))
     parameters = text[text.index('<section id="parameters">') : text.index('<section id="method">')]
     first, second = re.findall(r"<details( open)?>\s*<summary><h4>Joint \d</h4>(.*?)</summary>", parameters)[:2]
     assert (first[0], second[0]) == (" open", "")
@@ -622,7 +643,7 @@ def test_parameters_of_joints_at_their_floor_fold_away(library):
 
 
 def test_diagnosis_without_a_finding(improvement):
-    text = Reader(html_page.render(improvement.left)).text
+    text = Reader(rendered(improvement.left)).text
     assert "The residual is noise." in text
     assert "Considered, and not named" in text
     assert "Detection limits" in text

@@ -46,8 +46,7 @@ def _joint(view: PageView, before: JointError | None, after: JointError, longest
     pressed = put("button", classes="bar-joint", type="button", aria_pressed=json.dumps(chosen), data_joint=after.joint)
     with pressed.on("click", lambda _: view.set(chosen=after.joint)):
         with put("span", classes="bar-head"):
-            left_over = [] if view.verdict is None else view.verdict.left_over
-            unexplained = after.joint in [row["joint"] for row in left_over]
+            unexplained = view.verdict is not None and after.joint in view.verdict.unexplained
             put("span", classes="spot", data_level="2" if unexplained else _level(after.floors))
             put("b", f"Joint {after.called}")
             put("span", "the residual is more than sensor noise" if unexplained else _floors(after), "of")

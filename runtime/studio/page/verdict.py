@@ -7,9 +7,9 @@ from functools import partial
 from runtime.studio.documents import VerdictShown
 from runtime.studio.page import questions
 from runtime.studio.page.start import cure_button, cures
-from runtime.studio.page.view import TAGS, PageView, button, folded, put, report_part
+from runtime.studio.page.view import TAGS, PageView, button, folded, put, report_sections
 from runtime.studio.session import PlacedEffect
-from runtime.wording import number, percent
+from runtime.wording import percent
 
 KINDS = (*TAGS, "unexplained", "refused")
 """Verdicts that have a colour."""
@@ -115,7 +115,7 @@ def findings(view: PageView) -> None:
                 for rival in finding.rivals:
                     _add(view, rival, f"Add {rival} instead")
                 questions.design_button(view, [finding.placed, *finding.rivals])
-            report_part("finding_of", {**finding.card, "figures": []})
+            report_sections(finding.card)
             with put("div", data_values=finding.title):
                 put("h4", "Try other values before you add it")
                 questions.sliders(view, finding, f"{finding.placed}-")
@@ -131,13 +131,13 @@ def beside(view: PageView) -> None:
     assert found is not None
     if found.left_over:
         put("h2", "What is left unexplained", id_="left-over")
-        report_part("left_over_of", found.left_over, len(view.shown.joints) > 1)
+        report_sections(found.left_over)
     if found.to_record:
         put("h2", "What to record", id_="record")
-        report_part("to_record_of", found.to_record)
+        report_sections(found.to_record)
     if found.experiments:
         put("h2", "The experiment that would decide", id_="experiment")
-        report_part("experiments_of", found.experiments)
+        report_sections(found.experiments)
     _not_found(found)
     if found.kind != "effect" and found.commands:
         put("h2", "Continue in a terminal", id_="terminal")
@@ -151,11 +151,11 @@ def beside(view: PageView) -> None:
 
 
 def _not_found(found: VerdictShown) -> None:
-    if count := sum(map(len, found.ruled_out.values())):
+    if found.ruled_out:
         put("h2", "Candidates that were not named")
-        with folded(f"{number(count)} candidates, and what each of them lacks"):
-            report_part("ruled_out_of", found.ruled_out)
+        with folded("Candidates, and what each of them lacks"):
+            report_sections(found.ruled_out)
     if found.limits:
         put("h2", "Detection limits", id_="limits")
         put("p", "An effect of this size would have been named; a smaller one may be present.", "of")
-        report_part("limits_of", found.limits)
+        report_sections(found.limits)

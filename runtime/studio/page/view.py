@@ -6,7 +6,7 @@ Texts are texts: only the report's templates make HTML, and they escape what the
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,7 +16,8 @@ from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 from nicegui.events import GenericEventArguments
 
-from runtime.report.page.filling import embedded, part, script, stylesheet
+from runtime.report.page.html import embedded, fragment, part, script, stylesheet
+from runtime.report.sections import Section
 from runtime.report.signals import SCRIPTS
 from runtime.studio.documents import JointShown, Row, StepShown, VerdictShown
 from runtime.studio.session import PlacedEffect, SessionStep
@@ -53,9 +54,9 @@ def button(text: str, act: Callable[[], Any], classes: str = "", **attributes: A
     return put("button", text, classes, type="button", disabled=disabled, **attributes).on("click", lambda _: act())
 
 
-def report_part(macro: str, *holes: Any) -> None:
-    """A part of the report's page."""
-    _markup(part("cards.html.j2", macro, *holes))
+def report_sections(sections: Sequence[Section]) -> None:
+    """Sections of the report."""
+    _markup(fragment(sections))
 
 
 def arm_in_motion(arm: Row) -> Element:

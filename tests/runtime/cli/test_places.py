@@ -175,7 +175,7 @@ def test_a_verdict_is_said_before_its_report_is_drawn(tmp_path, monkeypatch, cap
         assert Path("said.json").exists()
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("runtime.report.page.html_page.write_report", drawn)
+    monkeypatch.setattr("runtime.report.page.reports.write_report", drawn)
     assert output.run(app, ["compare", "drive.toml", "run.csv", "--report", "report", "--json", "said.json"]) == 0
     assert capsys.readouterr().err.endswith("the report could not be written: No space left on device\n")
 

@@ -1,8 +1,9 @@
-"""What the arm did in the seconds of a recording that say most about its model, as a moving picture: beside what it
-was to do where that was recorded, and with the torques that were measured and those that the model predicts."""
+"""What moves in the pages' picture of the arm: the most informative seconds of a recording, a plan, an execution."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,17 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.steps import Step
 from runtime.estimation.regressors import Signals
+from runtime.execution.execute import Execution
+from runtime.execution.trial import RUN_IN, Trial
+from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, given
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
+from runtime.planning.evaluate import Effort, at_times, mounted
 from runtime.planning.scenario import is_spring
+from runtime.planning.trajectory import Trajectory
 from runtime.report.page.arm_motion import (
+    MOST_FRAMES,
     ArmMotion,
     Course,
     JointMarks,
@@ -23,11 +30,14 @@ from runtime.report.page.arm_motion import (
     frames,
     picture,
 )
+from runtime.report.plots.execution_plots import JointCycles
 from runtime.report.summary import ResultSummary
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
+_STEP = 0.01
+"""Time from one frame of a plan to the next, s, unless that makes too many frames."""
 LONGEST = 12.0
 """s of a recording that are shown: with it, frames are at most a twentieth of a second apart."""
 
@@ -179,3 +189,150 @@ def _of_which(summary: ResultSummary, row: int) -> str:
     if len({p.run for p in motion.pieces if p.recording == piece.recording}) > 1:
         text += f" of run {piece.run}"
     return text
+
+
+# --- a plan ---
+
+
+def planned_motion(model: Model, trajectory: Trajectory) -> ArmMotion:
+    """One cycle of a trajectory."""
+    count = int(np.clip(np.ceil(trajectory.duration / _STEP), 2, MOST_FRAMES))
+    t = np.linspace(0.0, trajectory.duration, count, endpoint=not trajectory.periodic)
+    seen = at_times(model, trajectory, t)
+    return ArmMotion(
+        model=model,
+        t=t,
+        courses=(Course("planned", seen.motion.q),),
+        springs=tuple(
+            SpringTorque(joint, seen.spring[joint - 1], float(np.abs(seen.tau[joint - 1]).max()))
+            for joint in sorted(trajectory.springs)
+        ),
+        surface=None if model.spatial else given(model.library, mounted(model, trajectory), SURFACE),
+        goes_on=trajectory.periodic,
+    )
+
+
+def planned_words(model: Model, trajectory: Trajectory) -> str:
+    """Caption of a plan's picture."""
+    kind = "repeated" if trajectory.periodic else "from rest to rest"
+    return (
+        f"The planned motion of {model.name}, {trajectory.duration:g} s, {kind}; the thin line is the path of the tip."
+    )
+
+
+# --- an execution ---
+
+
+@dataclass(frozen=True)
+class ExecutedCycles:
+    """The cycles that count, one over the other, at the samples of the first; where an execution was stopped before the
+    first was through, the last seconds before that."""
+
+    result: Execution
+
+    @cached_property
+    def whole(self) -> list[tuple[Trial, float]]:
+        """Trials and the s at which a cycle begins in them."""
+        plan = self.result.plan.trajectory
+        first, most = (RUN_IN, None) if plan.periodic else (0, 1)
+        found = []
+        for trial in self.result.trials:
+            count = int(len(trial.t) * self.result.dt / plan.duration + 1e-9)
+            found += [(trial, k * plan.duration) for k in range(first, count)][:most]
+        return found
+
+    @cached_property
+    def _shown(self) -> tuple[Trial, NDArray[np.intp]]:
+        """The cycle that is shown: its trial, and the samples of its frames."""
+        dt, duration = self.result.dt, self.result.plan.trajectory.duration
+        count = max(1, round(duration / dt))
+        if self.whole:
+            trial, begins = self.whole[0]
+            start = round(begins / dt)
+        else:
+            trial = max(self.result.trials, key=lambda one: len(one.t))
+            start = max(0, len(trial.t) - count)
+        return trial, start + frames(min(count, len(trial.t) - start))
+
+    @cached_property
+    def t(self) -> Array:
+        """(F,) s since the trajectory began, over and over."""
+        return np.asarray(self._shown[1] * self.result.dt, dtype=np.float64)
+
+    @cached_property
+    def planned(self) -> Effort:
+        """At the frames, with everything that the model knows."""
+        return at_times(self.result.plan.model, self.result.plan.trajectory, self.t, friction=True)
+
+    def over_each_other(self, name: str) -> Array:
+        """(n, K, F): `q` or `tau` of the cycles at the frames' places in them."""
+        trial, at = self._shown
+        if not self.whole:
+            return np.asarray(getattr(trial, name)[:, at][:, None])
+        places = at * self.result.dt - self.whole[0][1]
+        rows = []
+        for one, begins in self.whole:
+            values = getattr(one, name)
+            rows.append(values[:, np.minimum(np.rint((begins + places) / self.result.dt).astype(int), len(one.t) - 1)])
+        return np.stack(rows, axis=1)
+
+    @cached_property
+    def _springs(self) -> dict[int, Array]:
+        """By joint (1-based), along the plan."""
+        return {joint: self.planned.spring[joint - 1] for joint in sorted(self.result.plan.trajectory.springs)}
+
+    def motion(self) -> ArmMotion:
+        """The first cycle that counts."""
+        plan, (trial, at) = self.result.plan, self._shown
+        tau = self.over_each_other("tau")
+        marks: tuple[JointMarks, ...] = ()
+        if tau.shape[1] > 1:
+            # What differs from cycle to cycle is the floor, as repeated motion gives it.
+            scatter = np.sqrt(np.mean(np.var(tau, axis=1, ddof=1), axis=1, keepdims=True))
+            apart = np.abs(tau.mean(axis=1) - self.planned.tau)
+            marks = (JointMarks("executed less planned", apart / np.maximum(scatter, 1e-12)),)
+        return ArmMotion(
+            model=plan.model,
+            t=self.t,
+            courses=(Course("planned", self.planned.motion.q), Course("executed", trial.q[:, at])),
+            marks=marks,
+            springs=tuple(
+                SpringTorque(joint, torque, float(np.abs(tau[joint - 1]).max()))
+                for joint, torque in self._springs.items()
+            ),
+            surface=None if plan.model.spatial else given(plan.model.library, plan.terms, SURFACE),
+            goes_on=plan.trajectory.periodic and bool(self.whole),
+        )
+
+    def picture(self) -> dict[str, Any]:
+        """The arm as planned and as it moved."""
+        return picture(self.motion(), self.words())
+
+    def words(self) -> str:
+        """What the moving picture shows."""
+        which = "the first cycle that counts" if self.whole else "the last seconds before the stop"
+        text = f"The arm as planned, dashed, and as it moved, {which}"
+        if len(self.whole) > 1:
+            text += (
+                "; the discs are the torque executed less that of the plan, the mean of all cycles, against the noise "
+                "floor: what differs from cycle to cycle"
+            )
+        return f"{text}."
+
+    @cached_property
+    def joints(self) -> list[JointCycles]:
+        """Position and torque of every joint, planned and executed."""
+        q, tau = self.over_each_other("q"), self.over_each_other("tau")
+        return [
+            JointCycles(
+                self.t - self.t[0],
+                self.planned.motion.q[i],
+                q[i],
+                self.planned.tau[i],
+                tau[i],
+                self._springs.get(i + 1),
+                joint.position_unit,
+                joint.force_unit,
+            )
+            for i, joint in enumerate(self.result.plan.model.joints)
+        ]

@@ -1,4 +1,4 @@
-"""Pages from templates: every text is escaped, and a page is written whole or not at all."""
+"""The HTML page: sections and figures as elements, with every text escaped."""
 
 from __future__ import annotations
 
@@ -6,27 +6,71 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from runtime import files
 from runtime.report.page import NAME
+from runtime.report.page.page_figures import Drawn
+from runtime.report.sections import Group, Section
 from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
 
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 """What is run; a script with a type is data."""
 
 
-def filled(template: str, holes: Mapping[str, Any]) -> str:
-    """A template of this room; the same bytes for the same holes."""
-    page = _environment().get_template(template).render(holes, **_style())
-    first = '<meta charset="utf-8">'
-    return page.replace(first, f'{first}\n<meta http-equiv="Content-Security-Policy" content="{policy(page)}">', 1)
+@dataclass(frozen=True)
+class ReportPage:
+    """A page of its own: its head, its groups of sections, and the figures that they name.
+
+    kind, tag   colour and words of the badge          short      what stands at the head
+    drawings    elements of figures by name            document   the result as JSON, embedded for other programs
+    """
+
+    title: str
+    model: str
+    kind: str
+    tag: str
+    headline: str
+    short: Sequence[Section]
+    groups: Sequence[Group]
+    drawings: Mapping[str, Markup]
+    document: Mapping[str, Any]
+
+    def html(self) -> str:
+        """The page; the same bytes for the same content."""
+        drawn = "".join(self.drawings.values())
+        scripts = ([script()] if "<arm-motion" in drawn else []) + ([looking()] if "<tendon-signals" in drawn else [])
+        template = _environment().get_template("page.html.j2")
+        made = template.render(page=self, scripts=map(Markup, scripts), document=embedded(self.document), **_style())
+        first = '<meta charset="utf-8">'
+        known = f'<meta http-equiv="Content-Security-Policy" content="{policy(made)}">'
+        return made.replace(first, f"{first}\n{known}", 1)
+
+    def write(self, directory: Path) -> Path:
+        """Write the page into a directory, which is made if it is not there. Raises OSError."""
+        directory = Path(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        path = directory / NAME
+        files.replace(path, self.html().encode("utf-8"))
+        return path
+
+
+def fragment(sections: Sequence[Section], level: int = 3) -> Markup:
+    """Sections as HTML for the middle of another page, without figures; level: of the headings."""
+    return part("sections.html.j2", "shown", sections, {}, level)
+
+
+def figure(drawn: Drawn) -> Markup:
+    """A figure with its caption."""
+    caption = escape(drawn.caption)
+    return Markup(f"<figure>\n{drawn.svg}\n<figcaption>{caption}</figcaption>\n</figure>")
 
 
 def part(template: str, macro: str, *holes: Any) -> Markup:
@@ -88,12 +132,3 @@ def policy(page: str) -> str:
 def embedded(document: Mapping[str, Any]) -> str:
     """JSON for a script element: `<` would let a text of the user's end it."""
     return json.dumps(document, indent=1, allow_nan=False).replace("<", "\\u003c")
-
-
-def written(directory: Path, page: str) -> Path:
-    """The page's file, in a directory that is made if it is not there. Raises OSError."""
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    path = directory / NAME
-    files.replace(path, page.encode("utf-8"))
-    return path
