@@ -40,6 +40,7 @@ from runtime.progress import Progress
 from runtime.recordings.recording import Recording
 from runtime.report import plans
 from runtime.report.follow_up import about
+from runtime.report.page import reports
 from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording, of_series
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.simulation.options import SimulationSettings
