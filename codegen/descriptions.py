@@ -1,8 +1,7 @@
-"""What is said of the effects that ship, without their equations: whoever reads a model file needs no more, nor SymPy.
+"""Descriptions of the shipped effects without their equations, so that a model file can be read without SymPy.
 
-The page is made of the declarations and committed; `python -m codegen.descriptions` writes it anew, a test holds it up
-to date. It is used while the sources of which it was made are these ones; who edits them reads
-the declarations.
+The committed file is generated from the declarations by `python -m codegen.descriptions`; a test keeps it up to date.
+It is used while the hash of the sources matches; otherwise the declarations are read.
 """
 
 from __future__ import annotations
@@ -15,18 +14,18 @@ from typing import Any
 
 PAGE = Path(__file__).parent.parent / "symbolic" / "effects" / "described.json"
 SOURCES = ("symbolic/effects/*.py", "symbolic/described.py", "symbolic/units.py", "symbolic/primitives.py")
-"""What declares effects, from the project's folder; beside it counts how codegen/metadata.py writes them down."""
+"""Sources of the declarations, besides codegen/metadata.py, which describes them."""
 
 
 def described(space: bool) -> list[dict[str, Any]]:
-    """`effects` of effects.json, as planar arms have them or those in space."""
+    """`effects` of effects.json, for planar or for spatial arms."""
     page = _page()
     found: list[dict[str, Any]] = page[_key(space)] if page.get("sources") == _sources() else _declared(space)
     return found
 
 
 def text() -> str:
-    """The page as it ships."""
+    """The content of the committed file."""
     return json.dumps({"sources": _sources(), **{_key(space): _declared(space) for space in (False, True)}}) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""The way of generated files to the disk: a folder is replaced whole or not at all, and what is stale in it."""
+"""Writes generated files to the disk, a folder as a whole or not at all, and lists stale files."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 _TEXTS = ("", ".c", ".h", ".py", ".ld", ".md", ".txt", ".cmake")
-"""Endings of files that carry a banner."""
+"""Suffixes of files with a banner."""
 _HERE, _EXCHANGE = -100, 2
 """AT_FDCWD and RENAME_EXCHANGE of Linux's renameat2."""
 
 
 def write(files: Mapping[str, str], directory: Path) -> None:
-    """Replaces the folder at once by one with these files; those with the banner that are no longer generated go, all
-    others stay. What is up to date is not touched. Raises OSError, and then leaves the folder as it was.
+    """Replaces the folder atomically by one with these files. Raises OSError and then leaves the folder unchanged.
 
-    Where folders cannot change names at once (an older system, the folder in which the user stands, a mount), each file
-    is replaced by itself.
+    Files with the banner that are no longer generated are deleted, all others stay. Where two folders cannot be
+    exchanged atomically (an older system, the working directory, a mount), each file is replaced separately.
     """
     target = Path(os.path.realpath(directory))
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -50,7 +49,7 @@ def _replace_all(files: Mapping[str, str], target: Path) -> None:
 
 
 def stale(files: Mapping[str, str], directory: Path) -> list[str]:
-    """One line a file that is missing, differs, or is no longer generated; empty where all is up to date."""
+    """One line per file that is missing, differs, or is no longer generated; empty if all is up to date."""
     lines = []
     for path, text in files.items():
         target = directory / path
@@ -63,10 +62,10 @@ def stale(files: Mapping[str, str], directory: Path) -> list[str]:
 
 @contextlib.contextmanager
 def scratch(parent: Path, prefix: str) -> Iterator[Path]:
-    """A folder of this process alone in `parent`, gone afterwards unless it was renamed.
+    """A temporary folder in `parent`, deleted afterwards unless it was renamed. Raises OSError.
 
-    It is locked while its process lives: those of the same prefix that are not locked were left by a process that was
-    killed, and go first. Raises OSError.
+    It is locked while its process lives. Unlocked folders with the same prefix belong to killed processes and are
+    deleted.
     """
     for left in parent.glob(f"{prefix}*"):
         if (found := _claimed(left)) is not None:
@@ -74,7 +73,7 @@ def scratch(parent: Path, prefix: str) -> Iterator[Path]:
             os.close(found)
     while True:
         own = Path(tempfile.mkdtemp(dir=parent, prefix=prefix))
-        # None where another process took it for one that was left, between these two lines.
+        # Between these two lines another process may have deleted it as unlocked.
         if (held := _claimed(own)) is not None:
             break
     try:
@@ -86,7 +85,7 @@ def scratch(parent: Path, prefix: str) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def alone_in(parent: Path) -> Iterator[None]:
-    """One after the other changes names in a folder: what a user has in it is not copied while another exchanges it."""
+    """Locks a folder against other processes that rename in it."""
     descriptor = os.open(parent, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX)
@@ -96,12 +95,12 @@ def alone_in(parent: Path) -> Iterator[None]:
 
 
 def named(error: OSError, path: Path) -> OSError:
-    """The same error with the file's name: a write to a full disk does not say where."""
+    """The error with the file's name, which a write to a full disk does not report."""
     return error if error.filename else OSError(error.errno, error.strerror or str(error), str(path))
 
 
 def _claimed(folder: Path) -> int | None:
-    """A descriptor that holds the lock of a folder; None where another process has it, or it has gone."""
+    """A descriptor that holds the lock of a folder; None if another process holds it or the folder is gone."""
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     except OSError:
@@ -117,7 +116,8 @@ def _claimed(folder: Path) -> int | None:
 
 
 def _is_moved_by_none(target: Path) -> bool:
-    """Whether nobody is led astray where the folder becomes another: this process, and the shell that called it."""
+    """Whether the folder can be exchanged: it is not the working directory of this process and its shell, or above
+    it."""
     try:
         return not Path.cwd().is_relative_to(target)
     except OSError:
@@ -125,7 +125,7 @@ def _is_moved_by_none(target: Path) -> bool:
 
 
 def _fill(made: Path, files: Mapping[str, str], before: Path) -> None:
-    """A tree with these files, and with those of the tree before that stay: they are the same files under two names."""
+    """Fills `made` with these files, and with hard links to the files of `before` that stay."""
     for path, text in files.items():
         data, there, new = text.encode(), before / path, made / path
         new.parent.mkdir(parents=True, exist_ok=True)
@@ -155,7 +155,7 @@ def _link(there: Path, new: Path) -> None:
 
 
 def _write(path: Path, data: bytes, shown: Path) -> None:
-    """A new file with the permissions that the user's umask leaves."""
+    """Writes a new file with permissions from the user's umask."""
     try:
         with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as file:
             file.write(data)
@@ -173,13 +173,13 @@ def _replace(target: Path, data: bytes) -> None:
 
 
 def _exchange(one: Path, other: Path) -> bool:
-    """Two folders change names at once; False where the system cannot do it."""
+    """Exchanges two folders atomically; False if the system cannot."""
     swap = getattr(ctypes.CDLL(None), "renameat2", None)
     return swap is not None and swap(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE) == 0
 
 
 def _orphans(files: Mapping[str, str], directory: Path) -> list[str]:
-    """Files with the banner, in the folders of `files`, that generation would not write."""
+    """Files with the banner, in the folders of `files`, that are no longer generated."""
     found = []
     for folder in sorted({(directory / path).parent for path in files}):
         for path in sorted(folder.glob("*")) if folder.is_dir() else []:
@@ -190,7 +190,7 @@ def _orphans(files: Mapping[str, str], directory: Path) -> list[str]:
 
 
 def has_banner(path: Path) -> bool:
-    """Whether a file says of itself that it is generated, or copied from Tendon."""
+    """Whether a file's banner says that it is generated or copied from Tendon."""
     from codegen.pages import BANNER, MARK  # which loads the templates
 
     if path.suffix not in _TEXTS or not path.is_file():

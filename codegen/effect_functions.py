@@ -1,7 +1,7 @@
-"""An effect's declaration as the symbolic functions that are generated from it.
+"""The symbolic functions that are generated from an effect's declaration.
 
-All read the effect's signals, then dt where time passes, then `p` (all parameters in declared order) and
-`x` (its states). Each is asked for by several printers, so all are kept.
+Their inputs are the effect's signals, the time step dt if time passes, `p` (all parameters in declared order) and `x`
+(the states). Several printers use each function, so all are cached.
 """
 
 from __future__ import annotations

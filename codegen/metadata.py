@@ -1,4 +1,4 @@
-"""What the runtime knows of an arm and of the library: metadata.json and effects.json."""
+"""metadata.json and effects.json: the description of an arm and of the library for the runtime."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from symbolic.rigid_body.spatial.geometry import places
 
 
 def text(data: Mapping[str, Any]) -> str:
-    """JSON for people and machines; the order is the writer's."""
+    """Indented JSON with keys in the given order."""
     return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
-    """metadata.json of an ArmModel. Inertial overrides of the arm are in the lumps' values already."""
+    """metadata.json of an ArmModel. The lumps' values include the arm's inertial overrides."""
     file = model.arm
     struct = model.struct
     return {
@@ -55,7 +55,7 @@ def _joint(joint: Joint) -> dict[str, Any]:
 
 
 def _lump(lump: Lump) -> dict[str, Any]:
-    """Of an arm in space with `parts`, what is in it: [joint, parameter of its body or "I", by how much]."""
+    """A lump; for a spatial arm `parts` lists its terms: [joint, parameter of its body or "I", factor]."""
     said = {"name": lump.name, "unit": lump.unit, "meaning": lump.meaning, "joint": lump.joint, "value": lump.value}
     return said | ({"parts": [[j, own, float(f)] for j, own, f in lump.parts]} if lump.parts else {})
 
@@ -98,7 +98,7 @@ def _signal(signal: Signal) -> dict[str, Any]:
 
 
 def _effect(effect: Effect) -> dict[str, Any]:
-    """What is said of an effect, and what follows from its equations."""
+    """The declaration of an effect and what follows from its equations."""
     return {
         **to_json(effect, DescribedEffect),
         "signals": [s.name for s in effect.signals],

@@ -1,7 +1,7 @@
-"""Generated and compiled code of an arm or a library in the user's cache, made when it is first needed.
+"""Generated and compiled code of an arm or a library, in the user's cache.
 
-An entry's name is a hash of the model's content and of the sources that derive and print it, so that a
-second call imports no SymPy at all.
+An entry's name is a hash of the model and of the sources that derive and print it, so a second call does not import
+SymPy.
 """
 
 from __future__ import annotations
@@ -27,24 +27,20 @@ _F64 = ("_f64.c", "_f64.h")
 _ROOT = Path(__file__).resolve().parent.parent
 
 
-_READERS = (
-    "symbolic/grammar",
-    "symbolic/model_file/exchange",
-    "symbolic/model_file/editor.py",
-    "codegen/descriptions.py",
+_NEVER = (
+    *("symbolic/grammar", "symbolic/model_file/exchange", "symbolic/model_file/editor.py"),
+    *("codegen/descriptions.py", "codegen/verify"),
 )
-_CHECKS = ("codegen/verify",)
-_BUILDERS = ("codegen/firmware", "codegen/disk.py", "codegen/toolchain/")
-UNUSED_BY_ARMS = (*_READERS, *_CHECKS, *_BUILDERS)
+UNUSED_BY_ARMS = (*_NEVER, "codegen/firmware", "codegen/disk.py", "codegen/toolchain/")
 """Sources on which the code of an arm or of the effects does not depend. All others are hashed, new ones included."""
-UNUSED_BY_FIRMWARE = (*_READERS, *_CHECKS)
+UNUSED_BY_FIRMWARE = _NEVER
 """The same for the firmware."""
 _FLAGS = "codegen/toolchain/build.py"
 
 
 @functools.cache
 def sources(unused: tuple[str, ...]) -> tuple[Path, ...]:
-    """The files that derive, print and compile, without those whose path begins with one of `unused`."""
+    """The sources that derive, print and compile, without those whose path begins with one of `unused`."""
     found = [path for folder in ("symbolic", "codegen") for path in (_ROOT / folder).rglob("*")]
     named = {path.relative_to(_ROOT).as_posix(): path for path in found if path.suffix in (".py", ".j2", ".c", ".h")}
     return tuple(path for name, path in sorted(named.items()) if name == _FLAGS or not name.startswith(unused))
@@ -59,22 +55,20 @@ def _digest(unused: tuple[str, ...]) -> str:
 
 
 def _fill(directory: Path, files: Mapping[str, str], level: str) -> None:
-    """The files and `lib.so`, compiled at this level; a change that leaves the C as it is, such as another effect,
-    compiles nothing."""
+    """Writes the files and `lib.so`, compiled at this level. Unchanged C is not compiled again."""
     _put(directory, files)
     compiled = {path: text for path, text in files.items() if path.endswith(_F64)}
     shutil.copyfile(build.shared_library(compiled, "code", level), directory / "lib.so")
 
 
 def _put(directory: Path, files: Mapping[str, str]) -> None:
-    """Into a folder of our own that nobody sees yet."""
     for path, text in files.items():
         (directory / path).parent.mkdir(parents=True, exist_ok=True)
         (directory / path).write_text(text, encoding="utf-8")
 
 
 def prepare_arm(arm: Arm) -> Path:
-    """The directory that holds render.arm_files(derive(arm)) and `lib.so` of the double-precision code."""
+    """The directory with render.arm_files(derive(arm)) and `lib.so` of the double-precision code."""
 
     def fill(directory: Path) -> None:
         from codegen import render
@@ -86,14 +80,14 @@ def prepare_arm(arm: Arm) -> Path:
 
 
 def _active(arm: Arm, library: Mapping[str, Effect]) -> list[str]:
-    """What the declarations of the effects that an arm activates say."""
+    """The declarations of the effects that an arm activates, as text."""
     active = {name for joint in arm.joints for name in joint.effects} | set(arm.effects)
     active |= set(arm.contact.effects) if arm.contact is not None else set()
     return [said_of(declared(name, library)) for name in sorted(active)]
 
 
 def said_of(effect: Effect) -> str:
-    """All that a declaration says, as part of a key: with the assumptions and all digits of its equations."""
+    """An effect's declaration as text for a cache key, with the assumptions and all digits of its equations."""
     import sympy as sp
 
     def said(value: Any) -> Any:
@@ -107,11 +101,11 @@ def said_of(effect: Effect) -> str:
 
 
 def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
-    """The directory that holds the firmware's tree, controller.json, image.json (facts on what was compiled), and
+    """The directory with the firmware's tree, controller.json, image.json (a report on the image), and
 
-    lib.so                 of the machine, for the target "host"
-    NAME.elf, NAME.bin     for the emulated board, for those of cross.TARGETS
-    chosen                 the cross-compiler, "gcc" or "zig"; None as cross.find takes it
+    lib.so                 the machine, for the target "host"
+    NAME.elf, NAME.bin     the image for the emulated board, for a target of cross.TARGETS
+    chosen                 the cross-compiler, "gcc" or "zig"; None: as cross.find chooses
     Raises BuildError, also for an unknown target.
     """
     processor = None if target == HOST else cross.named_target(target)
@@ -143,11 +137,13 @@ def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
-    """The directory that holds render.effect_files(effects), `lib.so`, and `machine.so`, which runs CasADi functions.
+    """The directory with render.effect_files(effects), `lib.so`, and `machine.so`, which evaluates CasADi functions.
 
-    None stands for the library as shipped, as planar arms have it or those in space."""
+    effects   None: the shipped library, for planar arms or for spatial ones
+    """
     chosen = None if effects is None else tuple(effects)
-    content = _shipped(space) if chosen is None else "\n".join(map(said_of, chosen))
+    shipped_name = "library in space" if space else "library"
+    content = shipped_name if chosen is None else "\n".join(map(said_of, chosen))
 
     def fill(directory: Path) -> None:
         from codegen import render
@@ -159,8 +155,3 @@ def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False
         _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen), build.LOOPS)
 
     return build.entry(f"effects-{build.key(_digest(UNUSED_BY_ARMS), content)}", fill)
-
-
-def _shipped(space: bool) -> str:
-    """The name of the library as shipped among what is prepared."""
-    return "library in space" if space else "library"

@@ -1,4 +1,4 @@
-"""Functions to {relative path: text}: pure and deterministic."""
+"""The generated files of an arm, a controller or a library as {relative path: text}: pure and deterministic."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def math_header(precision: Precision) -> str:
 def _c_files(
     name: str, origin: str, precision: Precision, types: Sequence[str], routines: Sequence[Routine], lanes: bool = False
 ) -> dict[str, str]:
-    """lanes: they are for several samples at once, too."""
+    """A source, its header and the mathematics. lanes: the routines also compute several samples at once."""
     stem = f"{name}_{precision.suffix}"
     banner = f"/* {BANNER} {origin} */"
     holes = {"banner": banner, "routines": routines}
@@ -53,10 +53,10 @@ def _c_files(
 
 
 def arm_files(model: ArmModel) -> dict[str, str]:
-    """C (float, double), the CasADi module and metadata.json of an arm; relative path -> text.
+    """C (float, double), the CasADi module and metadata.json of an arm.
 
-    Processors that compute in double precision do several operations at once: in space, where the chains of operations
-    are long, sums are in the order that waits least for them.
+    Processors with double precision execute several operations at once, so the long sums of spatial arms are ordered by
+    the time at which their terms are available.
     """
     name = model.arm.name
     if not identifier(name):
@@ -70,7 +70,7 @@ def arm_files(model: ArmModel) -> dict[str, str]:
         routines = [c_code.defaults(name, model.struct, precision)]
         for function in model.functions:
             tape = tapes[function.name] if precision is F32 else wide[function.name]
-            routines.append(_call(name, function, tape, precision))
+            routines.append(c_code.call(name, function, tape, precision))
             if precision is F64:
                 routines += _batches(name, function, tape, function.name in begun)
         types = [c_code.comment(c_code.HEAD), c_code.struct_type(name, model.struct, precision)]
@@ -88,14 +88,8 @@ def arm_files(model: ArmModel) -> dict[str, str]:
     return dict(sorted(files.items()))
 
 
-def _call(name: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
-    if function.continues is not None:
-        return c_code.continued_call(name, function, function.continues, tape, precision)
-    return c_code.call(name, function, tape, precision)
-
-
 def _batches(name: str, function: SymbolicFunction, tape: Tape, begun: bool) -> list[Routine]:
-    """begun: another function goes on from this one."""
+    """The routines of many samples. begun: another function continues this one."""
     if function.continues is not None:
         return [c_code.continued_batch(name, function, function.continues)]
     if begun:
@@ -104,7 +98,7 @@ def _batches(name: str, function: SymbolicFunction, tape: Tape, begun: bool) -> 
 
 
 def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
-    """The controller's step in C (float) and controller.json, beside the files of the arm.
+    """The controller's step in C (float) and controller.json.
 
     library   all effects by name; those that the model file activates are compensated
     """
@@ -120,7 +114,7 @@ def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str
 
 
 def probe_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
-    """The float C of an arm and of its controller, whose inner functions can be called: for verification alone."""
+    """The float C of an arm and of its controller with callable inner functions, for verification."""
     name = model.arm.name
     files = arm_files(model) | controller_files(model, library)
     chosen = {path: text for path, text in files.items() if path.endswith(("_f32.c", "_f32.h"))}

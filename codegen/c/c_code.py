@@ -1,7 +1,7 @@
-"""C99 of symbolic functions: how C spells a tape, and the functions of one sample or of many, as finished strings.
+"""C99 of symbolic functions: the spelling of a tape in C, and functions of one or of many samples.
 
-Sines and cosines of a double-precision function of one sample are taken together, as many angles at once as a vector
-holds: one by one they take a third of the time of inverse dynamics. The bits are the same.
+A double-precision function of one sample computes all sines and cosines together in vectors, with the same bits: one by
+one they take a third of the time of inverse dynamics.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _C_WORDS = frozenset(
     ]
 )
 _ARGUMENTS = frozenset(["count", "parameters", "s", "p", "dt", "k", "out"])
-"""What generated functions call their own arguments and their loop's index."""
+"""Names of arguments and loop indices in generated functions."""
 
 
 def _c(kind: str) -> Language:
@@ -67,12 +67,12 @@ C_DOUBLE, C_FLOAT = _c("double"), _c("float")
 
 
 def word(name: str) -> bool:
-    """Whether `name` is one in C and in Python, of an argument for example."""
+    """Whether `name` is an identifier in C and in Python."""
     return re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is not None and name not in _C_WORDS | set(keyword.kwlist)
 
 
 def identifier(name: str) -> bool:
-    """Whether `name` can stand in C and in Python beside the arguments of generated functions."""
+    """Whether `name` is an identifier that differs from the arguments of generated functions."""
     return word(name) and name not in _ARGUMENTS
 
 
@@ -83,10 +83,13 @@ _ARRAYS = {"sin": "sine", "cos": "cosine"}
 
 
 class TogetherPrinter(Printer):
-    """Prints a tape in double precision, its angles and their sines and cosines first."""
+    """Prints a tape in double precision, beginning with the angles and their sines and cosines."""
 
     def __init__(self, tape: Tape, leaves: Mapping[sp.Symbol, str], taken: frozenset[str]) -> None:
-        self.known = _known(tape)
+        # Whether a node follows from inputs and parameters by arithmetic alone.
+        self.known: list[bool] = []
+        for node in tape.nodes:
+            self.known.append(node.op in _KNOWN and all(self.known[a] for a in node.args))
         places = _angles_first(tape, self.known)
         super().__init__(C_DOUBLE, _reordered(tape, places), leaves, taken | {"angle", *_ARRAYS.values()})
         self.known = [self.known[i] for i in places]
@@ -104,7 +107,7 @@ class TogetherPrinter(Printer):
         return [node for k, a in enumerate(together) for node in self._elements(a, k)]
 
     def _elements(self, angle: int, k: int) -> list[int]:
-        """Sine and cosine of the k-th angle get their names."""
+        """Names for sine and cosine of the k-th angle."""
         nodes = self.angles[angle]
         for op, i in nodes.items():
             name = self.names.get(i) or self._fresh(f"{op}_{k + 1}")
@@ -113,16 +116,8 @@ class TogetherPrinter(Printer):
         return list(nodes.values())
 
 
-def _known(tape: Tape) -> list[bool]:
-    """Whether a node follows from inputs and parameters by arithmetic alone."""
-    known: list[bool] = []
-    for node in tape.nodes:
-        known.append(node.op in _KNOWN and all(known[a] for a in node.args))
-    return known
-
-
 def _angles_first(tape: Tape, known: list[bool]) -> list[int]:
-    """The nodes' order: what the known angles need, their sines and cosines, everything else."""
+    """The order of the nodes: those that known angles need, their sines and cosines, all others."""
     first = {i for i, node in enumerate(tape.nodes) if node.op in _ARRAYS and known[node.args[0]]}
     needed = set(first)
     for i in range(len(tape.nodes) - 1, -1, -1):
@@ -152,30 +147,27 @@ F32 = Precision("float", "f32", C_FLOAT)
 
 
 COMPACT = "TENDON_COMPACT"
-"""Tells the compiler that a function is to be small rather than fast."""
+"""Attribute of functions that are compiled for size."""
 WHOLE = "TENDON_WHOLE"
-"""Tells the compiler to take in all that a function calls: a fifth faster where sines and cosines are a third of it."""
+"""Attribute that inlines all calls: a fifth faster where sines and cosines take a third of the time."""
 AS_WRITTEN = "TENDON_AS_WRITTEN"
-"""Tells the compiler to leave operations in their order: what a function of many results has computed is stored at once
-then. Ordered anew, a regressor takes the compiler twice as long and is a fifth slower."""
+"""Attribute that keeps the order of operations, so that functions with many results store each at once. Otherwise a
+regressor compiles in twice the time and is a fifth slower."""
 _MANY_RESULTS = ("regressor", "coriolis", "tip_load")
 LOOP = "TENDON_INDEPENDENT"
-"""Tells the compiler that a loop's iterations do not depend on each other."""
+"""Pragma for loops with independent iterations."""
 
 
 HEAD = (
     "Inputs come first and outputs last; an output may not overlap an input. Matrices stand row by row: element (i, j) "
     "of one with n columns, both from 0, at [n i + j]. q, qd and qdd begin with joint 1."
 )
-"""What holds for all functions of an arm's header."""
+"""Comment at the head of an arm's header."""
 
 
 @dataclass(frozen=True)
 class Routine:
-    """A generated function: comment, declaration without semicolon, and the body's lines.
-
-    attribute   of its definition
-    """
+    """A generated function: comment, declaration without semicolon, body, and an attribute of its definition."""
 
     comment: str
     declaration: str
@@ -184,7 +176,7 @@ class Routine:
 
 
 def comment(*lines: str) -> str:
-    """A C comment that no text can end early, wrapped."""
+    """A wrapped C comment; comment delimiters in the text are broken up."""
     wrapped = [
         part
         for line in lines
@@ -211,7 +203,7 @@ def describe(function: SymbolicFunction, tape: Tape) -> str:
 
 
 def description(function: SymbolicFunction, inputs: Sequence[Argument], tape: Tape) -> list[str]:
-    """What a function returns, its arguments with shapes and units, its source and its price."""
+    """What a function returns, its arguments with shapes and units, its source and its operation count."""
 
     def line(a: Argument | Output) -> str:
         shape = f" ({' x '.join(map(str, a.shape))})" if a.shape else ""
@@ -228,7 +220,7 @@ def description(function: SymbolicFunction, inputs: Sequence[Argument], tape: Ta
 
 
 def legend(function: SymbolicFunction, tape: Tape) -> str:
-    """What the names that the equations gave stand for, those that are left in the tape."""
+    """The meaning of the equations' names that remain in the tape."""
     stems = {found[0] for name in tape.names.values() if (found := re.match(r"[A-Za-z]+", name))}
     return "; ".join(f"{names}: {text}" for names, text in function.notation.items() if stems & set(names.split(", ")))
 
@@ -240,7 +232,7 @@ def notation(function: SymbolicFunction, tape: Tape) -> str:
 
 
 def struct_type(prefix: str, struct: Struct, precision: Precision) -> str:
-    """The typedef of the parameters, a comment with unit and meaning a field."""
+    """The typedef of the parameters, with unit and meaning of each field."""
     fields = [
         f"    {precision.kind} {s.name}; {comment(f'{unit}: {meaning}')}"
         for s, unit, meaning in zip(struct.symbols, struct.units, struct.meanings, strict=True)
@@ -250,7 +242,7 @@ def struct_type(prefix: str, struct: Struct, precision: Precision) -> str:
 
 
 def defaults(prefix: str, struct: Struct, precision: Precision) -> Routine:
-    """Fills the struct with the values that follow from the model file; those that it leaves open are 0."""
+    """The function that fills the struct with the model file's values; unknown ones are 0."""
     lines = [
         f"    {struct.name}->{s.name} = {precision.language.literal(Fraction(value or 0.0))};"
         + ("" if value is not None else f" {comment('not in the model file: to be set')}")
@@ -265,7 +257,9 @@ def defaults(prefix: str, struct: Struct, precision: Precision) -> Routine:
 
 
 def call(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
-    """One sample a call: inputs first, outputs last; matrices row by row. Outputs may not overlap inputs."""
+    """One sample per call: inputs first, outputs last, matrices row by row. Outputs may not overlap inputs."""
+    if function.continues is not None:
+        return _continued_call(prefix, function, function.continues, tape, precision)
     kind, name = precision.kind, f"{prefix}_{function.name}_{precision.suffix}"
     arguments = struct_argument(prefix, function, precision)
     leaves = struct_leaves(function)
@@ -291,7 +285,6 @@ def call(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precisi
 
 
 def _attribute(function: SymbolicFunction, precision: Precision) -> str:
-    """Of one call."""
     if precision is F64:
         whole = function.name in ("inverse_dynamics", "forward_dynamics")
         return f"{WHOLE} " if whole else batch_attribute(function)
@@ -300,7 +293,7 @@ def _attribute(function: SymbolicFunction, precision: Precision) -> str:
 
 
 def batch_attribute(function: SymbolicFunction) -> str:
-    """Of many samples."""
+    """The attribute of a function of many samples."""
     return f"{AS_WRITTEN} " if function.name in _MANY_RESULTS else ""
 
 
@@ -331,35 +324,35 @@ def row(j: int) -> str:
 
 
 def assign(targets: list[str], texts: list[str]) -> list[str]:
-    """One statement an output."""
+    """One assignment per output."""
     return [f"{target} = {text};" for target, text in zip(targets, texts, strict=True)]
 
 
 def struct_leaves(function: SymbolicFunction) -> dict[sp.Symbol, str]:
-    """How the fields of the parameter struct are spelt."""
+    """Spelling of the fields of the parameter struct."""
     struct = function.struct
     return {} if struct is None else {s: f"{struct.name}->{s.name}" for s in struct.symbols}
 
 
 def struct_argument(prefix: str, function: SymbolicFunction, precision: Precision) -> list[str]:
-    """The argument that holds the parameters, in C; none for a function without."""
+    """The C argument with the parameters, if the function has any."""
     struct = function.struct
     return [] if struct is None else [f"const {prefix}_{struct.name}_{precision.suffix} *{struct.name}"]
 
 
 def taken(function: SymbolicFunction) -> frozenset[str]:
-    """Names that a function's arguments and results have in C, so that nothing else may."""
+    """Names of a function's arguments and outputs in C, which nothing else may have."""
     return frozenset({"count", "k"} | {a.name for a in function.arguments} | {o.name for o in function.outputs})
 
 
 def unused(function: SymbolicFunction, tape: Tape) -> list[str]:
-    """The signature is fixed whatever symbols survive; the others are named as unused."""
+    """Statements that mark arguments as unused: the signature is the same whichever symbols remain."""
     used = {node.value for node in tape.nodes if node.op == "leaf"}
     return [f"(void){a.name};" for a in function.arguments if not used & set(a.symbols)]
 
 
 def declaration(head: str, arguments: list[str]) -> str:
-    """On one line if it fits, else an argument a line."""
+    """A declaration on one line if it fits, else with one argument per line."""
     line = f"{head}({', '.join(arguments)})"
     return line if len(line) <= 110 else f"{head}(\n    " + ",\n    ".join(arguments) + ")"
 
@@ -377,14 +370,14 @@ def indent(lines: list[str], depth: int) -> str:
 
 
 BLOCK = 256
-"""Samples that one function computes before the other goes on: those of an arm are still in the processor's first or
-second cache then."""
+"""Samples that one function computes before the next continues; they are still in the first or second level cache
+then."""
 
 
-def continued_call(
+def _continued_call(
     prefix: str, function: SymbolicFunction, continued: Continuation, tape: Tape, precision: Precision
 ) -> Routine:
-    """One sample a call, as c_code.call has it. `tape`: of the function as a whole."""
+    """The same for a function that continues another one, which is called first. tape: of the whole function."""
     kind, suffix = precision.kind, precision.suffix
     (output,) = function.outputs
     arguments = [f"const {kind} {a.name}[{len(a.symbols)}]" for a in function.inputs]
@@ -397,7 +390,7 @@ def continued_call(
 
 
 def continued_batch(prefix: str, function: SymbolicFunction, continued: Continuation) -> Routine:
-    """Structure of arrays, as c_lanes.batch has it; the other function's samples from one to another are called."""
+    """The same as c_lanes.batch for a function that continues another one, whose range function is called first."""
     (output,) = function.outputs
     inputs = [f"const {F64.kind} *restrict {a.name}" for a in function.inputs]
     arguments = [
@@ -431,7 +424,7 @@ def _passed(function: SymbolicFunction) -> list[str]:
 def _rest(
     function: SymbolicFunction, continued: Continuation, precision: Precision, index: Callable[[int], str]
 ) -> list[str]:
-    """The statements on the elements that differ. `index`: how an element's place is spelt."""
+    """Statements for the elements that differ from the continued function's. index: spelling of an element's index."""
     (output,) = function.outputs
     leaves = struct_leaves(function)
     leaves |= {s: f"{a.name}[{index(i)}]" for a in function.inputs for i, s in enumerate(a.symbols)}

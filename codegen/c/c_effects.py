@@ -1,8 +1,8 @@
 """C99 of the effects library, for a controller and for NumPy.
 
-A controller's functions take the signals that an effect reads by name, then the step, the parameters, and the states in
-a struct of their own. Those for NumPy run along the samples of a recording in double precision and all take the same
-arguments: one array a signal at every joint, and the parameters as one array in declared order.
+A controller's functions take the signals that an effect reads, the step, the parameters, and a struct of the states.
+The functions for NumPy run along the samples of a recording in double precision; they all take an array per signal and
+joint, and the parameters as one array in declared order.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ HEAD = comment(
 
 @dataclass(frozen=True)
 class Signature:
-    """Scalars by value, in order; state: whether the struct of the states comes after them, and is written."""
+    """Arguments of a controller's function: scalars, then the struct of the states if it is read or written."""
 
     inputs: tuple[Argument, ...]
     reads_state: bool
@@ -54,7 +54,7 @@ def check_names(effects: Sequence[Effect]) -> None:
 
 
 def signature(effect: Effect, function: SymbolicFunction, tape: Tape) -> Signature:
-    """What a function takes: of all that an effect may read, what its tape does."""
+    """The arguments that a function's tape reads."""
     read = {node.value for node in tape.nodes if node.op == "leaf"}
     return Signature(
         tuple(a for a in _scalars(effect) if a.symbols[0] in read),
@@ -64,7 +64,7 @@ def signature(effect: Effect, function: SymbolicFunction, tape: Tape) -> Signatu
 
 
 def _scalars(effect: Effect) -> list[Argument]:
-    """Signals, step and parameters; a parameter that is called as one of the others says that it is a parameter."""
+    """Signals, step and parameters; a parameter with the name of another one gets the suffix _parameter."""
     signals = [Argument(s.name, (s.symbol,), (), s.unit.text(), s.meaning) for s in effect.signals]
     signals.append(Argument("dt", (DT,), (), "s", "step"))
     taken = {a.name for a in signals} | {"state"}
@@ -77,7 +77,7 @@ def _state_type(effect: Effect, precision: Precision) -> str:
 
 
 def types(effects: Sequence[Effect], precision: Precision) -> list[str]:
-    """A struct of the states for every effect that has a memory."""
+    """A struct for every effect with states."""
     return [HEAD, *(_struct(effect, precision) for effect in effects if effect.states)]
 
 
@@ -88,7 +88,7 @@ def _struct(effect: Effect, precision: Precision) -> str:
 
 
 def routines(effect: Effect, precision: Precision) -> list[Routine]:
-    """Torque a call, and step and start for an effect with states."""
+    """The torque, and start and step of an effect with states."""
     functions = [ef.torque(effect), *([ef.start(effect), ef.step(effect)] if effect.states else [])]
     return [_call(effect, function, precision) for function in functions]
 
@@ -112,7 +112,7 @@ def _call(effect: Effect, function: SymbolicFunction, precision: Precision) -> R
 
 
 def _stored(effect: Effect, texts: list[str], together: bool, precision: Precision) -> list[str]:
-    """together: all next states are computed before the first is written."""
+    """Statements that store the next states. together: all are computed before the first is stored."""
     targets = [f"state->{s.name}" for s in effect.states]
     if not together or len(targets) == 1:
         return assign(targets, texts)
@@ -121,7 +121,7 @@ def _stored(effect: Effect, texts: list[str], together: bool, precision: Precisi
 
 
 def _comment(effect: Effect, function: SymbolicFunction, takes: Signature, tape: Tape) -> str:
-    """The function as its C has it, described."""
+    """The comment of a function, with the arguments that its C has."""
     names, units = ", ".join(s.name for s in effect.states), ", ".join(s.unit.text() for s in effect.states)
     memory = Argument("state", tuple(s.symbol for s in effect.states), (), units, names)
     inputs = takes.inputs + ((memory,) if takes.reads_state else ())
@@ -132,8 +132,7 @@ def _comment(effect: Effect, function: SymbolicFunction, takes: Signature, tape:
 
 
 LANES = 8
-"""Choices of parameters along which a memory is simulated at once: what each waits for, the others fill, and they share
-the processor's vectors."""
+"""Choices of parameters that are simulated at once, in vectors and without waiting for each other."""
 
 _TAKEN = frozenset({s.name for s in SIGNALS} | set("sijkpx") | {"count", "joints", "dt", "out", "at", "own"})
 _EACH_JOINT = "for (size_t at = 0; at < joints; ++at) {"
@@ -142,14 +141,14 @@ _EACH_LANE = f"for (size_t j = 0; j < {LANES}; ++j) {{"
 
 
 def signals_type(precision: Precision) -> str:
-    """The struct of one array a signal."""
+    """The struct with an array per signal."""
     arrays = [f"    const {precision.kind} *{s.name};" for s in SIGNALS]
     note = comment("An array a signal; those that an effect does not read may be null.")
     return "\n".join([note, "typedef struct {", *arrays, f"}} tendon_signals_{precision.suffix};"])
 
 
 def arguments_of(precision: Precision) -> list[str]:
-    """Of all that runs along the samples."""
+    """Arguments of functions along samples."""
     kind, suffix = precision.kind, precision.suffix
     read = [f"const tendon_signals_{suffix} *s", f"{kind} dt", f"const {kind} *restrict p"]
     return ["size_t count", "size_t joints", *read, f"{kind} *restrict out"]
@@ -173,8 +172,8 @@ def filters() -> list[Routine]:
 
 
 def batches(effect: Effect, precision: Precision) -> list[Routine]:
-    """Along the samples: `columns` (rows: fixed part, then one a linear parameter), `torque` and, where there are
-    any, `states`, and `columns` of several choices of parameters at once."""
+    """Functions along samples: `columns` (rows: fixed part, then one per linear parameter) and `torque`; with states
+    also `states`, and `columns` for several choices of parameters at once."""
     functions = [ef.columns(effect), ef.torque(effect), *([ef.states(effect)] if effect.states else [])]
     found = [_AlongSamples(effect, function, precision).routine() for function in functions]
     return [*found, *([_AtOnce(effect, functions[0], precision).routine()] if effect.states else [])]
@@ -182,7 +181,7 @@ def batches(effect: Effect, precision: Precision) -> list[Routine]:
 
 @dataclass(frozen=True)
 class _AlongSamples:
-    """A function of an effect along the samples at every joint, and its memory with it."""
+    """A function of an effect along the samples at every joint, with its states."""
 
     effect: Effect
     function: SymbolicFunction
@@ -218,7 +217,7 @@ class _AlongSamples:
 
     @cached_property
     def _both(self) -> Tape:
-        """Outputs and the states' steps on one tape, which share what they have in common."""
+        """Outputs and steps of the states on one tape, with shared operations."""
         steps = tuple(sp.sympify(s.step) for s in self.effect.states)
         outputs = (*self.function.outputs, Output("x_next", steps, (len(steps),), "", ""))
         return Tape.of(replace(ef.step(self.effect), outputs=outputs, definitions=()))
@@ -228,7 +227,7 @@ class _AlongSamples:
         return _leaves(self._both) | _leaves(self._start)
 
     def _at_joints(self) -> list[str]:
-        """The memory of every joint is its own, or one for all."""
+        """The loops over joints and samples; every joint has its own states, or all share them."""
         between = {s.symbol for s in self.effect.signals if s.between}
         own = _leaves(self._step) | _leaves(self._start)
         if not between or between & own:
@@ -236,28 +235,28 @@ class _AlongSamples:
             vectors = [] if self.effect.states else [LOOP]
             joint = [*self._arrays(self._read, "at"), *self._begun(), *vectors, *_block(_EACH_SAMPLE, sample)]
             return _block(_EACH_JOINT, joint)
-        # What gives way at its own joint is felt at all, and its memory reads what is the same at each.
+        # A compliance at one joint acts on all joints, and its states read signals that all share.
         felt = Tape.of(self.function)
         joint = [*self._arrays(_leaves(felt) - own, "at"), *self._in_lanes(felt, self.rows)]
         sample = [*_block(_EACH_JOINT, joint), *self._in_lanes(self._step, 0)]
         return [*self._arrays(own, "0"), *self._begun(), *_block(_EACH_SAMPLE, sample)]
 
     def _arrays(self, read: set[object], at: str) -> list[str]:
-        """Statements that name the arrays of the signals that are read, at a joint."""
+        """Statements that declare the arrays of the signals that are read, at a joint."""
         names = [s.name for s in self.effect.signals if s.symbol in read]
         return [f"const {self.precision.kind} *restrict {name} = s[{at}].{name};" for name in names]
 
     def _begun(self) -> list[str]:
-        """Statements that set the states from the first sample."""
+        """Statements that initialise the states from the first sample."""
         if not self.effect.states:
             return []
         lines, texts = self._printed(self._start, "0")
         begun = [*lines, *assign([self._state(i) for i in range(len(texts))], texts)]
-        # What the samples call their own intermediate values stays free.
+        # A block of its own keeps the names of intermediate values free.
         return self._each_lane(_block("{", begun) if lines else begun)
 
     def _in_lanes(self, tape: Tape, rows: int) -> list[str]:
-        """Statements at sample k: so many rows first, then the states of the next sample, where there are any."""
+        """Statements at sample k: the given number of output rows, then the next states."""
         lines, texts = self._printed(tape, "k")
         lines += assign([self._out(i) for i in range(rows)], texts[:rows])
         lines += [self.precision.language.assign(f"next{i}", text) for i, text in enumerate(texts[rows:])]
@@ -286,7 +285,7 @@ class _AlongSamples:
 
 @dataclass(frozen=True)
 class _AtOnce(_AlongSamples):
-    """Of LANES choices of parameters."""
+    """The same for LANES choices of parameters."""
 
     def routine(self) -> Routine:
         kind, width = self.precision.kind, len(self.effect.parameters)

@@ -1,12 +1,14 @@
-"""C99 of an arm's functions for many samples, several at once: double precision in explicit vectors.
+"""C99 of an arm's functions for many samples, in explicit vectors of doubles.
 
-Compilers do not vectorise loops of hundreds of operations by themselves. What a function computes from the parameters
-alone stands before the loop; the samples that are left over, and all of them where the compiler knows no vectors, go
-through the function of one call. Both give the same bits.
+Compilers do not vectorise loops of hundreds of operations. Values that depend on the parameters alone are computed
+before the loop. Remaining samples, and all samples without vector types, use the function of one sample, which gives
+the same bits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from codegen.c.c_code import (
@@ -28,7 +30,7 @@ from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
 
 OPERATIONS = frozenset((*ARITHMETIC, "const", "leaf", "sin", "cos"))
-"""What tendon_lanes_f64.h has."""
+"""The operations of tendon_lanes_f64.h."""
 _KIND = "tendon_lanes_f64"
 
 
@@ -44,7 +46,7 @@ _LANES = replace(C_DOUBLE, pair=_pair, assign=lambda name, text: f"const {_KIND}
 
 
 class _LanePrinter(Printer):
-    """Prints a tape in vectors; `before`: the statements on parameters alone, which are plain numbers."""
+    """Prints a tape in vectors. before: statements on scalars, which depend on the parameters alone."""
 
     def __init__(self, function: SymbolicFunction, tape: Tape) -> None:
         struct = struct_leaves(function)
@@ -57,23 +59,24 @@ class _LanePrinter(Printer):
             self.uniform.append(node.value in struct if node.op == "leaf" else all(self.uniform[a] for a in node.args))
 
     def _statement(self, i: int, text: Text) -> Text:
-        if not self.uniform[i]:
+        with self._scalars(self.uniform[i]):
             return super()._statement(i, text)
-        self.language, self.lines, lines = C_DOUBLE, self.before, self.lines
-        found = super()._statement(i, text)
-        self.language, self.lines = _LANES, lines
-        return found
 
     def _pair(self, angle: int) -> list[int]:
-        if not self.uniform[angle]:
+        with self._scalars(self.uniform[angle]):
             return super()._pair(angle)
-        self.language, self.lines, lines = C_DOUBLE, self.before, self.lines
-        found = super()._pair(angle)
-        self.language, self.lines = _LANES, lines
-        return found
+
+    @contextmanager
+    def _scalars(self, uniform: bool) -> Iterator[None]:
+        """Prints a uniform value as a scalar before the loop."""
+        kept = self.language, self.lines
+        if uniform:
+            self.language, self.lines = C_DOUBLE, self.before
+        yield
+        self.language, self.lines = kept
 
     def value(self, output: int, text: str) -> str:
-        """An output as a vector."""
+        """The spelling of an output as a vector."""
         return f"tendon_spread_f64({text})" if self.uniform[output] else text
 
 
@@ -90,8 +93,8 @@ def batch(prefix: str, function: SymbolicFunction, tape: Tape) -> Routine:
 
 
 def range_and_batch(prefix: str, function: SymbolicFunction, tape: Tape) -> list[Routine]:
-    """The same for a function that another one goes on from, and before it the samples from `first` to before `last`
-    alone, which that one calls."""
+    """The same for a function that another one continues, and before it the function of the samples first to last −
+    1."""
     name, arguments = f"{prefix}_{function.name}", _arguments(prefix, function)
     passed = [a.name for a in function.arguments] + [o.name for o in function.outputs]
     return [
@@ -118,13 +121,12 @@ def _arguments(prefix: str, function: SymbolicFunction) -> list[str]:
 
 
 def _body(name: str, function: SymbolicFunction, tape: Tape, first: str, last: str) -> str:
-    """Whole vectors, and what is left over."""
     vectors = ["#if defined(TENDON_LANES)", *_vectors(function, tape, last), "#endif"]
     return indent([f"size_t k = {first};", *vectors, *_rest(name, function, last)], 1).replace("    #", "#")
 
 
 def _vectors(function: SymbolicFunction, tape: Tape, last: str) -> list[str]:
-    """The loop over whole vectors."""
+    """The loop over complete vectors."""
     printer = _LanePrinter(function, tape)
     lines, texts = printer.print()
     used = {node.value for node in tape.nodes if node.op == "leaf"}
@@ -142,7 +144,7 @@ def _vectors(function: SymbolicFunction, tape: Tape, last: str) -> list[str]:
 
 
 def _rest(name: str, function: SymbolicFunction, last: str) -> list[str]:
-    """One call a sample that is left over."""
+    """The loop over the remaining samples."""
     pointer = [] if function.struct is None else [function.struct.name]
     sizes = {a.name: len(a.symbols) for a in function.inputs}
     results = {o.name: len(o.expressions) for o in function.outputs}
@@ -162,5 +164,5 @@ def _copies(sizes: dict[str, int], line: str) -> list[str]:
 
 
 def in_lanes(tape: Tape) -> bool:
-    """Whether a function has the operations that vectors have."""
+    """Whether vectors have all operations of a tape."""
     return {node.op for node in tape.nodes} <= OPERATIONS

@@ -1,4 +1,4 @@
-"""The controller of an arm: its structs, the functions it compensates with, and the holes of its pages."""
+"""The controller of an arm: its structs, its compensation, and the holes of its templates."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from symbolic.model import ArmModel
 
 @dataclass(frozen=True)
 class RecordField:
-    """type: float, int32_t, uint32_t or the name of an earlier record; count: of an array, or None."""
+    """A field. type: float, int32_t, uint32_t or an earlier record; count: of an array, else None."""
 
     name: str
     type: str
@@ -31,7 +31,7 @@ class RecordField:
     pointer: bool = False
 
     def declaration(self) -> str:
-        """pointer: to const, so that a record can stand in read-only memory."""
+        """The field in C; pointers are to const, so that a record can be in read-only memory."""
         array = "" if self.count is None else f"[{self.count}]"
         target = f"const {self.type} *{self.name}" if self.pointer else f"{self.type} {self.name}{array}"
         return f"{target}; {comment(f'{self.unit}: {self.meaning}' if self.unit else self.meaning)}"
@@ -39,7 +39,7 @@ class RecordField:
 
 @dataclass(frozen=True)
 class Record:
-    """A struct; declared: by another header."""
+    """A struct. declared: in another header."""
 
     name: str
     meaning: str
@@ -58,15 +58,15 @@ class Record:
 
 
 def of_struct(name: str, meaning: str, struct: Struct, declared: bool = False) -> Record:
-    """A record of the parameters of generated functions."""
+    """The record of generated functions' parameters."""
     rows = zip(struct.symbols, struct.units, struct.meanings, strict=True)
     return Record(name, meaning, tuple(RecordField(s.name, "float", unit, text) for s, unit, text in rows), declared)
 
 
 MAX_DEGREE = 29
-"""Its binomial coefficients times a degree are whole numbers of 32 bits."""
+"""Up to this degree, binomial coefficients times the degree fit into 32 bits."""
 MIN_DEGREE = 4
-"""As many points as the sums of a step read apart from their loop."""
+"""The step reads this many points outside its loop."""
 COORDINATES = {"q": 0, "w": 1}
 STATUS = {
     "saturated": (1, "a torque was limited"),
@@ -183,12 +183,12 @@ def controller_records(model: ArmModel, found: Compensation) -> tuple[Record, ..
 
 
 STRUCTS = {"parameters": "parameters", "effects": "effects", "springs": "spring", "contact": "contact"}
-"""The arguments that are structs, and what their records are called."""
+"""Arguments that are structs, and the names of their records."""
 
 
 @dataclass(frozen=True)
 class Controller:
-    """records: in order of declaration, those of the arm's own header first."""
+    """The controller of an arm. records: in order of declaration, that of the arm's own header first."""
 
     model: ArmModel
     compensation: Compensation
@@ -196,13 +196,13 @@ class Controller:
 
     @classmethod
     def of(cls, model: ArmModel, library: Mapping[str, Effect]) -> Controller:
-        """The controller of an arm; `library`: all effects by name."""
+        """The controller of an arm. library: all effects by name."""
         found = compensation(model, library)
         return cls(model, found, controller_records(model, found))
 
     @property
     def holes(self) -> dict[str, Any]:
-        """What the pages of header and source need, as finished strings."""
+        """The holes of header and source."""
         name = self.model.arm.name
         inverse = self.model.function("inverse_dynamics")
         return {
@@ -226,7 +226,7 @@ class Controller:
 
     @property
     def has_contact_coordinates(self) -> bool:
-        """Whether the arm has the coordinates w of a contact phase."""
+        """Whether the arm has contact coordinates w."""
         return any(function.name == "contact_inverse" for function in self.model.functions)
 
     def _coverage(self) -> str:
@@ -237,20 +237,18 @@ class Controller:
         )
 
     def _price(self) -> str:
-        """Operations of a step in a free phase, conversions, comparisons and signs apart."""
+        """Operations of a step in a free phase, without conversions, comparisons and signs."""
         n = len(self.model.arm.joints)
         inverse = self.model.function("inverse_dynamics")
         total: Counter[str] = Counter(Tape.of(inverse).count())
         total.update(Tape.of(self.compensation.functions[0]).count())
-        # A joint takes 4 for its measurement, 7 for its drive and 6 M - 1 for its polynomial; the weights of the
-        # polynomials and the time take 4 M - 1.
+        # Per joint: 4 for measurement, 7 for the drive, 6 M - 1 for the polynomial; once 4 M - 1 for weights and time.
         fixed = total["arithmetic"] - total["neg"] + n * (4 + 7 - 1) - 1
         others = " and ".join(f"{total[op]} {op}" for op in ("sincos", "exp", "rise") if total[op])
         return f"Operations in a free phase of degree M: {fixed} + {6 * n + 4} M" + (f", {others}." if others else ".")
 
     def _routine(self, function: SymbolicFunction) -> Routine:
-        """As codegen.c.c_code.call, with a struct for each of the first arguments; where it is called, so that the
-        compiler keeps the motion in registers."""
+        """A function like c_code.call, with struct arguments; inline, so that the motion stays in registers."""
         tape = Tape.of(function)
         spelling = _brought(self.compensation)
         for a in function.arguments:
@@ -267,7 +265,7 @@ class Controller:
         return Routine(describe(function, tape), declaration(head, self._arguments(function)), body)
 
     def probe(self) -> str:
-        """C that gives the inner functions of a step names of their own, so that they can be called and compared."""
+        """C that exports the inner functions of a step, for verification."""
         parts = [f'#include "{self.model.arm.name}_controller_f32.inc"']
         for function in self.compensation.functions:
             head = declaration(f"void {self.model.arm.name}_{function.name}_f32", self._arguments(function))
@@ -287,7 +285,7 @@ class Controller:
         return [*inputs, f"float {output.name}[{len(output.expressions)}]"]
 
     def document(self) -> dict[str, Any]:
-        """controller.json: for whoever fills the structs. A value is null where the model file has none."""
+        """controller.json, from which the structs are filled. Unknown values are null."""
         c = self.compensation
         values = zip(c.effects.symbols, c.effects.defaults, strict=True)
         return {
@@ -308,7 +306,7 @@ class Controller:
 
 
 def _brought(found: Compensation) -> dict[sp.Symbol, str]:
-    """How the parameters of what a trajectory brings are spelt."""
+    """Spelling of the parameters of a trajectory's springs and contact."""
     spelling = {
         symbol: f"contact->{site.effect.name}_{p.name}"
         for site in found.touched
@@ -321,13 +319,13 @@ def _brought(found: Compensation) -> dict[sp.Symbol, str]:
 
 
 def _others(found: Compensation) -> dict[str, Any]:
-    """Springs beside the usual one, if there are any: by effect, the parameter that stands in each field."""
+    """Springs other than the usual one: by effect, the parameter in each field."""
     others = [spring for spring in found.springs if spring.joint == 1 and not spring.usual]
     fields = {s.effect.name: {n: p.name for n, (p, _) in zip(s.names, s.lumps, strict=True)} for s in others}
     return {"other_springs": fields} if fields else {}
 
 
 def _powers(spring: Spring, product: sp.Expr) -> dict[str, int]:
-    """A product of a spring's own parameters as their powers, for whoever computes it."""
+    """A product of a spring's parameters as their powers."""
     powers = product.as_powers_dict()
     return {p.name: int(powers[p.symbol]) for p in spring.effect.parameters if p.symbol in powers}

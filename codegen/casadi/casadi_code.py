@@ -1,4 +1,4 @@
-"""CasADi text of symbolic functions: a builder a function, surrogates of named width, tables of parameters."""
+"""CasADi code of symbolic functions, with smooth switches of given width, and tables of parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _CALLS = {
     "pow": "_power",
     "rise": "_rise",
 }
-"""Those that begin with _ are defined in the page."""
+"""Names that begin with _ are defined in the template."""
 
 
 def _pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
@@ -52,7 +52,7 @@ CASADI = Language(
 
 
 WIDTH_UNITS = {"rate": u.RATE, "position": u.POSITION, "force": u.FORCE, "time": u.SECOND}
-"""Of the widths of the switches, in the order of primitives.WIDTHS."""
+"""Units of the switches' widths, in the order of primitives.WIDTHS."""
 WIDTH = Argument(
     "width",
     WIDTHS,
@@ -72,14 +72,14 @@ class Builder:
 
 
 def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None = None) -> Builder:
-    """`widths`: the last input is WIDTH, the widths of the surrogates."""
+    """The builder of a function. widths: the last input is WIDTH, the widths of the switches."""
     tape = tape or Tape.of(function, "smooth")
     inputs = [*function.arguments, *([WIDTH] if widths else [])]
     leaves: dict[sp.Symbol, str] = {}
     lines = []
     for a in inputs:
         lines.append(_symbol(a.name, a.shape))
-        # Elements that are called as an argument are meant by their place.
+        # Elements with the name of an argument are spelt by their index.
         named = _has_names(a) and not {s.name for s in a.symbols} & {other.name for other in inputs}
         leaves |= dict(
             zip(a.symbols, [s.name for s in a.symbols] if named else _elements(a.name, a.shape), strict=True)
@@ -101,14 +101,14 @@ def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None 
 
 
 def _has_names(argument: Argument) -> bool:
-    """Whether the elements are quantities of different kinds with names of their own, not joints."""
+    """Whether the elements have names of their own, in contrast to a value a joint."""
     return argument.name in ("parameters", "p", "x", "width") and bool(argument.symbols)
 
 
 def _unpacked(argument: Argument) -> list[str]:
-    """A statement, maybe of several lines, that names the elements of a vector."""
+    """The statement that assigns the elements of a vector to names."""
     names = ", ".join(s.name for s in argument.symbols)
-    # Nothing but the names' commas is a place where the line may end.
+    # Lines may only end after the names' commas.
     text = f"({names}{',' if len(argument.symbols) == 1 else ''})~=~ca.vertsplit({argument.name})"
     return [line.replace("~", " ") for line in textwrap.wrap(text, 112, subsequent_indent="    ")]
 
@@ -119,7 +119,7 @@ def _symbol(name: str, shape: tuple[int, ...]) -> str:
 
 
 def _elements(name: str, shape: tuple[int, ...]) -> list[str]:
-    """CasADi counts down the columns, a SymbolicFunction along the rows; two indices say which is meant."""
+    """Elements by index; with two indices, as CasADi is column-major and a SymbolicFunction row-major."""
     if not shape:
         return [name]
     if len(shape) == 1:
@@ -138,7 +138,7 @@ def _output(output: Output, texts: list[str]) -> str:
 
 
 def _doc(function: SymbolicFunction, inputs: list[Argument], tape: Tape) -> str:
-    """A docstring, wrapped, that no text can end early."""
+    """A wrapped docstring; quotes and backslashes in the text are replaced."""
     names = legend(function, tape)
     lines = [*description(function, inputs, tape), *([f"Names: {names}"] if names else [])]
     wrapped = [
@@ -202,7 +202,7 @@ def _joint(joint: Joint) -> dict[str, Any]:
 
 
 def _entry(data: Mapping[str, Any]) -> list[str]:
-    """A dictionary, a line an item; the items of the last value on lines of their own."""
+    """A dictionary with one line per item, and per item of the last value."""
     *plain, (name, last) = data.items()
     rows = [f"{literal(k)}: {literal(v)}," for k, v in plain]
     return [*rows, f"{literal(name)}: {{", *(f"    {row}" for row in _rows(last)), "},"]

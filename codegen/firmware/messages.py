@@ -74,6 +74,16 @@ class Message:
         """Bytes of the payload."""
         return sum(item.size for item in self.fields)
 
+    def to_json(self) -> dict[str, Any]:
+        """The message in protocol.json."""
+        head = {"name": self.name, "number": self.number, "direction": self.direction, "size": self.size}
+        fields = []
+        for f in self.fields:
+            low, high = f.range
+            own = {"name": f.name, "type": f.type, "count": f.count, "unit": f.unit, "meaning": f.meaning}
+            fields.append({**own, "low": low, "high": high})
+        return {**head, "states": list(self.states), "fields": fields}
+
     def place(self, name: str) -> int:
         """Index of a field's first value among all values of the message, from 0."""
         before = [item.name for item in self.fields].index(name)

@@ -1,6 +1,6 @@
-"""The link between a host and an arm's controller: messages, states, reasons and results, in one table.
+"""The link between a host and an arm's controller: states, reasons, results and ceilings, and the messages of an arm.
 
-From it come the C that packs and unpacks (codegen.firmware.protocol_text), protocol.json for the host, and PROTOCOL.md.
+The board's C and PROTOCOL.md (codegen.firmware.protocol_text) and the host's protocol.json are generated from it.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ from codegen.firmware.messages import (
 from symbolic.model_file.arm import Control, DescribedJoint
 
 VERSION = 1
-"""Of the frame and of the meaning of messages."""
+"""Version of the frame and of the messages' meaning."""
 TELEMETRY_RECORDS, ACKS = 8, 8
-"""What a board holds until the link takes it; powers of two."""
+"""Capacity of the board's queues; powers of two."""
 OUTRUN = 1.25
-"""Of a joint's rate at a stop, or its limit if that is more: a damping in which it gets faster than this ends."""
+"""Times a joint's rate at a stop, or its limit if that is higher: a higher rate ends the damping."""
 NOT_READY = 0xFFFFFFFF
-"""What a board gives for its fault as long as its drives are not ready."""
+"""Fault code of drives that are not ready."""
 BAUD, BITS, LINE_SHARE = 1_000_000, 10, 0.9
-"""Of a serial line: its usual speed; bits of a byte on it; the part that telemetry may fill, for answers need some."""
+"""A serial line: default speed, bits per byte, and the share that telemetry may use."""
 HEADER = (("version", "u8"), ("type", "u8"), ("sequence", "u16"), ("length", "u16"))
 MOST_JOINTS = 16
 SOONEST = 5
-"""Periods within which every joint has been looked at closely."""
+"""Periods within which every joint is inspected."""
 IN_TURN = ("speed", "position", "encoder_frozen")
-"""Reasons whose criteria are looked at for a part of the joints each period, in turn."""
+"""Reasons that are checked for some joints each period, in turn."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class MachineState:
 
 @dataclass(frozen=True)
 class Reason:
-    """Why a board is in its state. torque: what it does at once; criterion: what has to be observed, by which step."""
+    """Why a board has stopped. criterion: the condition that is checked; torque: what the board does at once."""
 
     name: str
     number: int
@@ -71,7 +71,7 @@ class Reason:
 
 @dataclass(frozen=True)
 class Result:
-    """What an acknowledgement says. detail: what its number means."""
+    """The result in an acknowledgement. detail: the meaning of its number."""
 
     name: str
     number: int
@@ -147,7 +147,7 @@ RESULTS = (
 )  # fmt: skip
 
 MISSING = {"parameters": 1, "effects": 2, "drive": 4, "safety": 8, "trajectory": 16}
-"""What `arm` may find wanting; `trajectory`: one that is committed."""
+"""What may be missing at `arm`, as bits; `trajectory`: a committed one."""
 
 
 OVERSPEED = 2.0
@@ -304,11 +304,7 @@ def _of_board(name: str) -> Ceiling:
 
 @dataclass(frozen=True)
 class Protocol:
-    """The messages of one arm.
-
-    types      of its joints, as in the model file
-    ceilings   what its board keeps to whatever is sent
-    """
+    """The messages of one arm. types: of its joints; ceilings: the board's limits, whatever is sent."""
 
     arm: str
     types: tuple[str, ...]
@@ -317,7 +313,7 @@ class Protocol:
 
     @classmethod
     def of(cls, controller: Controller) -> Protocol:
-        """What the link to this controller carries. ValueError for an arm with more joints than a message names."""
+        """The protocol of a controller. ValueError for an arm with too many joints."""
         model = controller.model
         types = tuple(joint.type for joint in model.arm.joints)
         if len(types) > MOST_JOINTS:
@@ -327,12 +323,12 @@ class Protocol:
         return cls(model.arm.name, types, (*sent, *reports(types)), ceilings)
 
     def message(self, name: str) -> Message:
-        """The message of this name. Raises StopIteration without one."""
+        """The message with this name. Raises StopIteration if there is none."""
         return next(message for message in self.messages if message.name == name)
 
     @property
     def looks(self) -> int:
-        """Joints that are looked at closely each period."""
+        """Joints that are inspected each period."""
         return -(-len(self.types) // SOONEST)
 
     @property
@@ -347,7 +343,7 @@ class Protocol:
 
     @property
     def fingerprint(self) -> int:
-        """CRC-32 of everything that both ends must agree on, without the words."""
+        """CRC-32 of everything on which both ends must agree, without descriptions."""
         layout = [
             self.arm,
             [[m.name, m.number, [[f.name, f.type, f.count] for f in m.fields]] for m in self.messages],
@@ -357,7 +353,7 @@ class Protocol:
         return zlib.crc32(json.dumps(layout, separators=(",", ":")).encode())
 
     def document(self, build: int) -> dict[str, Any]:
-        """protocol.json: all that a host needs to speak with a board. build: CRC-32 of its sources."""
+        """protocol.json for the host. build: CRC-32 of the board's sources."""
         return {
             "name": self.arm,
             "version": VERSION,
@@ -373,7 +369,7 @@ class Protocol:
             "not_ready": NOT_READY,
             "line": {"bits": BITS, "share": LINE_SHARE},
             "header": [{"name": name, "type": kind} for name, kind in HEADER],
-            "messages": [_message_json(message) for message in self.messages],
+            "messages": [message.to_json() for message in self.messages],
             "states": [vars(state) for state in STATES],
             "reasons": [vars(reason) for reason in REASONS],
             "results": [vars(result) for result in RESULTS],
@@ -384,28 +380,6 @@ class Protocol:
 
 
 def records_of(controller: Controller) -> dict[str, Record]:
-    """The controller's structs by their names without the arm's and the precision."""
+    """The controller's structs by name, without the arm's name and the precision."""
     arm = controller.model.arm.name
     return {record.name.removeprefix(f"{arm}_").removesuffix("_f32"): record for record in controller.records}
-
-
-def _message_json(message: Message) -> dict[str, Any]:
-    return {
-        "name": message.name,
-        "number": message.number,
-        "direction": message.direction,
-        "size": message.size,
-        "states": list(message.states),
-        "fields": [
-            {
-                "name": f.name,
-                "type": f.type,
-                "count": f.count,
-                "unit": f.unit,
-                "meaning": f.meaning,
-                "low": f.range[0],
-                "high": f.range[1],
-            }
-            for f in message.fields
-        ],
-    }

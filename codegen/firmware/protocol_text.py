@@ -1,4 +1,4 @@
-"""The protocol as text: C of the messages (structs, packing, accepted ranges), and PROTOCOL.md."""
+"""The protocol as C (structs, packing and accepted ranges of the messages) and as PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _HEADER_MEANING = {
 
 
 def page_holes(protocol: Protocol) -> dict[str, Any]:
-    """What the page needs, as finished strings."""
+    """The holes of PROTOCOL.md."""
     plain, wire = example(protocol)
     return {
         "name": protocol.arm,
@@ -49,7 +49,14 @@ def page_holes(protocol: Protocol) -> dict[str, Any]:
         "prismatic": "prismatic" in protocol.types,
         "version": VERSION,
         "fingerprint": f"0x{protocol.fingerprint:08x}",
-        "header_table": _header_table(),
+        "header_table": _table(
+            ("field", "type", ""),
+            [
+                *((name, kind, _HEADER_MEANING[name]) for name, kind in HEADER),
+                ("payload", "", "`length` bytes"),
+                ("checksum", "u32", "CRC-32 of IEEE 802.3 of all bytes before it"),
+            ],
+        ),
         "example_plain": plain.hex(" "),
         "example_wire": wire.hex(" "),
         "state_table": _table(("number", "state", ""), [(str(s.number), s.name, s.meaning) for s in STATES]),
@@ -80,7 +87,7 @@ def page_holes(protocol: Protocol) -> dict[str, Any]:
 
 
 def _ceiling_holes(protocol: Protocol) -> dict[str, Any]:
-    """What is compiled into the board whatever a host sends."""
+    """The holes about the board's ceilings."""
     ceilings = protocol.ceilings
     rows = [
         (
@@ -105,7 +112,7 @@ def _ceiling_holes(protocol: Protocol) -> dict[str, Any]:
 
 
 def line_holes(protocol: Protocol) -> dict[str, Any]:
-    """What a serial line carries of telemetry: bytes of a record, records a second, one in how many periods."""
+    """Holes about telemetry on a serial line: bytes per record, records per second, periods per record."""
     record = _wire_bytes(protocol.message("telemetry"))
     rate = LINE_SHARE * BAUD / BITS / record
     return {
@@ -118,7 +125,7 @@ def line_holes(protocol: Protocol) -> dict[str, Any]:
 
 
 def example(protocol: Protocol) -> tuple[bytes, bytes]:
-    """`run` for 2000 periods with every record, command number 5: the plain frame, and the same on the wire."""
+    """Command number 5, `run` for 2000 periods with every record: the plain and the encoded frame."""
     run = protocol.message("run")
     payload = struct.pack("<II", 2000, 1)
     plain = struct.pack("<BBHH", VERSION, run.number, 5, len(payload)) + payload
@@ -129,7 +136,7 @@ def example(protocol: Protocol) -> tuple[bytes, bytes]:
 
 
 def said_range(item: Item) -> str:
-    """What is accepted, in words; empty where it is all that the type holds."""
+    """The accepted range in words; empty if it is the whole range of the type."""
     low, high = item.range
     if item.type == "float":
         if (low, high) == (-LARGEST, LARGEST):
@@ -161,12 +168,6 @@ def _section(message: Message) -> dict[str, str]:
     return {"title": title, "meaning": message.meaning + where, "table": table}
 
 
-def _header_table() -> str:
-    rows = [(name, kind, _HEADER_MEANING[name]) for name, kind in HEADER]
-    rows += [("payload", "", "`length` bytes"), ("checksum", "u32", "CRC-32 of IEEE 802.3 of all bytes before it")]
-    return _table(("field", "type", ""), rows)
-
-
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
@@ -175,7 +176,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _wire_bytes(message: Message) -> int:
-    """At most, with stuffing and delimiter."""
+    """Most bytes of a message on the line, with stuffing and delimiter."""
     plain = sum(SIZES[kind] for _, kind in HEADER) + message.size + 4
     return plain + plain // 254 + 2
 
@@ -189,13 +190,13 @@ _NAMED = {
     "trajectory": ("elbow",),
     "phase": ("first_row",),
 }
-"""Fields whose places the machine names when it refuses or lowers what no single range refuses."""
+"""Fields whose places the machine reports when it refuses or lowers a value by more than a single range."""
 _BYTE = 255
-"""Most values of a rule, whose count is a byte."""
+"""Most values of a rule, because the count is a byte."""
 
 
 def code_holes(controller: Controller, protocol: Protocol, build: int) -> dict[str, Any]:
-    """What the pages of tendon_messages.h and tendon_messages.c need. build: CRC-32 of the sources."""
+    """The holes of tendon_messages.h and tendon_messages.c. build: CRC-32 of the sources."""
     commands = protocol.commands
     filled = [message for message in protocol.messages if message.fields]
     rules, table = _tables(commands)
@@ -211,7 +212,7 @@ def code_holes(controller: Controller, protocol: Protocol, build: int) -> dict[s
         "longest_report": max(message.size for message in protocol.reports),
         "numbers": _numbers(protocol),
         "types": [_typedef(message) for message in filled if message.record is None],
-        "routines": [_unpack(message) if message.direction == "command" else _pack(message) for message in filled],
+        "routines": [_conversion(message) for message in filled],
         "parts": _parts(controller),
         "rules": rules,
         "commands": table,
@@ -220,11 +221,13 @@ def code_holes(controller: Controller, protocol: Protocol, build: int) -> dict[s
 
 
 def struct_name(message: Message) -> str:
-    """The C type that holds a message's fields."""
+    """The C type of a message."""
     return f"tendon_{message.record}" if message.record else f"tendon_{message.name}_message"
 
 
 def _numbers(protocol: Protocol) -> list[dict[str, Any]]:
+    sizes = [SIZES[kind] for _, kind in HEADER]
+    header = [(name, sum(sizes[:k])) for k, (name, _) in enumerate(HEADER)]
     groups = (
         ("Types of commands, host to board.", "COMMAND", [(m.name, m.number) for m in protocol.commands]),
         ("Types of reports, board to host.", "REPORT", [(m.name, m.number) for m in protocol.reports]),
@@ -233,10 +236,14 @@ def _numbers(protocol: Protocol) -> list[dict[str, Any]]:
         ("Results of a command.", "RESULT", [(r.name, r.number) for r in RESULTS]),
         ("What has not been uploaded, as bits.", "MISSING", [*MISSING.items(), ("everything", sum(MISSING.values()))]),
         ("Bytes of the reports' payloads.", "SIZE", [(m.name, m.size) for m in protocol.reports]),
-        ("Bytes from a frame's begin to the fields of its header.", "PLACE_HEADER", _header_places()),
+        ("Bytes from a frame's begin to the fields of its header.", "PLACE_HEADER", header),
         *(
-            (f"Which values of `{name}` these are, from 0.", f"PLACE_{name.upper()}", _places(protocol.message(name)))
-            for name in _NAMED
+            (
+                f"Which values of `{message.name}` these are, from 0.",
+                f"PLACE_{message.name.upper()}",
+                [(field, message.place(field)) for field in _NAMED[message.name]],
+            )
+            for message in map(protocol.message, _NAMED)
         ),
     )
     return [
@@ -245,17 +252,8 @@ def _numbers(protocol: Protocol) -> list[dict[str, Any]]:
     ]
 
 
-def _header_places() -> list[tuple[str, int]]:
-    sizes = [SIZES[kind] for _, kind in HEADER]
-    return [(name, sum(sizes[:k])) for k, (name, _) in enumerate(HEADER)]
-
-
-def _places(message: Message) -> list[tuple[str, int]]:
-    return [(name, message.place(name)) for name in _NAMED[message.name]]
-
-
 def _parts(controller: Controller) -> list[Routine]:
-    """The springs and the contact of a trajectory's message, field by field into the controller's structs."""
+    """Functions that copy springs and contact from a trajectory's message into the controller's structs."""
     records = records_of(controller)
     springs = [f"        springs[j].{f.name} = message->spring_{f.name}[j];" for f in records["spring"].fields]
     contact = [f"    contact->{f.name} = message->{f.name};" for f in records["contact"].fields]
@@ -269,32 +267,33 @@ def _parts(controller: Controller) -> list[Routine]:
 
 
 def _typedef(message: Message) -> str:
-    lines = [f"    {_member(item)} {comment(_meaning(item))}" for item in message.fields]
+    """The struct of a message in C."""
+    lines = []
+    for item in message.fields:
+        array = "" if item.count is None else f"[{item.count}]"
+        meaning = f"{item.unit}: {item.meaning}" if item.unit else item.meaning
+        lines.append(f"    {C_TYPES[item.type]} {item.name}{array}; {comment(meaning)}")
     return "\n".join([comment(message.meaning), "typedef struct {", *lines, f"}} {struct_name(message)};"])
 
 
-def _member(item: Item) -> str:
-    return f"{C_TYPES[item.type]} {item.name}{'' if item.count is None else f'[{item.count}]'};"
+def _conversion(message: Message) -> Routine:
+    """The function that unpacks a command or packs a report."""
+    if message.direction == "command":
+        name, arguments = "unpack", ["const uint8_t *payload", f"{struct_name(message)} *message"]
+    else:
+        name, arguments = "pack", [f"const {struct_name(message)} *message", "uint8_t *payload"]
 
+    def statement(item: Item, value: str, place: str) -> str:
+        if name == "unpack":
+            return f"{value} = tendon_get_{item.type}(&payload[{place}]);"
+        return f"tendon_put_{item.type}(&payload[{place}], {value});"
 
-def _meaning(item: Item) -> str:
-    return f"{item.unit}: {item.meaning}" if item.unit else item.meaning
-
-
-def _unpack(message: Message) -> Routine:
-    arguments = ["const uint8_t *payload", f"{struct_name(message)} *message"]
-    lines = _fields(message, lambda item, value, place: f"{value} = tendon_get_{item.type}(&payload[{place}]);")
-    return Routine("", declaration(f"void tendon_unpack_{message.name}", arguments), "\n".join(lines))
-
-
-def _pack(message: Message) -> Routine:
-    arguments = [f"const {struct_name(message)} *message", "uint8_t *payload"]
-    lines = _fields(message, lambda item, value, place: f"tendon_put_{item.type}(&payload[{place}], {value});")
-    return Routine("", declaration(f"void tendon_pack_{message.name}", arguments), "\n".join(lines))
+    body = "\n".join(_fields(message, statement))
+    return Routine("", declaration(f"void tendon_{name}_{message.name}", arguments), body)
 
 
 def _fields(message: Message, statement: Callable[[Item, str, str], str]) -> list[str]:
-    """A statement a field, in a loop for an array; it takes the field, its name in C, and its place in the payload."""
+    """One statement per field, in a loop for an array. statement: of a field, its name in C and its place."""
     lines, at = [], 0
     for item in message.fields:
         value = f"message->{item.name}"
@@ -310,7 +309,7 @@ def _fields(message: Message, statement: Callable[[Item, str, str], str]) -> lis
 
 
 def _tables(commands: Sequence[Message]) -> tuple[list[str], list[str]]:
-    """Rows of the rules and of the commands, in order of the commands' numbers, which have no gap."""
+    """Rows of the tables of rules and commands, in order of the commands' consecutive numbers."""
     rules: list[str] = []
     table: list[str] = []
     numbers = {state.name: state.number for state in STATES}
@@ -330,7 +329,7 @@ def _tables(commands: Sequence[Message]) -> tuple[list[str], list[str]]:
 
 
 def _groups(message: Message) -> Iterator[tuple[int, int, Item]]:
-    """First value, number of values and first field of neighbours with the same range; none where all is accepted."""
+    """First value, number of values and first field of adjacent fields with the same restricted range."""
     place, begin, held = 0, 0, None
     for item in message.fields:
         if held is None or (item.type, item.range) != (held.type, held.range):
@@ -347,7 +346,7 @@ def _restricted(item: Item) -> bool:
 
 
 def ordered(kind: str, value: float) -> int:
-    """A number's 32 bits as an unsigned key: keys compare as the numbers do. Zero as a low end takes -0 with it."""
+    """A number's bits as an unsigned key that compares as the number does. As a lower end, 0 includes -0."""
     if kind == "float":
         bits: int = struct.unpack("<I", struct.pack("<f", min(max(value, -LARGEST), LARGEST)))[0]
         if bits == 0:

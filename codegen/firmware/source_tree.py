@@ -30,15 +30,15 @@ TREE = Path(__file__).resolve().parent / "tree"
 
 @functools.cache
 def handwritten_files() -> Mapping[str, str]:
-    """Relative path in the firmware's tree -> text, in order."""
+    """The firmware's C that is the same for every arm: relative path in the tree -> text."""
     found = {path.relative_to(TREE).as_posix(): path for path in TREE.rglob("*.[ch]")}
     return MappingProxyType({path: found[path].read_text(encoding="utf-8") for path in sorted(found)})
 
 
 _MAIN = "src/main.c"
-"""Calls the board; the other sources in src/ use only its ceilings."""
+"""The source that calls the board; the others only use its ceilings."""
 _FIXED = {"state": "controller_state"}
-"""What the machine calls a record of the controller, where that is not the record's own name."""
+"""The machine's names of controller structs, where they differ."""
 
 
 def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Mapping[str, str]) -> dict[str, str]:
@@ -102,9 +102,9 @@ def _numbers(protocol: Protocol) -> dict[str, Any]:
 
 
 BOARD = "boards/mps2"
-"""The board that is emulated."""
+"""The emulated board."""
 STACK = 2048
-"""Bytes that its linker script sets aside; a test holds the worst case to half of that."""
+"""Bytes that its linker script reserves; a test limits the worst case to half of that."""
 _PAGES = (
     *("Makefile", "CMakeLists.txt", "README.md", "misra.txt"),
     *("boards/mps2/mps2.ld", "cmake/gcc.cmake", "cmake/zig.cmake"),
@@ -112,10 +112,10 @@ _PAGES = (
 
 
 def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
-    """Relative path -> text.
+    """The complete firmware tree: relative path -> text.
 
     library   all effects by name; those that the model file activates are compensated
-    Raises ModelError where the model file leaves base inertial parameters open.
+    Raises ModelError if base inertial parameters are unknown.
     """
     name = model.arm.name
     open_lumps = [lump.name for lump in model.lumps if lump.value is None]
@@ -161,19 +161,19 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
 
 
 def _library(files: Iterable[str]) -> list[str]:
-    """Sources that do not depend on a board."""
+    """Sources that do not depend on the board."""
     return sorted(path for path in files if path.startswith("src/") and path.endswith(".c") and path != _MAIN)
 
 
 def _is_hot(source: str) -> bool:
-    """Whether most of a file runs in every control step."""
+    """Whether most of a source runs in every control step."""
     return source.endswith(("_f32.c", "/tendon_step.c"))
 
 
 def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, Any]:
-    """NAME.elf and NAME.bin in `directory`, of the tree there, for the emulated board; what is known of them.
+    """Builds NAME.elf and NAME.bin from the tree in `directory` for the emulated board. Returns a report.
 
-    fits: the stack has a bound, within what is set aside, and nothing is linked that has no place there
+    fits: the stack is bounded and within the reserved memory, and no forbidden function is linked
     Raises BuildError.
     """
     there = sorted(path.relative_to(directory).as_posix() for path in directory.rglob("*.c"))
@@ -187,7 +187,7 @@ def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) 
 
 
 def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, Any]:
-    """lib.so in `directory`: the machine without a board, for this computer. Raises BuildError."""
+    """Builds lib.so in `directory`, the machine without a board for this computer. Raises BuildError."""
     flat = {Path(path).name: files[path] for path in _library(files)}
     flat |= {Path(path).name: text for path, text in files.items() if path.startswith("src/") and path.endswith(".h")}
     shutil.copyfile(build.shared_library(flat, "code"), directory / "lib.so")
@@ -198,10 +198,8 @@ def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class FirmwareTree:
-    """The files of a firmware and where they belong.
-
-    A file that is there without the banner is its owner's: never replaced, never stale. So is a board of theirs.
-    """
+    """The files of a firmware and their directory. An existing file without the banner belongs to the user and is
+    kept."""
 
     files: Mapping[str, str]
     directory: Path
@@ -213,7 +211,7 @@ class FirmwareTree:
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """What is there, its owner's, and other than what would be written."""
+        """Files of the user that differ from what would be written."""
         own = [path for path in self.files if self._is_owners(path)]
         return tuple(path for path in own if (self.directory / path).read_bytes() != self.files[path].encode())
 

@@ -1,7 +1,7 @@
-"""Value numbering: expressions and operations as nodes of a straight-line program, every value once.
+"""Value numbering: expressions as nodes of a straight-line program that computes every value once.
 
-Commutative operands stand in one order, a difference in one direction, signs travel with the reference until something
-needs them, numbers stay exact rationals until a printer rounds them, and what no output needs is removed.
+Commutative operands have one order and differences one direction. Signs are kept with references until an operation
+needs them, numbers are exact rationals, and operations that no output needs are removed.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ class Smaller(sp.Function):
 
 
 def lower(expr: Any, lowering: Lowering) -> sp.Expr:
-    """`expr` for a tape: as it is, or as primitives.smooth gives it, with Larger and Smaller for Max and Min."""
+    """`expr` for a tape: unchanged, or from primitives.smooth with Larger and Smaller for Max and Min."""
     e = sp.sympify(expr)
     return _smooth(e, {}) if lowering == "smooth" else e
 
 
 @functools.cache
 def _surrogates() -> dict[Any, sp.Expr]:
-    """The surrogate of every primitive in _X and _WIDTH."""
+    """The smooth surrogate of every primitive, in _X and _WIDTH."""
     plain = {kind: primitives.smooth(kind(_X, _WIDTH)) for kind in _PRIMITIVES}
     return {kind: e.replace(sp.Max, Larger).replace(sp.Min, Smaller) for kind, e in plain.items()}
 
@@ -61,7 +61,7 @@ def _smooth(e: sp.Expr, done: dict[sp.Expr, sp.Expr]) -> sp.Expr:
 ARITHMETIC = ("add", "sub", "mul", "div", "neg")
 _PRIMITIVES = {primitives.sgn: "sgn", primitives.step: "step", primitives.ramp: "ramp"}
 _UNARY = {sp.log: "log"}
-# What the targets have no operation for, in terms of what they have.
+# Functions without an operation in the targets, in terms of others.
 _REWRITE: dict[Any, Callable[..., sp.Expr]] = {
     sp.tan: lambda x: sp.sin(x) / sp.cos(x),
     sp.tanh: lambda x: 1 - 2 / (sp.exp(2 * x) + 1),
@@ -90,11 +90,11 @@ class NumberedProgram(NamedTuple):
 
 
 Ref = tuple[int, int]
-"""(sign, node): a value up to its sign, so that negations are only made where they cannot be folded."""
+"""(sign, node): a value and its sign, so that negations are folded where possible."""
 
 
 class Numbering:
-    """Equal values get one number; `lazy` are definitions that are looked up when a symbol is met."""
+    """Numbers values, equal ones once. lazy: definitions that are used when their symbol occurs."""
 
     def __init__(
         self,
@@ -107,12 +107,12 @@ class Numbering:
         self.nodes: list[Node] = []
         self.index: dict[Node, int] = {}
         self.memo: dict[sp.Expr, Ref] = {}
-        # Exponentials of what is never positive: their node -> the node of what is never negative.
+        # Exponentials of nonpositive values: their node -> the node of the negated exponent.
         self.falling: dict[int, int] = {}
         self.names: dict[int, str] = {}
 
     def program(self, outputs: Sequence[sp.Expr]) -> NumberedProgram:
-        """Definitions, then outputs: a program in which every value is computed once."""
+        """The program of definitions and outputs."""
         for symbol, expr in self.definitions:
             sign, i = self.memo[symbol] = self.value(expr)
             if sign > 0 and self.nodes[i].op not in ("leaf", "const"):
@@ -120,12 +120,12 @@ class Numbering:
         return self.ending([self.value(e) for e in outputs])
 
     def ending(self, outputs: Sequence[Ref]) -> NumberedProgram:
-        """What these outputs need."""
+        """The operations that these outputs need."""
         plain = [self.plain(self._turned(ref, outputs)) for ref in outputs]
         return _live(self.nodes, plain, self.names | directions(self.nodes))
 
     def node(self, op: str, *args: int, value: Any = None) -> int:
-        """Number of an operation on numbered values; the same operation has the same number."""
+        """Number of an operation; the same operation has the same number."""
         node = Node(op, args, value)
         if node not in self.index:
             self.index[node] = len(self.nodes)
@@ -137,12 +137,12 @@ class Numbering:
         return (-1 if value < 0 else 1), self.node("const", value=abs(value))
 
     def number(self, ref: Ref) -> Fraction | None:
-        """The constant that a value is, None if it is none."""
+        """The value of a constant; None for other values."""
         node = self.nodes[ref[1]]
         return ref[0] * node.value if node.op == "const" else None
 
     def plain(self, ref: Ref) -> int:
-        """The node that holds the value with its sign."""
+        """The node of the value including its sign."""
         sign, i = ref
         if sign > 0:
             return i
@@ -150,7 +150,7 @@ class Numbering:
         return self.node("const", value=-node.value) if node.op == "const" else self.node("neg", i)
 
     def _turned(self, ref: Ref, outputs: Sequence[Ref]) -> Ref:
-        """−(a − b) as b − a, where nothing else needs a − b."""
+        """−(a − b) as b − a, unless a − b is used elsewhere."""
         sign, i = ref
         node = self.nodes[i]
         if sign > 0 or node.op != "sub":
@@ -190,7 +190,7 @@ class Numbering:
         return 1, self.node("leaf", value=symbol)
 
     def _sum(self, e: sp.Expr) -> Ref:
-        """SymPy spreads a number over a sum; where all terms share it, it is taken out again."""
+        """A sum; a factor that SymPy has distributed over all terms is taken out again."""
         split = [term.as_coeff_Mul() for term in e.args]
         scales = {abs(c) for c, _ in split}
         common = scales.pop() if len(scales) == 1 else sp.S.One
@@ -200,7 +200,7 @@ class Numbering:
         return self.mul(self.value(common), self.folded(self.add, self._joined(inner)))
 
     def _joined(self, terms: Sequence[Ref]) -> list[Ref]:
-        """The terms of a sum with those that the sign of one value switches joined: one comparison for all of them."""
+        """The terms of a sum, with those that depend on the sign of one value joined under a single comparison."""
         sides: dict[int, dict[bool, Ref]] = {}
         rest: list[Ref] = []
         for sign, i in terms:
@@ -215,14 +215,14 @@ class Numbering:
         return rest + [self._sides(x, found) for x, found in sides.items()]
 
     def _sides(self, x: int, found: Mapping[bool, Ref]) -> Ref:
-        """One value for x > 0, another one for x < 0; with a single one of them, a gate."""
+        """One value for x > 0 and another for x < 0; a gate if there is only one."""
         if len(found) == 2:
             return 1, self.node("side", x, self.plain(found[False]), self.plain(found[True]))
         below, value = next(iter(found.items()))
         return self._gated(self.plain((-1 if below else 1, x)), value)
 
     def _product(self, e: sp.Expr) -> Ref:
-        """Numerator by denominator, the number last, so that products without it are shared."""
+        """Numerator over denominator; the constant factor comes last, so that products without it are shared."""
         number, above, below = Fraction(1), [], []
         for factor in e.args:
             if factor.is_Pow and factor.exp.is_Rational and factor.exp < 0:
@@ -297,14 +297,14 @@ class Numbering:
         )
 
     def folded(self, operation: Callable[[Ref, Ref], Ref], refs: Sequence[Ref]) -> Ref:
-        """One operation after the other, in this order."""
+        """The operation applied from left to right."""
         result = refs[0]
         for ref in refs[1:]:
             result = operation(result, ref)
         return result
 
     def add(self, a: Ref, b: Ref) -> Ref:
-        """a + b; constants are folded, x − x is 0, and a + b is b + a."""
+        """a + b with folded constants; x − x is 0, and b + a is the same node."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x + y)
@@ -325,7 +325,7 @@ class Numbering:
         return 1, self.node("sub", positive, negative)
 
     def mul(self, a: Ref, b: Ref) -> Ref:
-        """a b; constants are folded, 0 and 1 cost nothing, and a b is b a."""
+        """a b with folded constants; b a is the same node."""
         x, y = self.number(a), self.number(b)
         if x is not None and y is not None:
             return self.const(x * y)
@@ -347,7 +347,7 @@ class Numbering:
         return s * r, self.node("mul", i, j)
 
     def _switched(self, sign: int, switch: Node, factor: int) -> Ref:
-        """A product with step or ramp: the other factor, or what it is times the ramp's argument, behind a gate."""
+        """A product with step or ramp as a gate of the other factor, for a ramp times its argument."""
         (x,) = switch.args
         argument = (-1, self.nodes[x].args[0]) if self.nodes[x].op == "neg" else (1, x)
         value = (1, factor) if switch.op == "step" else self.mul(argument, (1, factor))
@@ -358,7 +358,7 @@ class Numbering:
         return value if self.number(value) == 0 else (value[0], self.node("gate", x, value[1]))
 
     def div(self, a: Ref, b: Ref) -> Ref:
-        """a / b; by a constant, the product with its inverse. Raises ValueError: b is 0."""
+        """a / b; for a constant b the product with its inverse. Raises ValueError if b is 0."""
         y = self.number(b)
         if y is not None:
             if y == 0:
@@ -374,7 +374,7 @@ _JOINT = re.compile(r"q(\d+)")
 
 
 def directions(nodes: Sequence[Node]) -> dict[int, str]:
-    """The field's names of the cosines and sines of sums of joint angles: c23 is cos(q2 + q3)."""
+    """The usual names for cosines and sines of sums of joint angles, such as c23 for cos(q2 + q3)."""
     names = {}
     for i, node in enumerate(nodes):
         if node.op in ("sin", "cos"):
@@ -386,7 +386,7 @@ def directions(nodes: Sequence[Node]) -> dict[int, str]:
 
 
 def _joints(nodes: Sequence[Node], i: int) -> list[int]:
-    """The numbers of the joints whose angles are added up at a node; none for any other value."""
+    """The joints whose angles are summed at a node; empty for other values."""
     node = nodes[i]
     if node.op == "leaf":
         found = _JOINT.fullmatch(node.value.name)
@@ -396,7 +396,7 @@ def _joints(nodes: Sequence[Node], i: int) -> list[int]:
 
 
 def _live(nodes: Sequence[Node], outputs: Sequence[int], names: Mapping[int, str]) -> NumberedProgram:
-    """Only what the outputs need, renumbered."""
+    """The operations that the outputs need, renumbered."""
     needed = set(outputs)
     for i in range(len(nodes) - 1, -1, -1):
         if i in needed:

@@ -1,7 +1,4 @@
-"""A tape as the text of any language that has names, infix arithmetic and functions.
-
-A Language only knows how an operation is spelt; what is computed, and in which order, is settled in the tape.
-"""
+"""Prints a tape in any language with names, infix arithmetic and functions. A Language only defines the spelling."""
 
 from __future__ import annotations
 
@@ -17,24 +14,24 @@ from codegen.tape.tape import Tape
 _SUM, _PRODUCT, _SIGN, ATOM = range(1, 5)
 _INFIX = {"add": (" + ", _SUM), "sub": (" - ", _SUM), "mul": (" * ", _PRODUCT), "div": (" / ", _PRODUCT)}
 _LONGEST = 90
-"""An expression longer than this gets a name of its own, so that lines stay readable."""
+"""A longer expression gets its own name, so that lines stay readable."""
 
 Text = tuple[str, int]
-"""An expression and how tightly its outermost operation binds."""
+"""An expression and the precedence of its outermost operation."""
 
 
 @dataclass(frozen=True)
 class Language:
-    """How a language spells what a tape is made of, beside + - * / and names, which are the same in all.
+    """The spelling of a tape's operations, except + - * / and names, which are the same in all languages.
 
     literal    a number
     call       an operation on its arguments: "exp", "log", "sqrt", "abs", "pow", "atan2", "max", "min";
                "rise" (x): 1 - exp(-x); "sgn" (x): -1, 0 or 1; and, where switches are not lowered to surrogates,
                "step" (x): 1 for x > 0, else 0; "ramp" (x): x for x > 0, else 0; "gate" (x, a): a for x > 0, else 0;
                "side" (x, a, b): a for x > 0, b for x < 0, else 0
-    pair       statements that give sine and cosine of an angle their names; None for the one that is not needed
-    assign     the statement that gives a text a name
-    reserved   what can be no name
+    pair       statements that assign sine and cosine of an angle to these names; None for one that is not needed
+    assign     the statement that assigns a text to a name
+    reserved   words that cannot be names
     """
 
     literal: Callable[[Fraction], str]
@@ -52,8 +49,8 @@ def float64(number: Fraction) -> str:
 class Printer:
     """Prints one tape.
 
-    leaves   how each input is spelt
-    taken    the names of the function's arguments, which nothing else may have
+    leaves   spelling of each input
+    taken    names of the function's arguments, which nothing else may have
     """
 
     def __init__(self, language: Language, tape: Tape, leaves: Mapping[sp.Symbol, str], taken: frozenset[str]) -> None:
@@ -70,7 +67,7 @@ class Printer:
         self.numbered = 0
 
     def print(self) -> tuple[list[str], list[str]]:
-        """(statements, one expression an output)."""
+        """(statements, one expression per output)."""
         self.texts = [("", 0)] * len(self.tape.nodes)
         done: set[int] = set()
         for i, node in enumerate(self.tape.nodes):
@@ -93,7 +90,7 @@ class Printer:
         return list(nodes.values())
 
     def _statement(self, i: int, text: Text) -> Text:
-        """A name for what has one, is read more than once or is too long to stand inside another expression."""
+        """Assigns a value to a name if it has one, is read more than once or is too long for another expression."""
         if self.tape.nodes[i].op in ("leaf", "const") or (self.uses[i] == 1 and i in self.tape.outputs):
             return text
         name = self.names.get(i)

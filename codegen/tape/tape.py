@@ -1,8 +1,6 @@
-"""Expressions to one straight-line tape of binary operations.
+"""Straight-line tapes of binary operations: from expressions, with shared operands, and with balanced sums.
 
-Equal values are numbered once (commutative operands in one order, a difference in one direction), signs travel with the
-reference until something needs them, and numbers stay exact rationals until a printer rounds them. Operations that no
-output needs are removed; values that a recursion names keep their names.
+Numbers are exact rationals until a printer rounds them. Values that a recursion names keep their names.
 """
 
 from __future__ import annotations
@@ -86,7 +84,7 @@ class Tape:
 
     @classmethod
     def of(cls, function: SymbolicFunction, lowering: Lowering = "exact") -> Tape:
-        """The shorter of the definitions as given and the definitions after a common-subexpression search."""
+        """The tape of a function: the shorter one with and without a search for common subexpressions."""
         expressions = [e for output in function.outputs for e in output.expressions]
         leaves = {s for argument in function.inputs for s in argument.symbols}
         if function.struct is not None:
@@ -104,7 +102,7 @@ class Tape:
         lowering: Lowering = "exact",
         where: str = "expression",
     ) -> Tape:
-        """ValueError names the function and the symbol or operation that no target can evaluate."""
+        """The same for expressions. Raises ValueError for a symbol or operation that no target can evaluate."""
         return _shorter(tuple(expressions), tuple(definitions), frozenset(leaves), lowering, where)
 
     def count(self) -> dict[str, int]:
@@ -116,7 +114,7 @@ class Tape:
         return count | {op: kinds[op] for op in ARITHMETIC if kinds[op]} | {op: kinds[op] for op in others if kinds[op]}
 
     def cost(self) -> int:
-        """Operations, a sine-cosine pair at its rough price of 20."""
+        """Number of operations; a sine-cosine pair and other functions count as 20."""
         count = self.count()
         rest = sum(n for op, n in count.items() if op not in (*ARITHMETIC, "arithmetic", "sincos"))
         return count["arithmetic"] + 20 * (count["sincos"] + rest)
@@ -132,7 +130,7 @@ class Tape:
         return uses
 
     def evaluate(self, values: Mapping[sp.Symbol, Any], operations: Mapping[str, Callable[..., Any]]) -> list[Any]:
-        """Outputs for numbers of any kind; `operations` supplies "const" (of a Fraction) and what is not arithmetic."""
+        """Outputs for numbers of any kind. operations: "const" (of a Fraction) and everything but arithmetic."""
         table = _ARITHMETIC | dict(operations)
         results: list[Any] = []
         for op, args, value in self.nodes:
@@ -147,10 +145,10 @@ class Tape:
         return [results[i] for i in self.outputs]
 
     def magnitude(self, values: Mapping[sp.Symbol, float]) -> list[float]:
-        """Sum of the absolute values of the terms of each output, the scale of its rounding errors.
+        """Sum of the absolute values of each output's terms, the scale of its rounding errors.
 
-        Sums add, products multiply; a quotient and an inner function carry the condition number of
-        their argument, so that inverse maps are judged by how well they can be computed at all.
+        Quotients and functions include the condition number of their argument, so that the scale of an inverse map
+        reflects how accurately it can be computed.
         """
         pairs: list[tuple[float, float]] = []
         for node in self.nodes:
@@ -160,7 +158,7 @@ class Tape:
             elif node.op == "const":
                 pairs.append((float(node.value), abs(float(node.value))))
             else:
-                # An angle that is an input as given has no error of its own to amplify.
+                # An angle that is an input is exact.
                 exact = node.op in ("sin", "cos") and self.nodes[node.args[0]].op == "leaf"
                 pairs.append(_scaled(node.op, *(((pairs[a][0], 0.0) if exact else pairs[a]) for a in node.args)))
         return [pairs[i][1] for i in self.outputs]
@@ -174,10 +172,10 @@ def _shorter(
     lowering: Lowering,
     where: str,
 ) -> Tape:
-    """See Tape.of. What several targets print in one run is searched once.
+    """See Tape.of; cached for several targets.
 
-    A recursion names its values, which are sums and products of a few others. What is written as a whole, and with
-    switches, has more in common than these: SymPy's search sees it.
+    For a recursion of sums and products the search is `shorter`. Closed forms and switches share more complex
+    expressions, which SymPy's search finds.
     """
     outputs = [lower(e, lowering) for e in expressions]
     named = [(symbol, lower(e, lowering)) for symbol, e in definitions]
@@ -354,19 +352,19 @@ class _Rebuilding:
 
 
 _WAIT = {"leaf": 0, "const": 0, "sin": 12, "cos": 12, "div": 4}
-"""Operations' worth of time from the last argument to the value; those that are not listed: one."""
+"""Latency of an operation in units of an addition; 1 if not listed."""
 
 Term = tuple[int, int, int]
-"""(when it is known, its place among the new nodes, its sign)."""
+"""(time at which it is known, position among the new nodes, sign)."""
 
 
 def balanced(tape: Tape) -> Tape:
-    """The same outputs; what has a name keeps its terms."""
+    """The tape with sums in the order in which their terms become available; named values keep their terms."""
     return _Balancing(tape).tape()
 
 
 class _Balancing:
-    """New nodes as they are made."""
+    """The new nodes, and the time at which each is known."""
 
     def __init__(self, tape: Tape) -> None:
         self.old = tape
@@ -396,7 +394,7 @@ class _Balancing:
         return len(self.nodes) - 1
 
     def _terms(self, i: int, sign: int) -> list[Term]:
-        """What is added up at a node, through the sums inside it."""
+        """The terms of a sum, including those of the sums inside it."""
         a, b = self.old.nodes[i].args
         other = sign if self.old.nodes[i].op == "add" else -sign
         found = []
@@ -409,7 +407,7 @@ class _Balancing:
         return found
 
     def _summed(self, terms: list[Term]) -> int:
-        """The earliest two joined until one is left, which has the sign of the whole."""
+        """Adds the two earliest terms until one is left."""
         heapq.heapify(terms)
         while len(terms) > 1:
             (_, a, first), (_, b, second) = heapq.heappop(terms), heapq.heappop(terms)

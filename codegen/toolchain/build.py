@@ -1,7 +1,7 @@
-"""Compiles generated C into shared libraries, kept in the user's cache.
+"""Compiles generated C into shared libraries in the user's cache.
 
-A cache entry is named by a hash of its inputs and holds a digest of its files. Code is loaded from there, so the folder
-belongs to the user alone, and a damaged entry is made again.
+A cache entry is named by a hash of its inputs and holds a digest of its files. Code is loaded from the cache, so only
+its user may write to it, and a damaged entry is replaced.
 """
 
 from __future__ import annotations
@@ -21,23 +21,25 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from codegen import disk
 
 DIGEST = ".sha256"
-"""In every entry, its files with their digests, as sha256sum writes them."""
+"""The file in every entry that lists its files with their digests, in the format of sha256sum."""
 _MAKING = ".making-"
 
 
 class BuildError(RuntimeError):
-    """No compiler, or it refused, or nothing can be kept; the message says what to do."""
+    """No compiler, a failed compilation or a cache that cannot be written; the message says what to do."""
 
 
 def cache_directory() -> Path:
-    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon; where nothing can be written there, a folder of
-    the user's own among the temporary ones. It is there, and no other user can write to it. Raises BuildError."""
+    """$TENDON_CACHE, else $XDG_CACHE_HOME/tendon, else ~/.cache/tendon, else a temporary folder of the user.
+
+    The folder exists, and no other user can write to it. Raises BuildError.
+    """
     if own := os.environ.get("TENDON_CACHE"):
         return _of_this_user(Path(own))
     try:
@@ -58,7 +60,7 @@ def _temporary() -> Path:
 
 
 def _of_this_user(folder: Path) -> Path:
-    """The folder, made if it is not there. Raises BuildError where others own it or may write to it."""
+    """The folder, created if it is missing. Raises BuildError if another user owns it or may write to it."""
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -82,8 +84,10 @@ def _refused(folder: Path, reason: str) -> BuildError:
 
 
 def entry(name: str, fill: Callable[[Path], None]) -> Path:
-    """The cache's directory `name`, filled by `fill` where it is not there or not whole; other processes see it whole
-    or not at all. Raises BuildError."""
+    """The cache's directory `name`, which `fill` fills if it is missing or damaged. Raises BuildError.
+
+    Other processes see the complete entry or none.
+    """
     final = cache_directory() / name
     if is_whole(final):
         return final
@@ -92,7 +96,7 @@ def entry(name: str, fill: Callable[[Path], None]) -> Path:
             fill(scratch)
             _seal(scratch)
             with disk.alone_in(final.parent):
-                # Where another process was first, what it made is the same.
+                # An entry that another process has made in the meantime is the same.
                 if not is_whole(final):
                     _remove(final)
                     scratch.rename(final)
@@ -103,7 +107,7 @@ def entry(name: str, fill: Callable[[Path], None]) -> Path:
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether an entry has every file that was put into it, as it was put there."""
+    """Whether all files of an entry exist and match their digests."""
     try:
         if folder.is_symlink() or folder.stat().st_uid != os.getuid():
             return False
@@ -115,7 +119,7 @@ def is_whole(folder: Path) -> bool:
 
 
 def _seal(folder: Path) -> None:
-    """Writes down what an entry holds, with the bytecode of its modules; all of it is on the disk when this returns."""
+    """Compiles an entry's modules to bytecode, writes the digests, and flushes all files to the disk."""
     unchecked = py_compile.PycInvalidationMode.UNCHECKED_HASH
     compileall.compile_dir(folder, quiet=2, invalidation_mode=unchecked)
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
@@ -139,7 +143,7 @@ def _to_disk(path: Path) -> None:
 
 
 def _remove(damaged: Path) -> None:
-    """What stands in an entry's place goes at once: it may be any kind of file."""
+    """Removes whatever stands in an entry's place, first by renaming it; it may be any kind of file."""
     aside = damaged.with_name(f"{_MAKING}{secrets.token_hex(4)}")
     with contextlib.suppress(FileNotFoundError):
         damaged.rename(aside)
@@ -153,31 +157,28 @@ FLAGS = (
     *("-std=c99", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
     *("-fPIC", "-shared"),
 )
-"""-ffp-contract=off: the same bits from every compiler; no -march=native and no -ffast-math for the same reason."""
+"""Without contraction, -march=native and -ffast-math, so that every compiler gives the same bits."""
 LOOPS, STRAIGHT = "-O3", "-O1"
-"""How much of its time a compiler spends on a source of loops, as those of the effects along samples are, and on one of
-hundreds of operations in a row, as an arm's functions are: for what it looks for beyond, it takes half as long again,
-and the code is 0 to 4 % faster."""
+"""Optimisation of loops, such as the effects along samples, and of straight-line code, such as an arm's functions. For
+the latter a higher level takes half as long again for code that is 0 to 4 % faster."""
 _GCC = ("-fschedule-insns", "-fsched-pressure", "-ftree-loop-vectorize", "--param", "vect-epilogues-nomask=0")
-"""Hundreds of operations in a row: gcc orders them before it hands out registers, as clang does by itself, which makes
-vectors up to a third faster. An arm's few loops become vectors at any level. And gcc would vectorise what is left of a
-loop once more, half as wide: a third of its time, for no measurable speed."""
+"""gcc orders straight-line code before register allocation, as clang does by default; vectors are up to a third faster.
+Loops are vectorised at every level, but not their remainders, which would take a third of the time without a gain."""
 _OF_FOUR, _OF_EIGHT = ("avx2",), ("avx512f", "avx512dq", "avx512vl")
-"""What a processor has for vectors of four and of eight doubles. AVX-512 brings a fused multiply-add. Where gcc 12
-makes the vectors itself, it takes that for neighbouring sums and differences in spite of -ffp-contract=off; where they
-stand in the source, as in an arm's functions, it does not. AVX2 brings none."""
+"""Processor features for vectors of four and of eight doubles. AVX-512 has a fused multiply-add, which gcc 12 uses in
+spite of -ffp-contract=off when it vectorises loops, but not for explicit vectors as in an arm's functions. AVX2 has
+none."""
 _GCC_OF_EIGHT = ("-fno-tree-ter", "--param", "sched-pressure-algorithm=2")
-"""AVX-512 has 32 registers, enough for an order that looks at time more than at room, and at every statement alone:
-3 % faster. With 16 registers that would be a fifth slower."""
+"""With AVX-512's 32 registers, scheduling for latency is 3 % faster; with 16 registers it would be a fifth slower."""
 WARNINGS = (
     *("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wfloat-conversion"),
     *("-Wshadow", "-Wundef", "-Wstrict-prototypes", "-Wmissing-prototypes", "-Wvla", "-Werror"),
 )
-"""What embedded developers compile with; the generated code passes, a test holds it to that."""
+"""Warnings common in embedded development; the generated code compiles without any."""
 
 
 def compiler() -> tuple[str, ...]:
-    """The command of a C compiler: $CC, cc, gcc, clang, or the ziglang wheel. BuildError says what to install."""
+    """The command of the C compiler: $CC, cc, gcc, clang, or the ziglang wheel. Raises BuildError without one."""
     if named := os.environ.get("CC"):
         command = shlex.split(named)
         if not command or shutil.which(command[0]) is None:
@@ -198,8 +199,10 @@ def compiler() -> tuple[str, ...]:
 
 @functools.cache
 def vector_flags(level: str = STRAIGHT) -> tuple[str, ...]:
-    """The widest vectors of this processor that keep the bits of a level's sources: a sample of a batch takes half the
-    time with each doubling."""
+    """Flags for the widest vectors of this processor that keep the bits of code compiled at `level`.
+
+    Each doubling halves the time of a sample in a batch.
+    """
     gcc = "gcc" in Path(shutil.which(compiler()[0]) or "").resolve().name
     scheduled = _GCC if gcc else ()
     if platform.machine() not in ("x86_64", "AMD64") or "ziglang" in compiler():
@@ -216,37 +219,44 @@ def vector_flags(level: str = STRAIGHT) -> tuple[str, ...]:
 
 
 @functools.cache
-def _identity(command: tuple[str, ...]) -> str:
-    """What would change the machine code besides the sources: the compiler and the processor's family."""
+def identity(command: tuple[str, ...]) -> str:
+    """Cache key: the compiler's file and the processor's family."""
     path = Path(shutil.which(command[0]) or command[0]).resolve()
     status = path.stat()
     return f"{command} {path} {status.st_size} {status.st_mtime_ns} {platform.machine()} {platform.system()}"
 
 
 def key(*parts: str) -> str:
-    """Name of a cache entry: a hash of everything that decides its content, the compiler included."""
+    """Name of a cache entry: a hash of `parts`, of the host's compiler and of its flags."""
     digest = hashlib.sha256()
-    for part in (*parts, _identity(compiler()), *FLAGS, *vector_flags()):
+    for part in (*parts, identity(compiler()), *FLAGS, *vector_flags()):
         digest.update(f"{len(part)}:{part}".encode())
     return digest.hexdigest()[:32]
 
 
-def compile_shared(directory: Path, sources: list[str], output: str, level: str) -> None:
-    """Compile `sources` of `directory` into the shared library `output` there. `level`: LOOPS or STRAIGHT."""
-    command = [*compiler(), level, *FLAGS, *vector_flags(level), *sources, "-o", output, "-lm"]
-    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig")}
+def run(command: Sequence[str], directory: Path, name: str) -> str:
+    """The output of a compiler, called `name` in messages. Raises BuildError with its first error."""
+    zig = str(cache_directory() / "zig")
+    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": zig, "ZIG_LOCAL_CACHE_DIR": zig}
     try:
         result = subprocess.run(command, cwd=directory, capture_output=True, text=True, env=environment, check=False)
     except OSError as error:
-        raise BuildError(f"cannot run the C compiler {command[0]}: {error.strerror}") from error
+        raise BuildError(f"cannot run {name}: {error.strerror}") from error
     if result.returncode:
         lines = [line.strip() for line in result.stderr.splitlines() if line.strip()]
         first = next((line for line in lines if "error" in line), lines[0] if lines else "no message")
-        raise BuildError(f"the C compiler {' '.join(compiler())} failed (exit {result.returncode}): {first[:300]}")
+        raise BuildError(f"{name} failed (exit {result.returncode}): {first[:300]}")
+    return result.stdout
+
+
+def compile_shared(directory: Path, sources: list[str], output: str, level: str) -> None:
+    """Compiles `sources` of `directory` into the shared library `output` there. level: LOOPS or STRAIGHT."""
+    command = [*compiler(), level, *FLAGS, *vector_flags(level), *sources, "-o", output, "-lm"]
+    run(command, directory, f"the C compiler {' '.join(compiler())}")
 
 
 def shared_library(files: Mapping[str, str], name: str, level: str = LOOPS) -> Path:
-    """The shared library of all `.c` files among `files`, from the cache or freshly compiled."""
+    """The shared library of all `.c` files among `files`, from the cache or newly compiled."""
     parts = [part for item in sorted(files.items()) for part in item]
     sources = sorted(path for path in files if path.endswith(".c"))
 

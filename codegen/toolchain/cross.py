@@ -1,4 +1,4 @@
-"""Cross-compilers for the controller: which there are, their flags, and what they make of the sources."""
+"""Cross-compilers for the controller: how they are found, their flags, and the images that they build."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import importlib.util
 import os
 import shlex
 import shutil
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,36 +14,29 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from codegen.toolchain import stack
-from codegen.toolchain.build import WARNINGS, BuildError, cache_directory
-from codegen.toolchain.stack import Elf
+from codegen.toolchain import build, stack
+from codegen.toolchain.build import WARNINGS, BuildError
+from codegen.toolchain.stack import Elf, Sizes
 from symbolic.model_file.checks import quote
 
 LANGUAGE = ("-std=c99", "-pedantic", "-ffreestanding")
 ARITHMETIC = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-"""The same bits from every compiler, and a square root that is one instruction."""
+"""For the same bits from every compiler, and a square root in one instruction."""
 SECTIONS = ("-ffunction-sections", "-fdata-sections")
 FAST, SMALL = "-O2", "-Os"
-"""For what runs in every control step, and for the rest."""
+"""For code that runs in every control step, and for all other code."""
 _LINK = ("--gc-sections", "--build-id=none", "--fatal-warnings", "--emit-relocs")
 """Of both linkers. The relocations show which function calls which (stack.py)."""
 FORBIDDEN = (
-    "__aeabi_d",
-    "__aeabi_f2d",
-    "__aeabi_i2d",
-    "__aeabi_ui2d",
-    "__aeabi_l2d",
-    "malloc",
-    "free",
-    "printf",
-    "_sbrk",
+    *("__aeabi_d", "__aeabi_f2d", "__aeabi_i2d", "__aeabi_ui2d", "__aeabi_l2d"),
+    *("malloc", "free", "printf", "_sbrk"),
 )
-"""How the names of functions begin that have no place in the image: double precision, a heap, text."""
+"""Prefixes of functions that an image must not contain: double precision, a heap, text."""
 
 
 @dataclass(frozen=True)
 class Target:
-    """A processor. gcc, zig: the compilers' flags for it; machine: QEMU's name of a board that has it."""
+    """A processor. gcc, zig: the compilers' flags for it; machine: QEMU's name of a board with it."""
 
     name: str
     meaning: str
@@ -53,44 +45,35 @@ class Target:
     machine: str
 
 
-def _cortex(name: str, meaning: str, cpu: str, fpu: str, zig: str, machine: str, *tuning: str) -> Target:
-    return Target(
-        name,
-        meaning,
-        (f"-mcpu={cpu}", "-mthumb", f"-mfpu={fpu}", "-mfloat-abi=hard", *tuning),
-        ("-target", "thumb-freestanding-eabihf", f"-mcpu={zig}"),
-        machine,
-    )
-
-
-# Out of flash an M4 fetches straight-line code more slowly than it runs it. VMLA is a product and a sum in one
-# instruction, both rounded, so it gives the same bits; it takes a cycle more than the two do at their best. Left to
-# themselves the compilers take the two: zig is told that VMLA is not slow, gcc that it costs what it does elsewhere.
-_CHAINED_ZIG, _CHAINED_GCC = "-slowfpvmlx", "-mtune=cortex-a5"
-
+# An M4 fetches straight-line code from flash more slowly than it executes it. VMLA is a product and a sum in one
+# instruction, both rounded, so it gives the same bits as two. By default the compilers use two instructions; these
+# options make VMLA as cheap as on other processors.
+_VMLA_ZIG, _VMLA_GCC = "-slowfpvmlx", "-mtune=cortex-a5"
+_ZIG = ("-target", "thumb-freestanding-eabihf")
 TARGETS = {
-    target.name: target
-    for target in (
-        _cortex(
-            "cortex-m4f",
-            "Arm Cortex-M4 with its single-precision unit",
-            *("cortex-m4", "fpv4-sp-d16", f"cortex_m4+vfp4d16sp{_CHAINED_ZIG}", "mps2-an386", _CHAINED_GCC),
-        ),
-        _cortex(
-            "cortex-m7",
-            "Arm Cortex-M7 with a single-precision unit",
-            *("cortex-m7", "fpv5-sp-d16", "cortex_m7+fp_armv8d16sp", "mps2-an500"),
-        ),
-    )
+    "cortex-m4f": Target(
+        name="cortex-m4f",
+        meaning="Arm Cortex-M4 with its single-precision unit",
+        gcc=("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", _VMLA_GCC),
+        zig=(*_ZIG, f"-mcpu=cortex_m4+vfp4d16sp{_VMLA_ZIG}"),
+        machine="mps2-an386",
+    ),
+    "cortex-m7": Target(
+        name="cortex-m7",
+        meaning="Arm Cortex-M7 with a single-precision unit",
+        gcc=("-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard"),
+        zig=(*_ZIG, "-mcpu=cortex_m7+fp_armv8d16sp"),
+        machine="mps2-an500",
+    ),
 }
 
 
 HOST = "host"
-"""The target that is this computer."""
+"""The name of this computer as a target."""
 
 
 def named_target(name: str) -> Target:
-    """A processor by its name. Raises BuildError."""
+    """The processor with this name. Raises BuildError if there is none."""
     if name not in TARGETS:
         raise BuildError(f"--target {quote(name)}: no such target; there are {', '.join(TARGETS)} and {HOST}")
     return TARGETS[name]
@@ -98,7 +81,7 @@ def named_target(name: str) -> Target:
 
 @dataclass(frozen=True)
 class Toolchain:
-    """kind: gcc or zig, by whose rules the flags are; why: how it came to be chosen."""
+    """A cross-compiler. kind: gcc or zig, which decides the flags; why: the reason for its choice."""
 
     kind: str
     compile: tuple[str, ...]
@@ -107,43 +90,37 @@ class Toolchain:
 
     @property
     def version(self) -> str:
-        """As the compiler says it, for example "clang version 22.1.8 (ziglang 0.17.1)"."""
+        """As the compiler reports it, for example "clang version 22.1.8 (ziglang 0.17.1)"."""
         wheel = f" (ziglang {version('ziglang')})" if "ziglang" in self.compile else ""
         return said_version(self.compile) + wheel
 
     @property
     def identity(self) -> str:
-        """What would change the machine code besides sources and flags."""
+        """Cache key: everything but sources and flags on which the machine code depends."""
         wheel = version("ziglang") if "ziglang" in self.compile else ""
-        path = Path(shutil.which(self.compile[0]) or self.compile[0]).resolve()
-        return f"{self} {wheel} {path} {path.stat().st_size} {path.stat().st_mtime_ns}"
+        return f"{self} {wheel} {build.identity(self.compile)}"
 
     def processor(self, target: Target) -> tuple[str, ...]:
-        """Flags that name the processor."""
+        """Flags for the processor."""
         return target.gcc if self.kind == "gcc" else target.zig
 
     def common(self) -> tuple[str, ...]:
-        """The other flags that decide the machine code, but for the optimisation."""
-        own = {
-            # Else a loop that clears or copies becomes a call of the C library. Registers renamed: ten instructions
-            # of a control step less.
-            "gcc": ("-fno-tree-loop-distribute-patterns", "-frename-registers", "-fstack-usage"),
-            "zig": (
-                "-fno-sanitize=all",
-                "-fno-unroll-loops",
-                "-mno-outline",
-                "-fomit-frame-pointer",
-                "-fstack-size-section",
-            ),
-        }[self.kind]
+        """Flags for all processors, except the optimisation."""
+        if self.kind == "gcc":
+            # The first avoids calls of the C library for loops that clear or copy; renamed registers save ten
+            # instructions of a control step.
+            own = ["-fno-tree-loop-distribute-patterns", "-frename-registers", "-fstack-usage"]
+        else:
+            own = ["-fno-sanitize=all", "-fno-unroll-loops", "-mno-outline", "-fomit-frame-pointer"]
+            own.append("-fstack-size-section")
         return (*LANGUAGE, *ARITHMETIC, *SECTIONS, *own)
 
     def flags(self, target: Target, optimisation: str = FAST) -> tuple[str, ...]:
-        """All that decides the machine code; warnings apart."""
+        """All flags but warnings."""
         return (*self.processor(target), *self.common(), optimisation)
 
     def link_flags(self, target: Target) -> tuple[str, ...]:
-        """Of an image that brings its own start-up and needs no library. One without an entry is no image."""
+        """For an image with its own start-up code and without libraries; a missing entry point is an error."""
         if self.kind == "gcc":
             return (*target.gcc, "-nostdlib", *(f"-Wl,{flag}" for flag in _LINK))
         return _LINK
@@ -151,20 +128,16 @@ class Toolchain:
 
 @functools.cache
 def said_version(command: tuple[str, ...]) -> str:
-    """First line of what a compiler says of itself."""
+    """The first line that a compiler prints for --version."""
     line = _run([*command, "--version"], Path.cwd()).splitlines()
     return line[0] if line else "unknown"
 
 
-def said_processor(command: tuple[str, ...]) -> str:
-    """What a compiler says it compiles for, for example "arm-none-eabi"."""
-    return _run([*command, "-dumpmachine"], Path.cwd()).strip() or "a processor that it does not name"
-
-
 def find(chosen: str | None = None) -> Toolchain:
-    """A cross-compiler: `chosen` ("gcc", "zig"), else $TENDON_ARM_CC, else gcc-arm-none-eabi, else the ziglang wheel.
+    """The cross-compiler `chosen` ("gcc" or "zig"), else $TENDON_ARM_CC, else gcc-arm-none-eabi, else the ziglang
+    wheel.
 
-    Raises BuildError, which says what to install.
+    Raises BuildError, which names what to install.
     """
     if chosen not in (None, "gcc", "zig"):
         raise BuildError(f"--toolchain {quote(chosen)}: no such cross-compiler; there are gcc and zig")
@@ -206,7 +179,7 @@ def _named(text: str) -> Toolchain:
     if "zig" in text:
         bare = command[:-1] if command[-1] == "cc" else command
         return Toolchain("zig", (*bare, "cc"), (*bare, "ld.lld"), why)
-    processor = said_processor(command)
+    processor = _run([*command, "-dumpmachine"], Path.cwd()).strip() or "a processor that it does not name"
     if not processor.startswith(("arm", "thumb")):
         raise BuildError(
             f'the compiler "{text}" of the environment variable TENDON_ARM_CC compiles for {processor}; '
@@ -217,26 +190,24 @@ def _named(text: str) -> Toolchain:
 
 @dataclass(frozen=True)
 class Image:
-    """What was compiled. start: address of the binary's first byte; symbols: addresses, without the Thumb bit."""
+    """A compiled image. start: address of the binary's first byte; symbols: addresses without the Thumb bit."""
 
     elf: Path
     binary: Path
     target: Target
     toolchain: Toolchain
     start: int
-    text: int
-    data: int
-    bss: int
+    sizes: Sizes
     stack: stack.Stack
     symbols: Mapping[str, int]
 
     @property
     def forbidden(self) -> list[str]:
-        """Symbols that have no place on a microcontroller."""
+        """Symbols that the image must not contain."""
         return sorted(name for name in self.symbols if name.startswith(FORBIDDEN))
 
     def to_json(self) -> dict[str, Any]:
-        """The report beside the image; paths are names within its directory."""
+        """image.json; paths are relative to its directory."""
         return {
             "target": self.target.name,
             "machine": self.target.machine,
@@ -244,9 +215,7 @@ class Image:
             "elf": self.elf.name,
             "binary": self.binary.name,
             "start": self.start,
-            "text": self.text,
-            "data": self.data,
-            "bss": self.bss,
+            **asdict(self.sizes),
             "stack": {**asdict(self.stack), "worst": self.stack.worst},
             "forbidden": self.forbidden,
             "symbols": dict(sorted(self.symbols.items())),
@@ -265,14 +234,14 @@ def compile_image(
     small: Sequence[str] = (),
     optimisation: str | None = None,
 ) -> Image:
-    """Compile and link `sources` of `directory` into output.elf and output.bin there.
+    """Compiles and links `sources` of `directory` into output.elf and output.bin there.
 
-    script        linker script
-    output        without suffix; object files go beside it
-    include       directories with headers
-    small         those of the sources that are compiled for size
-    optimisation  of all, for example "-O0"
-    Paths are relative to `directory`. Raises BuildError with the compiler's first complaint.
+    script         linker script
+    output         path without suffix; object files go beside it
+    include        directories with headers
+    small          sources that are compiled for size
+    optimisation   for all sources, for example "-O0"
+    Paths are relative to `directory`. Raises BuildError with the compiler's first error.
     """
     stem = directory / output
     objects = stem.parent / "objects"
@@ -291,34 +260,21 @@ def compile_image(
     start, content = elf.binary()
     stem.with_suffix(".bin").write_bytes(content)
     frames = stack.frames_of_usage(objects) if toolchain.kind == "gcc" else stack.frames_of_sections(elf)
-    sizes = elf.sizes
     named = {
         s.name: s.address & ~1 if s.function else s.address for s in elf.symbols if s.section and s.name[:1] != "$"
     }
     return Image(
-        path,
-        stem.with_suffix(".bin"),
-        target,
-        toolchain,
-        start,
-        sizes.text,
-        sizes.data,
-        sizes.bss,
-        stack.worst(elf, frames),
-        {name: address for name, address in named.items() if name and not name.endswith((".c", ".o"))},
+        elf=path,
+        binary=stem.with_suffix(".bin"),
+        target=target,
+        toolchain=toolchain,
+        start=start,
+        sizes=elf.sizes,
+        stack=stack.worst(elf, frames),
+        symbols={name: address for name, address in named.items() if name and not name.endswith((".c", ".o"))},
     )
 
 
 def _run(command: Sequence[str], directory: Path) -> str:
-    """Standard output of a compiler's call. Raises BuildError."""
-    zig = str(cache_directory() / "zig")
-    environment = os.environ | {"ZIG_GLOBAL_CACHE_DIR": zig, "ZIG_LOCAL_CACHE_DIR": zig}
-    try:
-        result = subprocess.run(command, cwd=directory, capture_output=True, text=True, env=environment, check=False)
-    except OSError as error:
-        raise BuildError(f"cannot run the cross-compiler {command[0]}: {error.strerror}") from error
-    if result.returncode:
-        lines = [line.strip() for line in result.stderr.splitlines() if line.strip()]
-        first = next((line for line in lines if "error" in line), lines[0] if lines else "no message")
-        raise BuildError(f"the cross-compiler {command[0]} failed (exit {result.returncode}): {first[:300]}")
-    return result.stdout
+    """The output of a cross-compiler. Raises BuildError."""
+    return build.run(command, directory, f"the cross-compiler {command[0]}")

@@ -1,8 +1,8 @@
-"""The emitted tapes of an arm in space held against its Lagrangian modulo a prime: they are equal, or they are not.
+"""Proves that the tapes of a spatial arm equal its Lagrangian, modulo a prime.
 
-Masses, moments, rotors and the state are random residues, the base parameters what the physical ones merge into; a
-tape is evaluated in the same numbers. Nothing is rounded and nothing has a tolerance, but for the frames, whose
-decimals are held against the model file's. symbolic/rigid_body/spatial/lagrangian.py says what the truth is made of.
+Masses, moments, rotors and the state are random residues; the base parameters follow from them, and each tape is
+evaluated with the same numbers. The comparison is exact, except for the frames, whose decimals are compared with the
+model file's. symbolic/rigid_body/spatial/lagrangian.py computes the expected values.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ LOADS: Mapping[str, tuple[int, int]] = {
     "xz": (0, 2),
     "yz": (1, 2),
 }
-"""Columns of tip_load, and where such a moment of mass stands in a pseudo-inertia."""
+"""Columns of tip_load, and the element of the pseudo-inertia that each corresponds to."""
 POINTS = 10
-"""Random states of a proof: one would do, see lagrangian.py."""
+"""Random states of a proof; one would be enough, see lagrangian.py."""
 
 
 @dataclass(frozen=True)
 class FunctionProof:
-    """A function of an arm at random points modulo PRIME; differs: its first element that is not the Lagrangian's."""
+    """The proof of a function at random points modulo PRIME. differs: the first element that is not equal."""
 
     function: str
     points: int
@@ -63,20 +63,23 @@ class FunctionProof:
 
     @property
     def equal(self) -> bool:
-        """Whether every output was the Lagrangian's at every point."""
+        """Whether every output was equal at every point."""
         return self.differs is None
 
 
 def prove_model(model: ArmModel, seed: int) -> tuple[FunctionProof, ...]:
-    """Of all that is emitted of an arm in space. A planar arm's closed forms are the Lagrangian's own."""
+    """Proofs of all functions of a spatial arm; none for a planar one, whose equations are derived from the
+    Lagrangian."""
     if not model.arm.space:
         return ()
     return tuple(prove(model, {f.name: Tape.of(f) for f in model.functions}, seed=seed))
 
 
 def prove(model: ArmModel, tapes: Mapping[str, Tape], points: int = POINTS, seed: int = 0) -> list[FunctionProof]:
-    """All functions of an arm in space, and first its frames. `tapes`: by name; each also with its sums in
-    the order in which double precision has them."""
+    """Proofs of the frames and of all functions of a spatial arm.
+
+    tapes   by function; each is also evaluated with the order of sums in double precision
+    """
     assert model.arm.space
     frames = geometry(model.arm)
     chain = lagrangian.exact_file_chain(frames)
@@ -99,7 +102,7 @@ def _differs(
     expected: Sequence[Sequence[int]],
     states: Sequence[_State],
 ) -> str | None:
-    """The first element that the Lagrangian has otherwise; found (elements, points), expected (points, elements)."""
+    """The first element that differs. found (elements, points), expected (points, elements)"""
     for values, truth, state in zip(zip(*found, strict=True), expected, states, strict=True):
         if function.name == "regressor":
             values = tuple(
@@ -116,9 +119,10 @@ def _differs(
 class _State:
     """A random state of an arm with random bodies, modulo PRIME.
 
-    rotors   (n,) as the file has them, random where it does not; own: what link_load and link_inertia do without
+    rotors   (n,) from the model file, random if unknown
+    own      (n,) rotors that link_load and link_inertia exclude
     lumps    values of the base parameters
-    values   of all symbols but the torques
+    values   of all symbols except the torques
     """
 
     model: ArmModel
@@ -151,7 +155,7 @@ class _State:
 
     @functools.cached_property
     def torques(self) -> list[int]:
-        """(n,) rotors included."""
+        """(n,) torques with the rotors."""
         rigid = self.posture.torques(self.qd, self.qdd)
         return [t + rotor * a for t, rotor, a in zip(rigid, self.rotors, self.qdd, strict=True)]
 
@@ -161,7 +165,7 @@ class _State:
         return self.values | dict(zip(_symbols("tau", self.posture.n), self.torques, strict=True))
 
     def load(self) -> list[int]:
-        """(n,) at the joints' outputs."""
+        """(n,) torques at the joints' outputs."""
         return [t - rotor * a for t, rotor, a in zip(self.torques, self.own, self.qdd, strict=True)]
 
     def inertia(self, rotors: Sequence[int]) -> list[int]:
@@ -170,7 +174,7 @@ class _State:
         return [x + rotor * (i == j) for i, (row, rotor) in rows for j, x in enumerate(row)]
 
     def links(self) -> list[int]:
-        """(n,) what is left of the rotors in link_inertia."""
+        """(n,) rotors that link_inertia includes."""
         return [a - b for a, b in zip(self.rotors, self.own, strict=True)]
 
     def tip_rate(self) -> list[int]:
@@ -203,16 +207,16 @@ TRUTH: Mapping[str, Callable[[_State], list[int]]] = {
     "tip_load": _State.tip_load,
     "moment_jacobian": _State.moment_jacobian,
 }
-"""What the Lagrangian says of every function; of the regressor: of its product with the base parameters."""
+"""Expected values of every function; for the regressor, of its product with the base parameters."""
 
 
 def _unit_load(place: tuple[int, int]) -> Square:
-    """The pseudo-inertia that is 1 at one place, and at its mirror image."""
+    """The symmetric pseudo-inertia with a 1 at one element and its mirror image."""
     return [[int((i, j) in (place, place[::-1])) for j in range(4)] for i in range(4)]
 
 
 def _merged(lump: Lump, bodies: Sequence[Sequence[int]], rotors: Sequence[int]) -> int:
-    """A base parameter of the physical ones."""
+    """The value of a base parameter for physical parameters."""
     total = 0
     for joint, element, factor in lump.parts:
         own = rotors[joint - 1] if element == "I" else bodies[joint - 1][ELEMENTS.index(element)]
@@ -221,8 +225,8 @@ def _merged(lump: Lump, bodies: Sequence[Sequence[int]], rotors: Sequence[int]) 
 
 
 def _own_rotor(model: ArmModel, i: int, rotor: int, lumps: Sequence[int]) -> int:
-    """The file's rotor; where it has none, the base parameter that is the rotor alone, or its share of the one that it
-    is merged into."""
+    """The model file's rotor; if it is unknown, the base parameter that is the rotor alone, or the assumed share of the
+    base parameter that contains it."""
     if model.arm.joints[i].rotor_inertia is not None:
         return rotor
     holding = [
@@ -238,7 +242,7 @@ def _own_rotor(model: ArmModel, i: int, rotor: int, lumps: Sequence[int]) -> int
 
 
 def _mass(link: Link, com: Sequence[float]) -> list[int]:
-    """Mass and first moments, nominal where they are not known; no second ones."""
+    """Mass and first moments, nominal if unknown; no second moments."""
     m = exact(NOMINAL_MASS if link.mass is None else link.mass)
     first = [m * exact(c) for c in (com if link.com is None else link.com)]
     return [*[0] * 6, *map(residue, first), residue(m)]
@@ -252,8 +256,8 @@ def random_turn(rng: random.Random) -> Turn:
 
 
 def operations(points: int) -> Mapping[str, Callable[..., Any]]:
-    """Of a tape whose numbers are lists of residues, one a point, and whose angles are lists of Turns. A sum is as good
-    unreduced: the product or the comparison that reads it reduces it."""
+    """Operations on lists of residues, one per point, and on angles as lists of Turns. Sums are reduced by the product
+    or comparison that reads them."""
     return {
         "const": lambda number: [residue(number)] * points,
         "add": lambda a, b: list(map(operator.add, a, b)),

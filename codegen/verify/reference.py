@@ -1,6 +1,6 @@
-"""The value of a SymbolicFunction to 50 digits, from its own expressions, and random arguments to evaluate it at.
+"""Values of a SymbolicFunction to 50 digits from its own expressions, not from the tape, and random arguments for it.
 
-The reference does not use the tape, so that errors of the tape are found. All arguments are exact as float.
+All arguments are exact as float.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
 
 
 class Reference:
-    """A function ready to be evaluated at many points; lowering "exact" or "smooth"."""
+    """A function for evaluation at many points, with exact or smooth switches."""
 
     def __init__(self, function: SymbolicFunction, lowering: Lowering = "exact") -> None:
         lower = primitives.exact if lowering == "exact" else primitives.smooth
@@ -65,7 +65,7 @@ class Reference:
         self.outputs = [lower(sp.sympify(e)) for output in function.outputs for e in output.expressions]
 
     def __call__(self, values: Mapping[sp.Symbol, float]) -> list[mpmath.mpf]:
-        """All outputs, flat, for `values` of inputs, struct and (smooth) widths."""
+        """All outputs as a flat list, for values of inputs, struct and, if smooth, widths."""
         with mpmath.workdps(DIGITS):
             known: dict[sp.Expr, Any] = {symbol: mpmath.mpf(value) for symbol, value in values.items()}
             for symbol, expr in self.definitions:
@@ -93,7 +93,7 @@ def _compute(expr: sp.Expr, known: dict[sp.Expr, Any]) -> Any:
 
 
 def _holds(condition: Any, known: dict[sp.Expr, Any]) -> bool:
-    """Of the conditions that primitives.exact writes: x > 0, or always."""
+    """Whether a condition of primitives.exact holds."""
     if condition in (sp.true, True):
         return True
     left, right = (_value(a, known) for a in condition.args)
@@ -106,18 +106,18 @@ _SCALES = {"qd": 5.0, "qdd": 20.0, "tau": 50.0, "wdd": 20.0}
 
 
 def single(value: float) -> float:
-    """The nearest float, as a double."""
+    """The nearest float32."""
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
 
 
 def arm_values(
     rng: random.Random, arm: Arm, function: SymbolicFunction, others: Mapping[str, SymbolicFunction]
 ) -> Values:
-    """Arguments of an arm's function; contact coordinates are those of a random posture: they can be reached."""
+    """Random arguments of an arm's function. Contact coordinates are those of a random posture, so that they are
+    reachable."""
     values: Values = {}
     if function.struct is not None:
         stated = zip(function.struct.symbols, function.struct.defaults, strict=True)
-        # What the model file leaves open is an input like others.
         values |= {s: single(rng.lognormvariate(0.0, 1.0) if v is None else v) for s, v in stated}
     posture = [single(rng.uniform(-pi, pi) if j.type == "revolute" else rng.uniform(-1, 1)) for j in arm.joints]
     for argument in function.inputs:

@@ -1,8 +1,8 @@
-"""SymPy against C double, C float and CasADi, for every function of an arm, its controller and every effect.
+"""Compares C double, C float and CasADi with SymPy for every function of an arm, its controller and every effect.
 
-Each target is held against the SymPy expressions lowered by the same rule and evaluated to 50 digits, at inputs
-that a float holds exactly: |error| <= tolerance * sum of |terms|, where the sum carries the condition number of
-quotients and inverse maps (Tape.magnitude).
+The SymPy expressions are lowered by the target's rule and evaluated to 50 digits, at inputs that are exact as float:
+|error| <= tolerance * sum of |terms|, where the sum includes the condition number of quotients and inverse maps
+(Tape.magnitude).
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Exactness:
-    """tolerance: parts of the sum of |terms|; floor: where the target's numbers end, exponentials that small are 0."""
+    """How exact a target is. tolerance: relative to the sum of |terms|; floor: absolute, for underflow."""
 
     tolerance: float
     floor: float
     lowering: Lowering = "exact"
 
     def allowed(self, scale: float) -> float:
-        """The largest error of a value that is a sum of terms of this size."""
+        """The largest accepted error; scale: sum of |terms|."""
         return self.tolerance * scale + self.floor
 
 
@@ -57,12 +57,12 @@ TARGETS = {
     "C float": Exactness(1e-5, 1e-30),
     "CasADi": Exactness(1e-12, 1e-290, "smooth"),
 }
-"""Some thousand roundings of a double, a hundred of a float."""
+"""Room for some thousand roundings of a double and a hundred of a float."""
 
 
 @dataclass(frozen=True)
 class FunctionCheck:
-    """A function on one target: its worst sample. ratio: error by tolerance, at most 1 if equal."""
+    """The worst sample of a function on one target. ratio: error/tolerance, at most 1 if equal."""
 
     function: str
     target: str
@@ -78,7 +78,7 @@ class FunctionCheck:
 
 @dataclass(frozen=True)
 class Vector:
-    """Inputs and outputs of one call, for firmware to replay; tolerance an output, for float."""
+    """A test vector for firmware: inputs and outputs of one call, and a float's tolerance for each output."""
 
     function: str
     inputs: Mapping[str, list[float]]
@@ -88,7 +88,7 @@ class Vector:
 
 @dataclass(frozen=True)
 class VerifyReport:
-    """What was compared and what proved, how it ended, and test vectors."""
+    """Comparisons, proofs and test vectors."""
 
     arm: str
     samples: int
@@ -99,11 +99,11 @@ class VerifyReport:
 
     @property
     def equal(self) -> bool:
-        """Whether all targets are equal, and all that can be proved is."""
+        """Whether all comparisons and all proofs hold."""
         return all(case.equal for case in self.cases) and all(proof.equal for proof in self.proofs)
 
     def to_json(self) -> dict[str, Any]:
-        """The report; numbers of the vectors in decimal and, exact, as C99 hexadecimal floats."""
+        """The report. Vectors have decimal numbers and exact C99 hexadecimal floats."""
         return {
             "arm": self.arm,
             "samples": self.samples,
@@ -124,7 +124,7 @@ class VerifyReport:
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no inf and no nan; a result that is none is null."""
+    """A value for JSON, which has no inf and nan."""
     return None if isinstance(value, float) and not isfinite(value) else value
 
 
@@ -133,12 +133,12 @@ def _numbers(values: Sequence[float]) -> dict[str, list[Any]]:
 
 
 Run = Callable[[reference.Values], list[float]]
-"""A target's function: flat outputs for values of its symbols."""
+"""A target's function: values of its symbols -> flat outputs."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A function, how it runs on each target, and how its arguments are drawn."""
+    """A function, its implementation on each target, and its random arguments."""
 
     function: SymbolicFunction
     targets: Mapping[str, Run]
@@ -146,7 +146,7 @@ class Subject:
 
     @functools.cached_property
     def rules(self) -> dict[Lowering, tuple[Reference, Tape]]:
-        """Truth and scale of the errors by each rule of lowering."""
+        """Reference and tape by rule of lowering."""
         lowerings: tuple[Lowering, ...] = ("exact", "smooth")
         return {rule: (Reference(self.function, rule), Tape.of(self.function, rule)) for rule in lowerings}
 
@@ -158,11 +158,11 @@ def verify(
     effects: Iterable[Effect] | None = None,
     each: Callable[[Sequence[Subject]], Iterable[Subject]] = iter,
 ) -> VerifyReport:
-    """Compare all functions of `arm` and of `effects` (None: the library) at `samples` random points each, and prove
-    those of an arm in space.
+    """Compares all functions of `arm` and of `effects` (None: the library) at `samples` random points each, and proves
+    those of a spatial arm.
 
-    each   gives the functions one after another; who says how far it is does so there
-    Compiles what is not in the cache. ValueError or BuildError where the code cannot be made at all.
+    each   iterates over the functions, for example to show progress
+    Raises ValueError or BuildError if the code cannot be generated or compiled.
     """
     from symbolic.effects import LIBRARY
 
@@ -182,7 +182,7 @@ def verify(
 
 
 def compare(subject: Subject, points: Sequence[reference.Values]) -> tuple[list[FunctionCheck], list[Vector]]:
-    """The worst point of each target, and the first two points as test vectors."""
+    """The worst sample of each target, and the first two points as test vectors."""
     function = subject.function
     names = [f"{o.name}[{i}]" if o.shape else o.name for o in function.outputs for i in range(len(o.expressions))]
     lowerings = {name: TARGETS[name].lowering for name in subject.targets}
@@ -228,7 +228,7 @@ _TARGET = {"f64": "C double", "f32": "C float"}
 
 
 def libraries(files: Mapping[str, str], name: str) -> dict[str, ctypes.CDLL]:
-    """The per-call functions of both precisions, compiled."""
+    """The compiled functions of one sample, by precision."""
 
     def library(suffix: str) -> ctypes.CDLL:
         chosen = {path: text for path, text in files.items() if path.endswith((f"_{suffix}.c", f"_{suffix}.h"))}
@@ -257,7 +257,7 @@ def casadi_module(files: Mapping[str, str], name: str) -> Any:
 
 
 def arm_subjects(model: ArmModel) -> list[Subject]:
-    """Every function of the arm on every target."""
+    """All functions of the arm on all targets."""
     arm = model.arm
     files = render.arm_files(model)
     compiled, module = libraries(files, arm.name), casadi_module(files, arm.name)

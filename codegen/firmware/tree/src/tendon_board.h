@@ -1,4 +1,4 @@
-/* Part of Tendon; do not edit a copy. What a board does. */
+/* Part of Tendon; do not edit a copy. The interface of a board. */
 #ifndef TENDON_BOARD_H
 #define TENDON_BOARD_H
 
@@ -7,61 +7,59 @@
 
 #include "tendon_arm.h"
 
-/* What a board does for the controller of an arm. main.c calls all of this from one loop, never from an interrupt,
- * but for tendon_board_halt. boards/mps2 is a board that is emulated, boards/own a stub for yours. tendon_arm.h has the
- * arm's numbers: TENDON_JOINTS, TENDON_NOT_READY. */
+/* Functions that a board provides. main.c calls them from one loop, never from an interrupt; only tendon_board_halt is
+ * also called by fault handlers. boards/mps2 is an emulated board, boards/own a stub for yours. tendon_arm.h defines
+ * TENDON_JOINTS and TENDON_NOT_READY. */
 
-/* Ceilings: what the machine keeps to whatever a host sends, which can tighten them and never lift them. Where the
- * model file has limits, gains or a rate, those make the ceilings, in tendon_arm.h; these stand for what it leaves out,
- * and for the errors and times that it does not know. Set them to what your arm may do at most: without its first line,
- * this file is yours and is not replaced. */
+/* Ceilings, which a host can tighten and never lift. Limits, gains and rate of the model file take precedence, in
+ * tendon_arm.h; these hold for what it leaves out, and for errors and times. Set them to the limits of your arm, and
+ * remove the first line of this file, so that it is not replaced. */
 #define TENDON_MOST_TORQUE 10000.0f /* N m, at a revolute joint */
 #define TENDON_MOST_FORCE 10000.0f /* N, at a prismatic one */
 #define TENDON_MOST_SPEED 100.0f /* rad/s, as measured and filtered */
 #define TENDON_MOST_LINEAR_SPEED 10.0f /* m/s */
-#define TENDON_MOST_ERROR 1.0f /* rad, from where the trajectory is */
+#define TENDON_MOST_ERROR 1.0f /* rad, between desired and measured position */
 #define TENDON_MOST_SLIP 0.5f /* m, the same */
-#define TENDON_MOST_ANGLE 1000.0f /* rad, either way */
-#define TENDON_MOST_TRAVEL 100.0f /* m, either way */
+#define TENDON_MOST_ANGLE 1000.0f /* rad, in either direction */
+#define TENDON_MOST_TRAVEL 100.0f /* m, in either direction */
 #define TENDON_MOST_KP 1e6f /* N m/rad or N/m */
 #define TENDON_MOST_KD 1e5f /* N m s/rad or N s/m */
-#define TENDON_MOST_SILENCE 1000000U /* us without a valid frame; counted in periods of the model file's rate */
-#define TENDON_MOST_LATE 20000U /* us between two steps, or two periods where those are longer */
-#define TENDON_MOST_RATE 1000U /* Hz, for these periods where the model file has no rate */
+#define TENDON_MOST_SILENCE 1000000U /* us without a valid frame */
+#define TENDON_MOST_LATE 20000U /* us between two steps, or two periods if those are longer */
+#define TENDON_MOST_RATE 1000U /* Hz, if the model file has no rate */
 
-/* Clocks, link, encoders, drives (off), the timer of the control period, the hardware watchdog. Called once. */
+/* Starts clocks, link, encoders, drives (off), control timer and hardware watchdog. Called once. */
 void tendon_board_start(void);
 
-/* Sleeps until the link has a byte or a period begins; may return early. A byte or a period that came since the last
- * call of tendon_board_receive or tendon_board_period must not be slept through. */
+/* Sleeps until the link has a byte or a period begins; may return early. Must return if either has happened since the
+ * last call of tendon_board_receive or tendon_board_period. */
 void tendon_board_wait(void);
 
-/* Has a control period begun since the last call? If so, and only then, gives what was measured at its beginning:
- *   counts     of the encoders, signed, free to overflow; positive in the direction of the joint's angle
+/* Whether a control period has begun since the last call. If so, writes the measurements at its beginning:
+ *   counts     of the encoders, may overflow; increasing in the direction of the joint's position
  *   time_us    of a free-running microsecond clock that wraps at 2^32
- *   fault      0 if all drives would follow a torque at once; TENDON_NOT_READY if they need time, from before they are
- *              powered until then: a run waits for it; or the drives' fault code: the machine then stops the arm */
+ *   fault      0 if all drives follow a torque at once; TENDON_NOT_READY before that, also while they are off; or the
+ *              drives' fault code, which stops the arm */
 bool tendon_board_period(int32_t counts[TENDON_JOINTS], uint32_t *time_us, uint32_t *fault);
 
-/* Powers the drives, or takes the power away. Called once a period, before tendon_board_torque. */
+/* Switches the drives on or off. Called once a period, before tendon_board_torque. */
 void tendon_board_enable(bool enabled);
 
-/* Torques at the joints' output to hold until the next period: N m at a revolute joint, N at a prismatic one. A motor's
- * share is the torque divided by its gear ratio. Always within the ceilings and the limits that the host sent, always
- * finite. */
+/* Applies torques until the next period, at the joints' outputs: N m at a revolute joint, N at a prismatic one. Divide
+ * by the gear ratio for the motor's torque. They are finite and within the ceilings and the host's limits. */
 void tendon_board_torque(const float torque[TENDON_JOINTS]);
 
-/* Takes up to `most` bytes that the link has received; returns how many. Does not wait. */
+/* Reads up to `most` received bytes without waiting. Returns their number. */
 uint32_t tendon_board_receive(uint8_t *bytes, uint32_t most);
 
-/* Gives up to `count` bytes to the link; returns how many it took. Does not wait. */
+/* Passes up to `count` bytes to the link without waiting. Returns how many it accepted. */
 uint32_t tendon_board_send(const uint8_t *bytes, uint32_t count);
 
-/* A control period is done: restarts the hardware watchdog. */
+/* Restarts the hardware watchdog. Called after each control period. */
 void tendon_board_watchdog(void);
 
-/* The program cannot go on: torques zero, drives off, at once, for ever. Called by fault handlers, in any state of the
- * program; it may rely on nothing but the hardware. */
+/* Torques zero and drives off, permanently. Called by fault handlers in any state of the program, so it may only rely
+ * on the hardware. */
 void tendon_board_halt(void);
 
 #endif

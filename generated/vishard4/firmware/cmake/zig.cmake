@@ -4,14 +4,14 @@ set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_SYSTEM_PROCESSOR arm)
 set(CMAKE_C_COMPILER ${TENDON_PYTHON})
 set(CMAKE_C_COMPILER_ARG1 "-m ziglang cc -target thumb-freestanding-eabihf")
-# Said, not found out by trial: a program linked for that would need a run-time library, and be long in the making.
+# Stated, because a test program would need a run-time library that takes long to build.
 set(CMAKE_C_COMPILER_FORCED TRUE)
 set(CMAKE_C_COMPILER_ID_RUN TRUE)
 set(CMAKE_C_COMPILER_ID Clang)
 set(CMAKE_C_COMPILER_VERSION 16)
 set(TENDON_TOOLCHAIN zig)
 set(TENDON_OBJCOPY ${TENDON_PYTHON} -m ziglang objcopy)
-# The linker itself: the compiler's driver would first build a run-time library that nothing here needs.
+# The linker itself: the compiler's driver would first build a run-time library that is not needed.
 set(CMAKE_C_LINK_EXECUTABLE
   "${TENDON_PYTHON} -m ziglang ld.lld <LINK_FLAGS> <OBJECTS> <LINK_LIBRARIES> -o <TARGET>")
 set(CMAKE_C_CREATE_STATIC_LIBRARY "${TENDON_PYTHON} -m ziglang ar rcs <TARGET> <OBJECTS>")

@@ -5,7 +5,7 @@
 #include "tendon_machine.h"
 #include "tendon_board.h"
 
-#define CHUNK 32U /* bytes a turn, so that the link cannot keep a period waiting */
+#define CHUNK 32U /* bytes per iteration, so that the link cannot delay a period */
 
 static tendon_machine machine;
 
@@ -26,7 +26,7 @@ static bool control(void)
     return began;
 }
 
-/* Some bytes from the link, if there are any. */
+/* Passes received bytes to the machine. */
 static bool receive(void)
 {
     uint8_t bytes[CHUNK];
@@ -37,10 +37,10 @@ static bool receive(void)
     return count > 0U;
 }
 
-/* Some bytes to the link; true while there are more. */
+/* Passes bytes to the link. Returns whether there may be more. */
 static bool transmit(void)
 {
-    /* What the link has not taken yet: bytes[begin] to bytes[end - 1]. */
+    /* bytes[begin] to bytes[end - 1] are not yet sent. */
     static uint8_t bytes[CHUNK];
     static uint32_t begin = 0U;
     static uint32_t end = 0U;

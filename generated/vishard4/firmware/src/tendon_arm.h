@@ -2,32 +2,31 @@
 #ifndef TENDON_ARM_H
 #define TENDON_ARM_H
 
-/* What the machine and a board have to know of the arm vishard4. */
+/* Numbers of the arm vishard4 for the machine and the board. */
 
 #define TENDON_JOINTS 4U
 
-/* Joints that the guard looks at closely in each control step, in turn. */
+/* Joints that the guard inspects in each control step, in turn. */
 #define TENDON_LOOKS 1U
 
-/* Held until the link takes them; powers of two. */
+/* Capacities of the queues to the link; powers of two. */
 #define TENDON_TELEMETRY_RECORDS 8U
 #define TENDON_ACKS 8U
 
-/* In the place of a fault: the drives cannot give torque yet. No fault while the arm is armed, but `run` is refused. */
+/* Fault code of drives that are not ready. No fault while the arm is armed, but `run` is refused. */
 #define TENDON_NOT_READY 0xffffffffU
 
-/* A damping ends in which a joint gets faster than this times its rate at the stop, or its limit if that is more. */
+/* Damping ends if a joint exceeds this multiple of its rate at the stop, or its limit if that is higher. */
 #define TENDON_OUTRUN 1.25f
 
-/* Bits, by number: the reasons for a stop without any torque, not even of damping, where positions, torques or drives
- * cannot be trusted. */
+/* Bits by number: reasons for a stop without damping, because positions, torques or drives cannot be trusted. */
 #define TENDON_REASONS_WITHOUT_TORQUE 0x9840U
 
-/* A limit of so much is none of the host's own: the ceiling holds. */
+/* A limit of this value means "no limit": the ceiling holds. */
 #define TENDON_NO_LIMIT 3.40282347e+38f
 
-/* Ceilings, from the model file or by the name of tendon_board.h's; what a host sends can tighten them, never lift them.
- * A row a joint: torque, speed, tracking error, ends of the range of position, kp, kd, finest and coarsest encoder step. */
+/* Ceilings, from the model file or named in tendon_board.h; a host can tighten them and never lift them.
+ * One row per joint: torque, speed, tracking error, ends of the range of position, kp, kd, finest and coarsest encoder step. */
 #define TENDON_CEILINGS  \
     {TENDON_MOST_TORQUE, 4.0f, TENDON_MOST_ERROR, -TENDON_MOST_ANGLE, TENDON_MOST_ANGLE, 4.15e+03f, 4.5e+02f, 2.984513e-05f, 3.298672e-05f}, \
     {TENDON_MOST_TORQUE, 4.0f, TENDON_MOST_ERROR, -TENDON_MOST_ANGLE, TENDON_MOST_ANGLE, 2.36e+03f, 2.5e+02f, 2.984513e-05f, 3.298672e-05f}, \
@@ -39,7 +38,7 @@
 #define TENDON_LONGEST_SILENCE 1000U /* periods */
 #define TENDON_LONGEST_STEP TENDON_MOST_LATE /* us between two steps */
 
-/* Bits of the status of a controller's step. */
+/* Status bits of a controller step. */
 #define TENDON_STATUS_SATURATED 1U /* a torque was limited */
 #define TENDON_STATUS_FINISHED 2U /* the trajectory has ended, the arm is held there */
 #define TENDON_STATUS_INVALID 4U /* no trajectory, or a torque that is no finite number: all torques are zero */

@@ -1,8 +1,8 @@
-/* Part of Tendon; do not edit a copy. Ceilings: what a host sends can tighten them, never lift them. */
+/* Part of Tendon; do not edit a copy. Ceilings, which a host can tighten and never lift. */
 #include "tendon_board.h"
 #include "tendon_machine_private.h"
 
-/* Of a joint; low and high are the ends of its range of position, finest and coarsest those of its encoder's step. */
+/* Ceilings of a joint. low, high: range of position; finest, coarsest: range of the encoder's step. */
 typedef struct {
     float torque_limit;
     float speed;
@@ -17,7 +17,7 @@ typedef struct {
 
 static const tendon_ceiling ceilings[TENDON_JOINTS] = {TENDON_CEILINGS};
 
-/* Notes the first of the values that were lowered. */
+/* Remembers the first value that was lowered. */
 TENDON_SMALL static void note(uint32_t place, uint32_t *lowered)
 {
     if ((*lowered == 0U) || (place < *lowered)) {
@@ -71,7 +71,7 @@ uint32_t tendon_lower_drive(tendon_drive_message *drive, uint32_t *detail)
     return result;
 }
 
-/* A range that lies beyond that of the ceilings altogether becomes the nearer end of it. */
+/* A range of position outside the ceilings becomes their nearer end. */
 TENDON_SMALL static void lower_range(float *low, float *high, uint32_t j, uint32_t *lowered)
 {
     const tendon_ceiling *c = &ceilings[j];

@@ -1,12 +1,11 @@
-/* Part of Tendon; do not edit a copy. Which commands can be taken: size, state and ranges of values. */
+/* Part of Tendon; do not edit a copy. Checks of commands: size, state and ranges of values. */
 #include "tendon_check.h"
 
 #define WORD 4U /* bytes of a value */
 #define EXPONENT 0x7f800000U
 #define SIGN 0x80000000U
 
-/* A number's bits, so that they compare as unsigned numbers the way the numbers do. What is no number or has no end
- * lies beyond all others. */
+/* A number's bits as a key that compares as the number does. Keys of NaN and infinity are beyond all others. */
 TENDON_SMALL static uint32_t ordered(uint32_t bits, uint32_t kind)
 {
     uint32_t key = bits;
@@ -15,7 +14,7 @@ TENDON_SMALL static uint32_t ordered(uint32_t bits, uint32_t kind)
     } else if (kind == TENDON_KIND_SIGNED) {
         key = bits ^ SIGN;
     } else {
-        /* Counts are in order. */
+        /* The bits of a count are its key. */
     }
     return key;
 }
@@ -34,7 +33,7 @@ TENDON_SMALL static uint32_t check_values(const tendon_rule *r, const uint8_t *p
             result = TENDON_RESULT_OUT_OF_RANGE;
             *detail = place;
         } else {
-            /* As it has to be. */
+            /* Within its range. */
         }
     }
     return result;
@@ -53,7 +52,7 @@ uint32_t tendon_check_command(
     if (place < TENDON_COMMANDS) {
         const tendon_command *c = &tendon_commands[place];
         if (length != c->size) {
-            /* Another layout than this one. */
+            /* Unknown. */
         } else if ((((uint32_t)c->states >> state) & 1U) == 0U) {
             result = TENDON_RESULT_STATE;
             *detail = state;

@@ -7,8 +7,8 @@
 #include "tendon_arm.h"
 #include "vishard4_controller_f32.h"
 
-/* The controller of the arm vishard4 under the names by which the machine knows every controller. What the structures
- * hold and what the functions do stands in vishard4_controller_f32.h. */
+/* The controller of the arm vishard4 under names that are the same for every arm. vishard4_controller_f32.h documents
+ * structures and functions. */
 
 typedef vishard4_parameters_f32 tendon_parameters;
 typedef vishard4_effects_f32 tendon_effects;

@@ -14,20 +14,20 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0x7ef1a739U
+#define TENDON_BUILD 0x5f6f1007U
 
-/* What is held of a trajectory, and how many of its control points come in a message. */
+/* Capacity for a trajectory, and control points in a message. */
 #define TENDON_MAX_PHASES 16U
 #define TENDON_MAX_ROWS 256U
 #define TENDON_ROWS_A_MESSAGE 8U
 
-/* Bytes of a frame's header and checksum, and of the longest payloads. */
+/* Bytes of header, checksum and longest payloads. */
 #define TENDON_HEADER 6U
 #define TENDON_CHECKSUM 4U
 #define TENDON_LONGEST_COMMAND 136U
 #define TENDON_LONGEST_REPORT 60U
 
-/* Of the tables of what is accepted, tendon_check.h: rules, commands, the first command's type. */
+/* Sizes of the tables of accepted values (tendon_check.h), and the type of the first command. */
 #define TENDON_RULES 30U
 #define TENDON_COMMANDS 15U
 #define TENDON_FIRST_COMMAND 1U
@@ -262,7 +262,7 @@ typedef struct {
     uint32_t acks_lost; /* acknowledgements for which there was no room */
 } tendon_counters_message;
 
-/* Payloads to messages and messages to payloads. */
+/* Unpack commands and pack reports. */
 
 TENDON_SMALL void tendon_unpack_parameters(const uint8_t *payload, tendon_parameters *message);
 
@@ -292,7 +292,7 @@ TENDON_SMALL void tendon_pack_telemetry(const tendon_telemetry_message *message,
 
 TENDON_SMALL void tendon_pack_counters(const tendon_counters_message *message, uint8_t *payload);
 
-/* What a trajectory's message says of springs and contact. */
+/* Copy springs and contact from a trajectory's message. */
 
 static inline void tendon_take_springs(const tendon_trajectory_message *message, tendon_spring springs[TENDON_JOINTS])
 {

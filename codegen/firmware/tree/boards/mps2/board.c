@@ -1,14 +1,14 @@
-/* Part of Tendon; do not edit a copy. The board that is emulated. */
+/* Part of Tendon; do not edit a copy. The emulated board. */
 #include "tendon_board.h"
 
 #include <stddef.h>
 
 /* Arm's MPS2 boards as QEMU emulates them (mps2-an386: Cortex-M4F, mps2-an500: Cortex-M7). The first serial port is
- * the link to the host. Behind the second one stands the arm, and with it time: it sends, once a control period,
+ * the link to the host. The second one connects the simulated arm, which sends, once a control period,
  *     0xA5, counts[TENDON_JOINTS] i32, time_us u32, fault u32
- * and gets, when the step is done,
+ * and receives, after the step,
  *     0x5A, enabled u8, torque[TENDON_JOINTS] float
- * little endian. Whoever simulates the arm may take as long as they like: nothing here depends on real time. */
+ * little endian. Nothing here depends on real time, so the simulation may take any time. */
 
 typedef struct {
     volatile uint32_t data;
@@ -60,7 +60,7 @@ static bool put(uart *port, uint8_t byte)
 static void answer(uint8_t byte)
 {
     while (!put(PLANT, byte)) {
-        /* The arm waits for this answer, and reads it. */
+        /* The simulated arm reads this answer. */
     }
 }
 
@@ -81,8 +81,8 @@ void tendon_board_start(void)
 
 void tendon_board_wait(void)
 {
-    /* First forgotten, then looked at: a byte that comes in between sets the interrupt anew, and wfi returns at once.
-     * Interrupts are masked, so that none is taken. */
+    /* Cleared before the check: a byte that arrives in between sets the interrupt again, and wfi returns at once.
+     * Interrupts are masked, so no handler runs. */
     LINK->interrupt = RECEIVED;
     PLANT->interrupt = RECEIVED;
     *NVIC_CLEAR_PENDING = RECEIVERS;
@@ -153,7 +153,7 @@ uint32_t tendon_board_send(const uint8_t *bytes, uint32_t count)
 
 void tendon_board_watchdog(void)
 {
-    /* In emulation, a step may take as long as it takes. */
+    /* An emulated step may take any time. */
 }
 
 void tendon_board_halt(void)

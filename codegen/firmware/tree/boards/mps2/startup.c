@@ -18,7 +18,7 @@ int main(void);
 void tendon_reset(void);
 void tendon_fault(void);
 
-/* The stack's top and the 15 exceptions of the processor. Interrupts stay masked: the loop asks what is pending. */
+/* Top of the stack and the processor's 15 exceptions. Interrupts stay masked; the loop polls. */
 typedef struct {
     uint32_t *stack;
     vector handlers[15];
@@ -31,7 +31,7 @@ const vector_table tendon_vectors __attribute__((section(".vectors"), used)) = {
      tendon_fault, tendon_fault, tendon_fault, tendon_fault, tendon_fault, tendon_fault, tendon_fault},
 };
 
-/* The unit is on before anything that may use its registers is called. */
+/* Enables the floating-point unit before any function that may use its registers. */
 void tendon_reset(void)
 {
     volatile uint32_t *const cpacr = (volatile uint32_t *)0xE000ED88U;
@@ -56,7 +56,7 @@ void tendon_reset(void)
     }
 }
 
-/* Every fault and every exception that nobody expects. */
+/* Handles every fault and unexpected exception. */
 void tendon_fault(void)
 {
     __asm volatile("cpsid i" ::: "memory");

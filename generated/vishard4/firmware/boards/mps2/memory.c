@@ -1,9 +1,9 @@
 /* Part of Tendon; do not edit a copy. Memory. */
 #include <stdint.h>
 
-/* What compilers call to copy or clear a structure where there is no C library; LLVM by the names of Arm's EABI, where
- * memset has its last two arguments the other way round. gcc compiles it with -fno-tree-loop-distribute-patterns: else
- * it would see in each loop the very function that it stands in. */
+/* Functions that compilers call to copy or clear memory without a C library. LLVM uses the names of Arm's EABI, whose
+ * memset has its last two arguments swapped. gcc needs -fno-tree-loop-distribute-patterns here: otherwise it replaces
+ * each loop by a call of the function that contains it. */
 
 void *memcpy(void *target, const void *source, uint32_t count);
 void *memset(void *target, int value, uint32_t count);

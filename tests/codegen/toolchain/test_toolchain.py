@@ -77,12 +77,12 @@ def test_a_stack_without_bound_is_said_to_be_one(tmp_path: Path, kind: str) -> N
 @pytest.mark.parametrize("target", TARGETS)
 def test_sizes_symbols_and_the_binary(tmp_path: Path, kind: str, target: str) -> None:
     made = image(tmp_path, kind, CODE + ENTRY, target)
-    assert (made.data, made.bss) == (4, 100)
+    assert (made.sizes.data, made.sizes.bss) == (4, 100)
     assert made.symbols["given"] == 0x20000000
     assert made.symbols["entry"] % 2 == 0
     assert made.start == 0x100
     content = made.binary.read_bytes()
-    assert made.text + made.data <= len(content) < made.text + made.data + 4
+    assert made.sizes.text + made.sizes.data <= len(content) < made.sizes.text + made.sizes.data + 4
     assert content.endswith(b"\7\0\0\0")
     assert made.forbidden == []
     assert Elf.read(made.elf).entry == made.symbols["entry"] + 1

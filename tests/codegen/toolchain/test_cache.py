@@ -19,7 +19,7 @@ from codegen.toolchain.build import BuildError, shared_library
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import Effect, LinearForm, parameter
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+ROOT = Path(__file__).resolve().parents[3]
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
 KILLED = """
 import os, signal, sys

@@ -17,7 +17,6 @@ from codegen import render
 from symbolic.model import derive
 
 GCC = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
-HERE = Path(__file__).resolve().parent
 MOST = {"ur10e": 820, "iiwa": 1000}
 """Instructions; asked: 1000 for six joints."""
 CALLS = """#include "{name}_f32.h"
@@ -41,7 +40,7 @@ def test_inverse_dynamics(name: str, kind: str, tmp_path: Path) -> None:
         if path.endswith("f32.h") or path == f"{name}_f32.c":
             (tmp_path / path).write_text(text)
     (tmp_path / "motion.c").write_text(CALLS.format(name=name, n=n))
-    shutil.copy(HERE / "motion.ld", tmp_path)
+    shutil.copy(Path(kept.__file__).with_name("motion.ld"), tmp_path)
     processor = Processor(kept.image(tmp_path, ["motion.c", f"{name}_f32.c"], kind))
     meter = Meter(processor.cpu, processor.symbols, f"{name}_inverse_dynamics_f32")
     parameters = processor.place(bytes(4 * len(model.struct.symbols)))
