@@ -2,7 +2,7 @@
 
     @dataclass(frozen=True)
     class NoiseSettings(Checked):
-        seed: Annotated[int, Setting("Another seed is other noise.", low=0)] = 0
+        seed: Annotated[int, Setting("Seed of the noise.", low=0)] = 0
 
 The command line makes its options of these fields (runtime/cli/options.py), functions take the dataclass, and
 and values out of range are refused in either case.

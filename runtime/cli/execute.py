@@ -6,17 +6,18 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import msgspec
 import typer
+from msgspec import UnsetType
 
 from runtime.cli.inputs import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, Report, with_settings
-from runtime.cli.output import NO, costs_itself, emit
+from runtime.cli.output import NO, draw, emit
 from runtime.cli.places import READ, WRITTEN
+from runtime.documents.generated import BuildEntry
 from runtime.execution.options import ExecutionSettings
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
@@ -119,21 +120,11 @@ def execute(
     ).to_json()
     emit(json, said, terminal.printer(executions.execution))
     if report is not None and result.recording is not None:
-        _draw(report, result, said, json)
+        from runtime.report.page.reports import execution_page
+
+        draw(lambda: execution_page(result, said).write(report), json)
     if document.status != "done":
         raise typer.Exit(NO)
-
-
-def _draw(directory: Path, result: Execution, document: dict[str, Any], json: str | None) -> None:
-    """The page of an execution that has been said already."""
-    from runtime.report.page.reports import execution_page
-    from runtime.report.terminal import say, working
-
-    with costs_itself("the report"):
-        with working("drawing the report"):
-            page = execution_page(result, document).write(directory)
-        if json != "-":
-            say(f"Report: {page}")
 
 
 def _is_real(asked: _Asked) -> bool:
@@ -182,10 +173,10 @@ def _image(controller: Path) -> ImageEntry | None:
     """The firmware of an emulated board; None for a board of this computer."""
     from runtime.documents.plans import ImageEntry
 
-    facts = loads((controller / "image.json").read_text(encoding="utf-8"))
-    if "elf" not in facts:
+    build = msgspec.json.decode((controller / "image.json").read_bytes(), type=BuildEntry)
+    if isinstance(build.text, UnsetType):
         return None
-    return ImageEntry(target=facts["target"], compiler=facts["toolchain"]["version"], text=facts["text"])
+    return ImageEntry(target=build.target, compiler=build.toolchain.version, text=build.text)
 
 
 def _run(arm: _Arm, asked: _Asked, board: Any) -> Execution:

@@ -10,7 +10,7 @@ import typer
 
 from runtime.cli.inputs import print_notes
 from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, with_settings
-from runtime.cli.output import NO, costs_itself, emit
+from runtime.cli.output import NO, costs_itself, draw, emit
 from runtime.cli.places import DRAWN, WRITTEN, keep
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE, PlanningSettings
 from runtime.workspace.names import is_name, scenario_path
@@ -102,11 +102,7 @@ def optimize(
         arm = Path(asked.model) if is_name(Path(asked.model)) else _as_typed(source.path)
         line = shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])
         following = [CommandEntry(command=line, what="executes it on the simulated arm")] if out else []
-        with costs_itself("the report"):
-            with terminal.working("drawing the report"):
-                page = plan_page(model, plan.trajectory, document, following).write(report)
-            if json != "-":
-                terminal.say(f"Report: {page}")
+        draw(lambda: plan_page(model, plan.trajectory, document, following).write(report), json)
 
 
 def _as_typed(path: Path) -> Path:

@@ -146,14 +146,19 @@ def _shows(text: str) -> bool:
 
 def write_page(directory: Path | None, summary: ResultSummary, target: str | None) -> None:
     """Write the page of a result that has been shown already, if --report asked for it; target: that of --json."""
-    if directory is None:
-        return
-    from runtime.report.page.reports import write_report
+    if directory is not None:
+        from runtime.report.page.reports import write_report
+
+        draw(lambda: write_report(directory, summary), target)
+
+
+def draw(write: Callable[[], Path], target: str | None) -> None:
+    """Write a page and print its path; the result has been shown already, so that a failure is only reported."""
     from runtime.report.terminal import say, working
 
     with costs_itself("the report"):
         with working("drawing the report"):
-            page = write_report(directory, summary)
+            page = write()
         if target != "-":
             say(f"Report: {page}")
 

@@ -27,7 +27,7 @@ def paper(
         str | None, typer.Argument(metavar="WHAT", help="table1 to table3 or figure4 to figure8; default: all.")
     ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Directory for the figures."), FILLED] = Path("paper-study"),
-    trials: Annotated[int, Setting("Of each case on the simulated arm; 0: only the optimizations.", 0, 20)] = TRIALS,
+    trials: Annotated[int, Setting("Trials of each case on the simulated arm; 0: none.", 0, 20)] = TRIALS,
     keep: Annotated[
         bool, typer.Option("--keep", help="Also write trajectories, recordings and models into it.")
     ] = False,

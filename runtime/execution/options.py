@@ -22,18 +22,24 @@ class ExecutionSettings(Checked):
 
     trials: Annotated[
         int | None,
-        Setting(f"Each from rest. {TRIALS} on the simulated arm, {TRIALS_ON_A_REAL_ARM} on a real one.", 1, 100),
+        Setting(
+            f"Number of trials, each from rest; default: {TRIALS} simulated, {TRIALS_ON_A_REAL_ARM} on a real arm.",
+            1,
+            100,
+        ),
     ] = None
-    cycles: Annotated[int, Setting("Of a periodic motion, after one that runs it in.", 1, 10_000)] = 3
-    seed: Annotated[int, Setting("Another seed is other noise.", low=0)] = 0
+    cycles: Annotated[
+        int, Setting("Recorded cycles of a periodic motion, after one that is not recorded.", 1, 10_000)
+    ] = 3
+    seed: Annotated[int, Setting("Seed of the simulated noise.", low=0)] = 0
     noise: Noise = NOISE
     friction_compensation: Annotated[
-        bool | None, Setting("By the controller; if not given, where the motion was planned with friction.")
+        bool | None, Setting("Whether the controller compensates friction; default: as planned.")
     ] = None
     tracking_limit: Annotated[
-        float | None, Setting("rad or m; a larger error is a safe stop. 0.5 rad, 0.1 m.", low=0.0)
+        float | None, Setting("Tracking error that causes a safe stop; default: 0.5 rad, 0.1 m.", low=0.0)
     ] = None
-    approach: Annotated[bool, Setting("Drive a real arm slowly to the trajectory's start first.")] = False
+    approach: Annotated[bool, Setting("First move a real arm slowly to the start of the trajectory.")] = False
 
     def compensates(self, trajectory: Trajectory) -> bool:
         """Whether friction is compensated on this trajectory."""

@@ -14,5 +14,5 @@ from runtime.simulation.settings import NOISE
 class ExperimentSettings(Checked):
     """Of the recordings that are simulated on the way; noise as a part of the ordinary excitation's torque."""
 
-    seed: Annotated[int, Setting("Another seed is other noise in what is simulated.", low=0)] = 0
+    seed: Annotated[int, Setting("Seed of the simulated noise.", low=0)] = 0
     noise: Noise = NOISE

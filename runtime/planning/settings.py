@@ -37,7 +37,7 @@ MOST_TIGHTENINGS: Final = 6
 """number of times that a plan is computed again with tighter limits where it exceeds them between nodes; where a limit
 can be kept, two are enough; a choice."""
 
-Starts = Annotated[int | None, Setting("Random first guesses; few by default.", 1, 10_000)]
+Starts = Annotated[int | None, Setting("Number of random first guesses; default: few.", 1, 10_000)]
 
 
 @dataclass(frozen=True)
@@ -45,4 +45,4 @@ class PlanningSettings(Checked):
     """Options of the search. starts: None for one, or four where points of the end-effector leave postures free."""
 
     starts: Starts = None
-    seed: Annotated[int, Setting("Another seed is other guesses.", low=0)] = 0
+    seed: Annotated[int, Setting("Seed of the first guesses.", low=0)] = 0

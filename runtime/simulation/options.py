@@ -8,7 +8,7 @@ from typing import Annotated
 from runtime.setting import Checked, Setting, SettingError
 from runtime.simulation.settings import LONGEST, NOISE
 
-Noise = Annotated[float, Setting("Torque noise, part of the torque's rms.", 0.0, 10.0)]
+Noise = Annotated[float, Setting("Torque noise over the rms of the torque.", 0.0, 10.0)]
 EXTRA = ("q_link", "tau_link", "temperature")
 """Signals that are recorded where they are asked for."""
 
@@ -17,11 +17,11 @@ EXTRA = ("q_link", "tau_link", "temperature")
 class SimulationSettings(Checked):
     """Of a recording that a model makes itself; seconds and repeats are those of its ordinary excitation."""
 
-    seed: Annotated[int, Setting("Another seed is another motion and other noise.", low=0)] = 0
-    seconds: Annotated[float, Setting("Length of the motion, s.", 2.0, LONGEST)] = 40.0
-    repeats: Annotated[int, Setting("Equal parts that it consists of.", 1, 100)] = 2
+    seed: Annotated[int, Setting("Seed of motion and noise.", low=0)] = 0
+    seconds: Annotated[float, Setting("Duration of the motion, s.", 2.0, LONGEST)] = 40.0
+    repeats: Annotated[int, Setting("Number of equal parts of the motion.", 1, 100)] = 2
     noise: Noise = NOISE
-    signals: Annotated[str, Setting(f"Also record these: {', '.join(EXTRA)}.", metavar="NAME,...")] = ""
+    signals: Annotated[str, Setting(f"Also record these signals: {', '.join(EXTRA)}.", metavar="NAME,...")] = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()
