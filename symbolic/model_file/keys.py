@@ -65,13 +65,13 @@ class Joints(Several):
         return {**super().schema(), "minItems": 1, "maxItems": MAX_JOINTS}
 
 
-UNKNOWN = "if left out, unknown"
+UNKNOWN = "unknown if left out"
 
 MASS = Number("mass", f"of the link; {UNKNOWN}", unit="kg", low=0.0, default=None)
 MOVED = "the body that the joint moves"
 ABOUT_COM = "about the centre of mass"
 LINK = (
-    Number("length", "to the next joint, or to the tip", unit="m", low=0.0),
+    Number("length", "distance to the next joint or the tip", unit="m", low=0.0),
     MASS,
     Pair("com", f"centre of mass, along and across the link; {UNKNOWN}", unit="m", default=None),
     Number("inertia", f"{ABOUT_COM}; {UNKNOWN}", unit="kg m^2", low=0.0, default=None),
@@ -88,19 +88,19 @@ SPATIAL_LINK = (
     ),
     Misplaced(
         "length",
-        "belongs to planar arms; in space, the origin of the next joint says where it is, and [tip] where the arm ends",
+        "belongs to planar arms; on a spatial arm, use the origin of the next joint, and [tip] for the last link",
     ),
 )
 
 
 def _frame(of: str) -> Inner:
     zero = (0.0, 0.0, 0.0)
-    turned = "turned about x, then y, then z of the frame before: R = Rz(yaw) Ry(pitch) Rx(roll)"
+    turned = "rotation about x, then y, then z of the previous frame: R = Rz(yaw) Ry(pitch) Rx(roll)"
     return Inner(
         "origin",
         "where a frame stands in the one before",
         (
-            NumberRow("xyz", f"of {of}", ("x", "y", "z"), unit="m", default=zero),
+            NumberRow("xyz", f"origin of {of}", ("x", "y", "z"), unit="m", default=zero),
             NumberRow("rpy", turned, ("roll", "pitch", "yaw"), unit="rad", default=zero, tiny=True),
         ),
         default={},
@@ -108,34 +108,36 @@ def _frame(of: str) -> Inner:
 
 
 PLACE = (
-    _frame("the joint's frame in that of the joint before, of the first in the base's, where q = 0"),
+    _frame("the joint's frame in the previous joint's frame (the first: in the base frame) at q = 0"),
     NumberRow(
         "axis",
-        "in the joint's frame, of any length: the joint turns about it, or slides along it",
+        "axis of rotation or translation in the joint's frame, of any length",
         ("x", "y", "z"),
         default=(0.0, 0.0, 1.0),
         tiny=True,
     ),
 )
-IN_SPACE = "belongs to an arm in space, whose gravity has three numbers; in the plane, {} says where the next joint is"
+IN_SPACE = "belongs to a spatial arm, whose gravity has three numbers; a planar arm has {} instead"
 NOT_IN_THE_PLANE = tuple(Misplaced(key, IN_SPACE.format("length in [joint.link]")) for key in ("origin", "axis"))
 LIMITS = (
-    Interval("position", "range, the smaller end first", unit=("rad", "m"), default=None),
-    Number("speed", "largest, either way", unit=("rad/s", "m/s"), positive=True, default=None),
-    Number("torque", "largest, either way, at the joint's output", unit=("N m", "N"), positive=True, default=None),
+    Interval("position", "range, the lower end first", unit=("rad", "m"), default=None),
+    Number("speed", "maximum in either direction", unit=("rad/s", "m/s"), positive=True, default=None),
+    Number(
+        "torque", "maximum in either direction, at the joint's output", unit=("N m", "N"), positive=True, default=None
+    ),
 )
 GAINS = (
-    Number("kp", "gain of position, at the joint's output", unit=("N m/rad", "N/m"), low=0.0),
-    Number("kd", "gain of speed, at the joint's output", unit=("N m s/rad", "N s/m"), low=0.0),
+    Number("kp", "position gain at the joint's output", unit=("N m/rad", "N/m"), low=0.0),
+    Number("kd", "velocity gain at the joint's output", unit=("N m s/rad", "N s/m"), low=0.0),
 )
 ENCODER = (
-    WholeNumber("counts", "of the encoder a turn of the motor", unit="counts per turn of the motor", positive=True),
+    WholeNumber("counts", "encoder counts per motor revolution", unit="counts per turn of the motor", positive=True),
     Whole(
         "zero",
-        "what the encoder counts where the joint's position is 0",
+        "encoder count at joint position 0",
         -(2**31),
         2**31 - 1,
-        "a whole number of 32 bits, what the encoder counts at position 0",
+        "a whole number of 32 bits, the encoder count at joint position 0",
         unit="counts",
         default=0,
     ),
@@ -143,46 +145,46 @@ ENCODER = (
 DRIVE = (
     Whole(
         "node",
-        "the drive's CANopen node id, another for every drive",
+        "CANopen node id of the drive, unique",
         1,
         MAX_NODE,
         f"the drive's CANopen node id, a whole number from 1 to {MAX_NODE}",
     ),
     Choice(
         "direction",
-        "-1 where the motor's positive direction is the joint's negative one",
+        "-1 if the motor's positive direction is the joint's negative one",
         (1, -1),
-        "1, or -1 where the motor counts against the joint",
+        "1, or -1 if the motor counts against the joint",
         default=1,
     ),
     Number(
         "rated_torque",
-        "of the motor; if left out, as the drive itself says",
+        "of the motor; read from the drive if left out",
         unit="N m at the motor",
         positive=True,
         default=None,
     ),
 )
-EFFECTS = "the effects that are there and their parameters; empty: its values are not known (tendon effects)"
+EFFECTS = "an active effect with its parameters; an empty table: its values are unknown (tendon effects)"
 
 
 def _joint(*body: Field) -> tuple[Field, ...]:
     return (
-        Label("name", "shown beside its number", default=None),
+        Label("name", "shown beside the joint's number", default=None),
         Choice("type", "revolute, or prismatic", ("revolute", "prismatic"), '"revolute" or "prismatic"'),
         Number(
             "rotor_inertia",
-            f"motor and gear at the joint's output: that of the motor times gear_ratio squared; {UNKNOWN}",
+            f"of motor and gear at the joint's output: the motor's times gear_ratio squared; {UNKNOWN}",
             unit=("kg m^2", "kg"),
             low=0.0,
             default=None,
         ),
-        Number("gear_ratio", "turns of the motor a turn of the joint (rad of the motor a metre)", positive=True),
+        Number("gear_ratio", "motor turns per joint turn (motor rad per metre)", positive=True),
         *body,
         OpenTable("effects", EFFECTS, "EFFECT", "[joint.effects.…], one an effect", default={}),
         Number(
             "torque_constant",
-            "torque at the joint's output by the motor's current: that of the motor times gear_ratio",
+            "torque at the joint's output per motor current: the motor's times gear_ratio",
             unit=("N m/A at the joint's output", "N/A at the joint's output"),
             positive=True,
             default=None,
@@ -196,26 +198,33 @@ def _joint(*body: Field) -> tuple[Field, ...]:
 
 CONTROLLER = (
     Number("rate", "of the control step", unit="Hz", positive=True),
-    Number("velocity_cutoff", "of the low-pass on the differentiated encoder, up to rate/2", unit="Hz", positive=True),
-    Number("friction_scale", "c_u of (7): the part of the friction that is compensated", low=0.0, high=1.0),
-    Number("friction_slope", "c_e of (7): how soon after standstill", unit="s/rad (s/m)", positive=True),
+    Number(
+        "velocity_cutoff",
+        "of the low-pass filter on the differentiated encoder, at most rate/2",
+        unit="Hz",
+        positive=True,
+    ),
+    Number("friction_scale", "c_u of (7): the compensated fraction of friction", low=0.0, high=1.0),
+    Number(
+        "friction_slope", "c_e of (7): how fast compensation starts from standstill", unit="s/rad (s/m)", positive=True
+    ),
 )
 CONTACT = (
-    Number("x", "of the plate's axis, x_p of (12), in the base frame", unit="m"),
+    Number("x", "position of the plate's axis, x_p of (12), in the base frame", unit="m"),
     OpenTable("effects", EFFECTS, "EFFECT", "[contact.effects.…], one an effect", default={}),
 )
 
 
 def _model(gravity: Field, joint: Sequence[Field], *end: Field) -> tuple[Field, ...]:
     return (
-        Name("name", "of the arm: a C identifier"),
+        Name("name", "name of the arm, a C identifier"),
         gravity,
         Joints("joint", "one a joint, from the base outwards", tuple(joint)),
         OpenTable("effects", f"of the whole arm: {EFFECTS}", "EFFECT", "[effects.…], one an effect", default={}),
         *end,
         NamedNumbers(
             "inertial",
-            "base inertial parameters as tendon identify --write puts them there, over what follows from the links",
+            "base inertial parameters, as tendon identify --write writes them; they override the links' values",
             unit="SI units",
             default={},
         ),
@@ -227,14 +236,12 @@ PLANAR = _model(
     Pair("gravity", "acceleration vector in the plane of motion", unit="m/s^2"),
     _joint(Inner("link", MOVED, LINK), *NOT_IN_THE_PLANE),
     Inner("contact", "a plate at the end-effector", CONTACT, default=None),
-    Misplaced("tip", IN_SPACE.format("the length of the last link").replace("next joint", "tip")),
+    Misplaced("tip", IN_SPACE.format("the length of the last link")),
 )
 SPATIAL = _model(
     NumberRow("gravity", "acceleration vector", ("x", "y", "z"), unit="m/s^2"),
     _joint(*PLACE, Inner("link", MOVED, SPATIAL_LINK, default={})),
-    Inner(
-        "tip", "flange or tool", (_frame("the tip's frame, of flange or tool, in that of the last joint"),), default={}
-    ),
+    Inner("tip", "flange or tool", (_frame("the tip's frame (flange or tool) in the last joint's frame"),), default={}),
     Misplaced("contact", "belongs to planar arms: the plate of [contact] moves in the plane; leave it out"),
 )
 

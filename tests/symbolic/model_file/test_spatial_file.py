@@ -92,7 +92,7 @@ def test_a_planar_file_stays_planar_and_its_joints_may_have_names() -> None:
         (
             "mass = 2.0",
             "length = 0.3",
-            "joint 1: link: length belongs to planar arms; in space, the origin of the next",
+            "joint 1: link: length belongs to planar arms; on a spatial arm, use the origin of the next",
         ),
         ("com = [0.02, 0.0, 0.1]", "com = [0.2, 0.0]", "link: com is a list of 2; expected a list of 3 numbers in m"),
         (
@@ -112,7 +112,7 @@ def test_a_planar_file_stays_planar_and_its_joints_may_have_names() -> None:
             "gravity = [0, 0, 0, 1]",
             "arm.toml: gravity is a list of 4; expected a list of two numbers in m/s^2 for a planar arm",
         ),
-        ("gravity = [0.0, 0.0, -9.81]", "gravity = [0.0, -9.81]", "tip belongs to an arm in space, whose"),
+        ("gravity = [0.0, 0.0, -9.81]", "gravity = [0.0, -9.81]", "tip belongs to a spatial arm, whose"),
         (TIP, "\n[contact]\nx = 0.2\n", "contact belongs to planar arms: the plate of [contact] moves in the plane"),
         (TIP, "\n[tip]\nxyz = [0, 0, 1]\n", 'tip: unknown key "xyz"'),
         ('name = "shoulder_pan"', 'name = "a*/b"', 'joint 1: name "a*/b": expected letters a-z, digits, spaces and'),
@@ -137,8 +137,8 @@ def test_mistakes(old: str, new: str, expected: str) -> None:
 @pytest.mark.parametrize(("line", "key"), [("axis = [0, 0, 1]", "axis"), ("origin = {}", "origin")])
 def test_a_planar_joint_has_no_place_in_space(line: str, key: str) -> None:
     message = said(PLANAR.replace("gear_ratio = 1", f"gear_ratio = 1\n{line}"))
-    assert message.startswith(f"arm.toml: joint 1: {key} belongs to an arm in space, whose gravity has three numbers")
-    assert "tip belongs to an arm in space" in said(f"{PLANAR}[tip]\n")
+    assert message.startswith(f"arm.toml: joint 1: {key} belongs to a spatial arm, whose gravity has three numbers")
+    assert "tip belongs to a spatial arm" in said(f"{PLANAR}[tip]\n")
 
 
 @pytest.mark.parametrize("off", [4.9e-12, -3.7e-6, 9.9e-6])
