@@ -129,7 +129,7 @@ def test_exchanged_torques_without_a_model(tmp_path, capsys, seed):
     if said == "Nothing looks wrong; with MODEL more can be checked.":
         return
     assert "if its sign is wrong, pass " in said
-    typed = _CURE.findall(said.partition("; if torques stand in each other's place, ")[2])
+    typed = _CURE.findall(said.partition("; if torques are exchanged, ")[2])
     r = read(
         path,
         RecordedArm.without_model(2),
@@ -144,7 +144,7 @@ def test_stamps_that_are_rounded_too_coarsely(tmp_path, capsys):
     named("t,q1,q2,tau1,tau2", "t", "q", "tau")(tmp_path / "a.csv", {**m, "t": np.floor(m["t"] * 250) / 250})
     status, said = inspected(capsys, tmp_path / "a.csv")
     assert status == 1
-    assert "t does not advance in 2000 of 3999 steps; expected seconds that grow from sample to sample" in said[-1]
+    assert "t does not increase in 2000 of 3999 steps; expected seconds that increase with each sample" in said[-1]
     assert "--" not in said[-1]
 
 

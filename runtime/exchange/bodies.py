@@ -33,14 +33,14 @@ from runtime.exchange.settings import (
 
 Array = NDArray[np.float64]
 PER_BODY = 10
-"""m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin of the joint's frame."""
+"""Inertial parameters of a body: m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the joint frame's origin."""
 
 
 @dataclass(frozen=True)
 class ChainGeometry:
-    """Where the joints of a chain are: everything but its inertias.
+    """The kinematics of a chain.
 
-    turned (n, 3, 3), place (n, 3) m   of each joint's frame in the one before, where q = 0
+    turned (n, 3, 3), place (n, 3) m   rotation and origin of each joint's frame in the one before, at q = 0
     axis (n, 3)                         unit vectors in the joints' frames     revolute (n,)
     gravity (3,) m/s²                   in base axes
     """
@@ -58,9 +58,9 @@ class ChainGeometry:
 
 
 def full_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
-    """Derivative of the joints' torques by all inertial parameters.
+    """Derivative of the joint torques by all inertial parameters.
 
-    q, qd, qdd (n, N). Returns (n, 11 n, N): PER_BODY columns a body, from the base outwards, then one a rotor.
+    q, qd, qdd (n, N). Returns (n, 11 n, N): PER_BODY columns per body from the base outwards, then one per rotor.
     """
     n, N = q.shape
     moved = [_moved(chain, k, q[k]) for k in range(n)]
@@ -81,11 +81,10 @@ def full_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Arr
 
 
 def base_map(chain: ChainGeometry, regressor: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:
-    """The base parameters as combinations of all inertial ones, and what a unit of each is worth in torque.
+    """The map from full to base parameters, and a weight that converts base parameters to torque.
 
     regressor   the generated one: q, qd, qdd (n, N) -> (n, p, N)
-    Returns B (p, 11 n) with base = B full, exact but for rounding; and W (p, p) whose W·base has the mean square of
-    the torques over the states that were drawn.
+    Returns B (p, 11 n) with base = B full; and W (p, p) such that |W base|² is the mean square torque of random states.
     """
     rng = np.random.default_rng(0)
     q = rng.uniform(-np.pi, np.pi, (chain.n, MAP_STATES))
@@ -109,7 +108,7 @@ def _moved(chain: ChainGeometry, k: int, q: Array) -> tuple[Array, Array]:
 def _motion(
     chain: ChainGeometry, moved: list[tuple[Array, Array]], qd: Array, qdd: Array
 ) -> list[tuple[Array, Array, Array]]:
-    """Of every joint's frame in its own axes: rate, its derivative, acceleration of the origin less gravity, (3, N)."""
+    """Rate, its derivative, and acceleration less gravity of each joint's frame, in its own axes, (3, N) each."""
     N = qd.shape[1]
     w, wd, a = np.zeros((3, N)), np.zeros((3, N)), np.repeat(-chain.gravity[:, None], N, axis=1)
     found = []
@@ -127,7 +126,7 @@ def _motion(
 
 
 def _body_wrench(w: Array, wd: Array, a: Array) -> Array:
-    """Force and moment about the frame's origin that a body's motion asks for, by its parameters: (6, 10, N)."""
+    """Force and moment about the frame's origin for a body's motion, per inertial parameter: (6, 10, N)."""
     N = w.shape[1]
     out = np.zeros((6, PER_BODY, N))
     out[:3, 0] = a
@@ -145,15 +144,17 @@ def _body_wrench(w: Array, wd: Array, a: Array) -> Array:
 # --- physically possible bodies ---
 
 _UPPER = [(0, 1), (1, 2), (0, 2)]
-"""Where s12, s23, s13 stand."""
+"""Places of s12, s23, s13."""
 _SCALE = np.array([1.0, 1.0, 1.0, 1.0, *[BODY_LENGTH] * 6])
-"""By which log-Cholesky parameters are measured: three are shears and three lengths, m, beside logarithms."""
+"""Scales of the log-Cholesky parameters: logarithms, then three shears and three lengths in m."""
 
 
 @dataclass(frozen=True)
 class PhysicalBodies:
-    """bodies (n, 10), as full_regressor orders them, each of a positive definite pseudo-inertia; rotors (n,);
-    mismatch: rms of the torque that they miss, as a part of the torque's."""
+    """Possible bodies (n, 10) in the order of full_regressor, and rotors (n,).
+
+    mismatch   RMS torque error against the base parameters, as a part of the RMS torque
+    """
 
     bodies: Array
     rotors: Array
@@ -161,11 +162,11 @@ class PhysicalBodies:
 
 
 def project(B: Array, W: Array, base: Array, bodies: Array, rotors: Array) -> PhysicalBodies:
-    """The possible bodies with these base parameters that are next to a reference.
+    """The possible bodies with these base parameters nearest to a reference.
 
-    B (p, 11 n), W (p, p)            of full_regressor.base_map     base (p,)
+    B (p, 11 n), W (p, p)            of base_map     base (p,)
     bodies (n, 10), rotors (n,)      the reference; a rotor of 0 stays 0
-    Where no possible bodies have these base parameters, the nearest in torque.
+    If no possible bodies have these base parameters, those with the nearest torque.
     """
     problem = _Problem(B, W, base, rotors > 0)
     start = problem.packed(np.array([log_cholesky(body) for body in bodies]), rotors)
@@ -181,10 +182,10 @@ def project(B: Array, W: Array, base: Array, bodies: Array, rotors: Array) -> Ph
 
 
 def rotors_asked(B: Array, W: Array, base: Array, bodies: Array, likely: Array, guessed: NDArray[np.bool_]) -> Array:
-    """(n,) rotors beside which bodies (n, 10) come nearest to the base parameters, where the model file states none; at
-    least the likely ones (n,), which stand where it does.
+    """(n,) rotor inertias with which bodies (n, 10) fit the base parameters best, where they are `guessed`.
 
-    From a rotor that is far too small the search bends bodies out of their shape instead, and ends at a flat one.
+    likely (n,)   the stated ones, and lower bounds for the guessed ones
+    With a rotor far too small, the search would deform the bodies instead, and end at a flat one.
     """
     at = B.shape[1] - len(likely) + np.flatnonzero(guessed)
     left = W @ (base - B @ np.concatenate([bodies.ravel(), likely]))
@@ -194,7 +195,7 @@ def rotors_asked(B: Array, W: Array, base: Array, bodies: Array, likely: Array, 
 
 
 def _between(problem: _Problem, x: Array, start: Array, reach: Array) -> Array:
-    """From x on to the least sum of what is missing and of the way from `start` in units of `reach`, squared."""
+    """Minimises squared torque error plus squared distance from `start` in units of `reach`, beginning at x."""
     found = least_squares(
         lambda x: np.concatenate([problem.missing(x), (x - start) / reach]),
         x,
@@ -206,8 +207,7 @@ def _between(problem: _Problem, x: Array, start: Array, reach: Array) -> Array:
 
 
 def _exact(problem: _Problem, x: Array, scale: Array) -> Array:
-    """Onto the base parameters themselves by Newton's steps of least length, as long as they come nearer; they do not
-    where no possible bodies have them."""
+    """Newton steps of least length to the exact base parameters, as long as the torque error falls."""
     missing = problem.missing(x)
     for _ in range(EXACT_STEPS):
         if np.linalg.norm(missing) < EXACT_TORQUE:
@@ -223,8 +223,7 @@ def _exact(problem: _Problem, x: Array, scale: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Problem:
-    """What is missing of the torques of some base parameters, by log-Cholesky parameters of bodies and logarithms of
-    rotors."""
+    """Torque error as a function of log-Cholesky parameters of bodies and logarithms of rotors."""
 
     B: Array
     W: Array
@@ -249,14 +248,14 @@ class _Problem:
         return x[: PER_BODY * n].reshape(n, PER_BODY), rotors
 
     def missing(self, x: Array) -> Array:
-        """(p,); its length is the rms of the missing torque as a part of the torque's."""
+        """Torque error (p,); its norm is the RMS error as a part of the RMS torque."""
         thetas, rotors = self.unpacked(x)
         full = np.concatenate([*(pseudo_parameters(theta) for theta in thetas), rotors])
         found: Array = self.W @ (self.B @ full - self.base) / self.size
         return found
 
     def slope(self, x: Array) -> Array:
-        """Its derivative (p, size of x)."""
+        """Derivative of the torque error, (p, size of x)."""
         thetas, rotors = self.unpacked(x)
         n = len(thetas)
         by = np.zeros((PER_BODY * n + n, len(x)))
@@ -284,19 +283,19 @@ def _factor(theta: Array) -> Array:
 
 
 def _parameters(P: Array) -> Array:
-    """The ten of a pseudo-inertia [[Σ, h], [hᵀ, m]]: I = tr(Σ) 1 − Σ."""
+    """The ten inertial parameters of a pseudo-inertia [[Σ, h], [hᵀ, m]]: I = tr(Σ) 1 − Σ."""
     moments = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
     return np.array([P[3, 3], *P[:3, 3], *moments[np.triu_indices(3)]])
 
 
 def pseudo_parameters(theta: Array) -> Array:
-    """(10,) inertial parameters of log-Cholesky ones (10,)."""
+    """Inertial parameters (10,) of log-Cholesky parameters (10,)."""
     U = _factor(theta)
     return _parameters(U @ U.T)
 
 
 def pseudo_slopes(theta: Array) -> Array:
-    """Their derivative, (10, 10)."""
+    """Derivative (10, 10) of pseudo_parameters."""
     U, columns = _factor(theta), []
     size = np.exp(theta[0])
     for k in range(PER_BODY):
@@ -315,8 +314,8 @@ def pseudo_slopes(theta: Array) -> Array:
 
 
 def log_cholesky(body: Array) -> Array:
-    """(10,) of a body's inertial parameters; of one that cannot be, of the next that can, of LEAST_MASS and
-    LEAST_GYRATION at least."""
+    """Log-Cholesky parameters (10,) of a body; of an impossible body, those of a near possible one with at least
+    LEAST_MASS and LEAST_GYRATION."""
     P = pseudo_inertia(body)
     m = max(body[0], LEAST_MASS)
     com = P[:3, 3] / m
@@ -330,7 +329,7 @@ def log_cholesky(body: Array) -> Array:
 
 
 def pseudo_inertia(body: Array) -> Array:
-    """[[Σ, h], [hᵀ, m]] (4, 4) of a body's ten parameters: Σ = tr(I)/2 1 − I about the origin."""
+    """Pseudo-inertia [[Σ, h], [hᵀ, m]] (4, 4) of ten inertial parameters: Σ = tr(I)/2 1 − I about the origin."""
     moments = np.zeros((3, 3))
     moments[np.triu_indices(3)] = body[4:]
     moments = moments + np.triu(moments, 1).T
@@ -342,5 +341,5 @@ def pseudo_inertia(body: Array) -> Array:
 
 
 def is_possible(body: Array) -> bool:
-    """Whether some mass has these ten parameters: a positive definite pseudo-inertia."""
+    """Whether these ten parameters are physically possible: their pseudo-inertia is positive definite."""
     return bool(np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0)

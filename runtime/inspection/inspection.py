@@ -1,7 +1,7 @@
-"""What signals say of each other without a model: units and signs of rates, joints exchanged, torques that brake.
+"""Inspection of a recording: its document, and checks of the signals that need no model.
 
-A rate is the derivative of its position, so that its integral tells its scale with no noise of differentiation. A joint
-that comes back has taken up what its friction dissipates: the work of its torque is positive.
+The integral of a rate is compared with its position, which needs no differentiation: units, signs, exchanged joints. If
+a joint returns to its start, its torque has done positive work, because friction dissipates.
 """
 
 from __future__ import annotations
@@ -58,21 +58,20 @@ from symbolic.model_file.checks import quote
 Array = NDArray[np.float64]
 
 MISREAD = "field"
-"""Kind of a suspicion that a signal is none of what it is read as: then no fit tells anything."""
+"""Kind of a suspicion that a field is another signal than it is read as, so that no fit is meaningful."""
 _JOINT_SIGNAL = re.compile(r"(q|qd|tau)(\d+)(?:_link|_desired)?", re.ASCII)
 _DIMENSIONS = {"q": ("angle",), "qd": ("angular rate",), "tau": ("torque", "current")}
-"""What a signal of a joint is, so that a word at the end of its name may be its unit."""
-_BRAKES = "its torque brakes the motion on the whole, as friction does and no motor"
+"""Dimensions of a joint's signals: a unit at the end of a field's name counts only if it has one of these."""
 
 
 def by_signals(recording: Recording) -> list[Suspicion]:
-    """What is wrong whatever the arm is: fields whose names say another unit, and rates that are none."""
+    """Suspicions that do not depend on the arm: units in the names of fields, and rates that do not fit positions."""
     named = _by_names(recording)
     return [*named, *(s for s in of_rates(recording) if s.joint not in {t.joint for t in named})]
 
 
 def without_model(recording: Recording) -> list[Suspicion]:
-    """What looks wrong with positions and torques where no model tells it better."""
+    """Suspicions about positions and torques, for recordings without a model."""
     return [*over_turns(recording), *_braking(recording)]
 
 
@@ -94,7 +93,7 @@ def _by_names(recording: Recording) -> list[Suspicion]:
 
 
 def of_rates(recording: Recording) -> list[Suspicion]:
-    """Measured rates that are no derivatives of their positions."""
+    """Measured rates that are not the derivatives of their positions."""
     found: list[Suspicion] = []
     if recording.qd is None:
         return found
@@ -119,11 +118,11 @@ def of_rates(recording: Recording) -> list[Suspicion]:
 
 
 def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspicion]:
-    """Rates that are the derivatives of positions as these stand, of joints (1-based) where they are in degrees."""
-    told = {s.joint for s in of_rates(recording)}
+    """Rates of joints (1-based) whose positions are in degrees, if they are the derivatives of these positions."""
+    wrong = {s.joint for s in of_rates(recording)}
     found = []
     for joint in joints if recording.qd is not None else ():
-        if joint not in told:
+        if joint not in wrong:
             cure = _in_unit(recording, f"qd{joint}", "deg/s")
             said = f"qd{joint} is read in the unit of q{joint} a second"
             found.append(Suspicion(joint, "unit", said, f"if that is deg/s, pass {cure}", (cure,)))
@@ -131,15 +130,15 @@ def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspic
 
 
 def _unrelated(joint: int, explained: float) -> Suspicion:
-    """A rate and a position that belong to nothing of each other."""
+    """A rate that has nothing to do with its position."""
     q, qd = f"q{joint}", f"qd{joint}"
     said = f"{qd} is not the derivative of {q}, which explains {100 * explained:.2g} % of its integral"
-    asked = f"are the right fields read as {q} and {qd}? Name them with --map, or leave {qd} out"
+    asked = f"are {q} and {qd} read from the right fields? Name them with --map, or drop {qd}"
     return Suspicion(joint, MISREAD, said, asked)
 
 
 def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
-    """A rate that is a multiple of its position's derivative."""
+    """A rate that is a multiple of the derivative of its position: a wrong sign or unit."""
     if abs(abs(factor) - 1) < SCALE_OFF and factor > 0:
         return []
     q, qd = f"q{joint + 1}", f"qd{joint + 1}"
@@ -149,30 +148,26 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
         return [Suspicion(joint + 1, "sign", said, f"expected the same sign: pass {cure}, or {other}", (cure,))]
     units = _units_of(abs(factor))
     if units is None:
-        return [Suspicion(joint + 1, "unit", said, f"is the unit of {qd}, of {q} or of t right? State it with --map")]
+        return [Suspicion(joint + 1, "unit", said, f"check the units of {qd}, {q} and t, and state them with --map")]
     cures = tuple(_in_unit(recording, signal, unit) for signal, unit in zip((q, qd), units, strict=True) if unit)
     return [Suspicion(joint + 1, "unit", said, f"expected rad and rad/s: pass {' '.join(cures)}", cures)]
 
 
 def _units_of(factor: float) -> tuple[str, str] | None:
-    """In which units a position and its rate are, "" for SI, if the rate is `factor` times the derivative.
+    """Units of a position and its rate ("" for SI) if the rate is `factor` times the derivative.
 
-    Of several that fit, as degrees a second for radians and rpm for turns, the nearest; of equal ones those with SI.
-    None: nobody knows.
+    The nearest pair of those that fit, such as deg/s for rad or rpm for turns; of equally near ones the one with SI.
+    None: no pair fits.
     """
     positions, rates = ("", "deg", "rev", "mrad"), ("", "deg/s", "rpm", "rev/s", "mrad/s")
-    off = {(q, qd): abs(float(np.log(factor * _size(qd) / _size(q)))) for q in positions for qd in rates if q or qd}
+    size = {unit: UNITS[unit][1] if unit else 1.0 for unit in positions + rates}
+    off = {(q, qd): abs(float(np.log(factor * size[qd] / size[q]))) for q in positions for qd in rates if q or qd}
     q, qd = min(off, key=lambda pair: (round(off[pair], 9), sum(map(bool, pair))))
     return (q, qd) if off[q, qd] < np.log1p(SCALE_OFF) else None
 
 
-def _size(unit: str) -> float:
-    """Of a unit in SI."""
-    return UNITS[unit][1] if unit else 1.0
-
-
 def _cell(recording: Recording, signal: str) -> str:
-    """What `--map` takes for the field of a signal."""
+    """The field of a signal, as `--map` takes it."""
     return recording.cells.get(signal, signal)
 
 
@@ -182,7 +177,7 @@ def _in_unit(recording: Recording, signal: str, unit: str) -> str:
 
 
 def over_turns(recording: Recording) -> list[Suspicion]:
-    """Positions over many turns that no unit was stated of."""
+    """Positions over many turns without a stated unit, which may be degrees."""
     found = []
     for i, q in enumerate(recording.q):
         turns = float(np.ptp(q)) / (2 * pi)
@@ -193,31 +188,31 @@ def over_turns(recording: Recording) -> list[Suspicion]:
 
 
 def _braking(recording: Recording) -> list[Suspicion]:
-    """Joints whose torque takes power out of a motion that comes back to where it began.
+    """Joints that return to their start and whose torque did negative work, which friction cannot explain.
 
-    A torque of another joint does that too, as often as not, so that of several joints both are said.
+    The sign may be wrong, or the torque may be another joint's; with several joints the message lists both.
     """
     work, part = _work(recording)
     returned = np.abs(recording.q[:, -1] - recording.q[:, 0]) <= RETURNED * np.ptp(recording.q, axis=1)
     found = []
     for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
-        joint, said = int(i) + 1, _BRAKES
+        joint, said = int(i) + 1, "its torque brakes the motion on average, as friction does and no motor"
         cure = map_option(f"tau{joint}", negated(_cell(recording, f"tau{joint}")))
         if f"tau{joint}" not in recording.currents:
             said = f"{said} (work of {work[i, i]:.3g} J)"
         if len(recording.q) == 1:
-            expected = f"expected positive where it drives towards positive positions: pass {cure}"
+            expected = f"expected positive torque towards positive positions: pass {cure}"
             found.append(Suspicion(joint, "sign", said, expected, (cure,)))
             continue
         others = " or ".join(_exchange(recording, int(i), j) for j in _drivers(part, int(i)))
         other = others or "name them in the order of the joints"
-        expected = f"if its sign is wrong, pass {cure}; if torques stand in each other's place, {other}"
+        expected = f"if its sign is wrong, pass {cure}; if torques are exchanged, {other}"
         found.append(Suspicion(joint, "sign or order", said, expected))
     return found
 
 
 def _drivers(part: Array, joint: int) -> list[int]:
-    """Joints (0-based) with which one may have exchanged its torque: each then drives the other's motion."""
+    """Joints (0-based) that may have exchanged torques with one: each torque drives the other's motion."""
     drives = part > AGAINST_MOTION
     return [int(j) for j in np.flatnonzero(drives[:, joint] & drives[joint]) if j != joint]
 
@@ -229,8 +224,8 @@ def _exchange(recording: Recording, one: int, other: int) -> str:
 
 
 def _work(recording: Recording) -> tuple[Array, Array]:
-    """(n, n) J that the torque of a joint (row) would do on the motion of a joint (column), and the same as part of the
-    largest work that torques and speeds of these sizes can do."""
+    """(n, n) work in J of the torque of one joint (row) on the motion of another (column), and the same as a part of
+    the largest work that torques and speeds of these sizes can do."""
     n = len(recording.q)
     work, effort = np.zeros((n, n)), np.zeros((n, n))
     for samples in recording.segments:
@@ -243,12 +238,13 @@ def _work(recording: Recording) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was found in one file.
+    """What a file contains.
 
-    contents     its fields, whether they are understood or not
-    recording    None where it cannot be read, even with what is wrong split off or dropped
-    problem      why it cannot be used as it is, with the place and the cure; None if it can
-    names        of the joints, where the model has some
+    contents    its fields, whether or not they are understood
+    recording   None if the file cannot be read, even with gaps split and samples dropped
+    problem     why the file cannot be used as it is, with place and cure; None: it can
+    names       of the model's joints
+    fitted      the fit of a model, if there is one     unfitted   why the fit failed
     """
 
     path: Path
@@ -261,34 +257,35 @@ class Inspection:
 
     @cached_property
     def found(self) -> list[Suspicion]:
-        """What looks wrong: by the model where there is one, as every verb says it, else by the signals alone."""
+        """What looks wrong: by the fit if there is one, as in other verbs, else by the signals alone."""
         if self.recording is None:
             return []
         signals = by_signals(self.recording)
         if any(s.kind == MISREAD for s in signals):
             return signals
         if self.fitted is None:
-            told, unsure = without_model(self.recording), []
+            found, uncertain = without_model(self.recording), []
         else:
-            told = list(suspicions(self.fitted) or doubts(self.fitted))
-            # Where no inertia is stated, no fit tells degrees from radians.
-            unsure = [] if self.fitted.model.lumps_known else over_turns(self.recording)
-        for further in (signals, unsure):
-            told += [s for s in further if s.joint not in {t.joint for t in told}]
-        degrees = dict.fromkeys(s.joint for s in told if s.kind == "degrees")
-        return [*told, *rates_in_degrees(self.recording, list(degrees))]
+            found = list(suspicions(self.fitted) or doubts(self.fitted))
+            # Without a stated inertia, no fit distinguishes degrees from radians.
+            uncertain = [] if self.fitted.model.lumps_known else over_turns(self.recording)
+        for further in (signals, uncertain):
+            found += [s for s in further if s.joint not in {t.joint for t in found}]
+        degrees = dict.fromkeys(s.joint for s in found if s.kind == "degrees")
+        return [*found, *rates_in_degrees(self.recording, list(degrees))]
 
     def document(self) -> InspectDocument:
-        """As `tendon inspect --json`. The fit is described only where the data do not look wrong."""
+        """The document of `tendon inspect --json`. The fit is described only if the data look right."""
         recording, fitted, suspicious = self.recording, self.fitted, self.found
         believed = None if suspicious else fitted
+        unnamed = recording is None and "no column" in (self.problem or "")
         joints = () if believed is None else series(believed)
         return InspectDocument(
             file=str(self.path),
             format=self.contents.format,
             fields=[FieldEntry(name=f.name, clock=f.clock) for f in self.contents.fields],
             problem=self.problem,
-            suggested=[] if recording else self._suggested(),
+            suggested=signals.map_options(self.contents.fields) if unnamed else [],
             notes=list(recording.notes) if recording else [],
             clock=clock_entry(recording) if recording else None,
             clocks=[_other_clock(clock) for clock in recording.clocks] if recording else [],
@@ -306,19 +303,9 @@ class Inspection:
             cures=list(dict.fromkeys(option for s in suspicious for option in s.maps)),
         )
 
-    def _suggested(self) -> list[str]:
-        """Options that may name what was not found."""
-        if self.problem is None or "no column" not in self.problem:
-            return []
-        return signals.map_options(self.contents.fields)
-
 
 def inspect(path: Path, arm: RecordedArm | None, mapping: Mapping[str, str], allow_gaps: bool = False) -> Inspection:
-    """A file, read as far as it goes.
-
-    arm   None: as many joints as the file names
-    Raises RecordingError where it is no recording at all.
-    """
+    """Inspects a file. arm: None: as many joints as the file names. Raises RecordingError if it is not a recording."""
     refuse = Refusal(printable(path))
     contents = recording.opened(path, refuse)
     names = tuple(joint.name for joint in arm.joints) if arm else ()
@@ -334,7 +321,7 @@ def inspect(path: Path, arm: RecordedArm | None, mapping: Mapping[str, str], all
 
 
 def with_model(inspection: Inspection, model: Model) -> Inspection:
-    """The same with what a fit of the model's structure tells of it."""
+    """The same with a fit of the model's structure."""
     if inspection.recording is None:
         return inspection
     try:
@@ -344,7 +331,7 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
 
 
 def _other_clock(clock: BroughtClock) -> OtherClock:
-    """Signals of another clock than the positions', and by how much its stamps are later."""
+    """Document entry of signals with another clock than the positions."""
     return OtherClock(
         clock=clock.name,
         signals=list(clock.signals),
@@ -355,7 +342,7 @@ def _other_clock(clock: BroughtClock) -> OtherClock:
 
 
 def _inertias(fitted: Identification) -> list[InertiaEntry]:
-    """Of joints that move what each moves at q = 0, as fitted; none where the model file says it."""
+    """The fitted inertia that each moving joint moves at q = 0; none if the model file states all inertias."""
     model, motion = fitted.model, fitted.motion
     if model.lumps_known or motion.rigid_given:
         return []
@@ -367,7 +354,7 @@ def _inertias(fitted: Identification) -> list[InertiaEntry]:
 
 
 def _parameters(fitted: Identification) -> list[DeterminedParameter]:
-    """How well this recording determines each parameter."""
+    """How well the recording determines each parameter."""
     inference = fitted.inference
     lumps = zip(fitted.model.lumps, inference.lumps, strict=True)
     rows: list[tuple[str, int | None, Estimate]] = [(lump.name, None, e) for lump, e in lumps]

@@ -1,4 +1,4 @@
-"""Signals of a recording: what their names suggest, their figures, and the lag of one behind another."""
+"""Signals of a recording: suggestions from their names, statistics, and delays between them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WORDS: Mapping[str, str] = {
     "tau": r"tau|torque|torques|effort|efforts|moment|current|currents|iq|nm|strom|drehmoment",
     "q": r"q|pos|position|positions|angle|angles|theta|phi|encoder|enc|joint|winkel|deg|rad",
 }
-"""Our signal -> words of others for it, the most telling first."""
+"""Signal -> words for it in names of fields, the most specific first."""
 _NOT_MEASURED = re.compile(r"ref|des|cmd|command|target|err|error|set|ff|init|goal|action", re.IGNORECASE)
 _MEASURED = re.compile(r"act|actual|meas|measured|mot|motor", re.IGNORECASE)
 _UNIT_WORDS: Sequence[tuple[str, str]] = (
@@ -41,13 +41,13 @@ _UNIT_WORDS: Sequence[tuple[str, str]] = (
     (r"m_?nm", "mN m"),
     (r"amps|current|iq|(?:current|strom|iq?)(?:_\w+)?_a", "A"),
 )
-"""Words at the end of a name, with _ before its capitals -> the unit that they mean. A joint may be called a."""
+"""Words at the end of a name, with _ before capitals -> unit. A single "a" may be a joint's name."""
 
 
 def map_options(fields: Sequence[RecordedField]) -> list[str]:
-    """Options for positions, torques and time that no field is called: '--map q="act_pos_mot_deg [deg]"'.
+    """Suggested options for missing positions, torques and time: '--map q="act_pos_mot_deg [deg]"'.
 
-    One family of fields for all joints where there is one.
+    One option for all joints where their fields differ only in a number.
     """
     found, home = [], None
     for signal in ("q", "tau", "t"):
@@ -83,7 +83,7 @@ def _score(name: str) -> int:
 
 
 def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, bool]:
-    """The name of a field without its joint, and whether other joints have the like."""
+    """The name of a field without its joint's number, and whether there are others of this name."""
     if best.joint is not None:
         return best.name.removesuffix(f".{best.joint}"), True
     match = FAMILY.fullmatch(bare(best.name))
@@ -94,7 +94,7 @@ def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, 
 
 
 def _alike(best: str, fields: Sequence[RecordedField]) -> list[str]:
-    """The names that differ from one in one number alone, in the order of that number; itself alone if none do."""
+    """The names that differ from one only in one number, in the order of that number."""
     for number in re.finditer(r"\d+", best):
         like = re.compile(re.escape(best[: number.start()]) + r"(\d{1,3})" + re.escape(best[number.end() :]))
         found = {int(m[1]): f.name for f in fields if (m := like.fullmatch(f.name))}
@@ -104,7 +104,7 @@ def _alike(best: str, fields: Sequence[RecordedField]) -> list[str]:
 
 
 def unit_in_name(name: str) -> str | None:
-    """The unit that a name ends in, where it states none in brackets."""
+    """The unit at the end of a name that has none in brackets."""
     if "[" in name and not re.search(r"\[\d+\]", name):
         return None
     if (bracket := re.search(r"\(([^()]*)\)\s*$", name)) and normal_unit(bracket[1]) in UNITS:
@@ -117,7 +117,7 @@ Array = NDArray[np.float64]
 
 
 def clock_entry(recording: Recording) -> ClockEntry:
-    """Rate, jitter and gaps of the samples. jitter: 0 where it is but rounding."""
+    """Rate, jitter and gaps of the samples; jitter is 0 where it is only rounding."""
     steps = np.concatenate([np.diff(recording.t[s]) for s in recording.segments])
     whole = np.diff(recording.t)[np.diff(recording.run) == 0]
     step = float(np.median(steps))
@@ -134,7 +134,7 @@ def clock_entry(recording: Recording) -> ClockEntry:
 
 
 def signal_entries(recording: Recording) -> list[SignalEntry]:
-    """Of each signal its field, unit, range, resolution and the standard deviation of its white noise."""
+    """Field, unit, range, resolution and standard deviation of the white noise of each signal."""
     even = grid(recording)
     found = []
     for name, unit, values in complete_signals(recording):
@@ -154,7 +154,7 @@ def signal_entries(recording: Recording) -> list[SignalEntry]:
 
 
 def joint_entries(recording: Recording, names: tuple[str | None, ...]) -> list[RecordedJoint]:
-    """Of each joint whether it moves, how far and how fast; names: the model's."""
+    """Whether, how far and how fast each joint moves. names: of the model's joints."""
     even = grid(recording)
     found = []
     for i, q in enumerate(recording.q):
@@ -174,24 +174,24 @@ def joint_entries(recording: Recording, names: tuple[str | None, ...]) -> list[R
 
 
 def moves(q: Array, even: EvenGrid) -> bool:
-    """Whether a joint's position (N,) is more than resolution and noise."""
+    """Whether a joint's position (N,) changes by more than its resolution and noise."""
     far = float(np.ptp(q))
     return far > 0 and far > MOVES_FROM * max(resolution(q), _noise(q, even))
 
 
 def complete_signals(recording: Recording) -> Iterator[tuple[str, str, Array]]:
-    """Name, unit and values (N,) of every signal that was measured throughout."""
+    """Name, unit and values (N,) of every signal without missing samples."""
     return (found for found in recorded.measured(recording) if np.isfinite(found[2]).all())
 
 
 def _noise(values: Array, even: EvenGrid) -> float:
-    """Standard deviation of white noise."""
+    """Standard deviation of the white noise of a signal (N,)."""
     rate = 1 / even.period
     return float(np.sqrt(SampleNoise.on(even.longest, rate).density(values) * rate / 2))
 
 
 def shift_entries(recording: Recording) -> list[ShiftEntry]:
-    """Of each signal the s by which it is later than its joint's position at the motor; of those that can be told."""
+    """Delay in s of each signal behind its joint's motor position, where it can be determined."""
     samples = max(recording.segments, key=lambda s: s.stop - s.start)
     t = recording.t[samples]
     found = []
@@ -206,7 +206,7 @@ def shift_entries(recording: Recording) -> list[ShiftEntry]:
 
 
 def followers(recording: Recording) -> Iterator[tuple[str, int, Array]]:
-    """Signals that follow a joint's position or its rate: name, joint (0-based) and values (N,)."""
+    """Signals that follow a joint's position or rate: name, joint (0-based) and values (N,)."""
     groups = {"qd{}": recording.qd, "q{}_link": recording.q_link, "q{}_desired": recording.q_desired}
     for pattern, rows in groups.items():
         for joint, values in enumerate(rows if rows is not None else ()):
@@ -215,14 +215,14 @@ def followers(recording: Recording) -> Iterator[tuple[str, int, Array]]:
 
 
 def integral(t: Array, x: Array) -> Array:
-    """Of x (N,) over t (N,), from 0; trapezia."""
+    """Integral of x (N,) over t (N,) from 0, by the trapezoidal rule."""
     return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2 * np.diff(t))])
 
 
 def scale(q: Array, x: Array, t: Array) -> tuple[float, float]:
-    """a of x = a q + b + c t, and what part of x's variance is explained so.
+    """a of the fit x = a q + b + c t, and the part of x's variance that it explains.
 
-    b and c: where an integral begins, and the offset of a rate.
+    b is the constant of an integral, c the offset of a rate.
     """
     slow = np.vander((t - t[0]) / (t[-1] - t[0]), 2)
     clean = [y - slow @ np.linalg.lstsq(slow, y, rcond=None)[0] for y in (q, x)]
@@ -232,10 +232,9 @@ def scale(q: Array, x: Array, t: Array) -> tuple[float, float]:
 
 
 def _lag(t: Array, q: Array, other: Array) -> float | None:
-    """s by which `other` lags behind q; None where it does not follow it.
+    """Delay s of `other` behind q in s, by Gauss-Newton on other(t) = a q(t − s) + b + c t; None if it does not fit.
 
-    other(t) = a q(t − s) + b + c t, linearised in s about the shift found so far. Source: Gauss and Newton's method on
-    separable least squares; Ljung, System Identification, 1999.
+    Source: separable least squares, Ljung, System Identification, 1999.
     """
     late = 0.0
     rate = np.gradient(q, t)

@@ -1,1 +1,1 @@
-"""The generated code of an arm and of the effects, loaded."""
+"""The generated code of an arm and of the effects, loaded for NumPy and CasADi."""

@@ -1,4 +1,4 @@
-"""The generated CasADi functions of an arm and of its effects: smooth forms, for the optimizer and for simulation."""
+"""The generated CasADi functions of an arm and of effects, with smoothed switches, for optimization and simulation."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import casadi as ca
 from runtime.model.loader import Model
 
 WIDTHS = ("rate", "position", "force", "time")
-"""What the widths of the smooth switches are widths of, in the order in which the generated functions take them."""
+"""The order in which generated functions take the widths of their smoothed switches."""
 
 
 @cache
 def _module(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise ImportError(f"{path}: not a module that Tendon generated")
+        raise ImportError(f"{path}: not a generated module; generate the arm again")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -38,12 +38,12 @@ def arm_function(model: Model, name: str) -> ca.Function:
 
 
 def effect_function(model: Model, effect: str, what: str = "torque") -> ca.Function:
-    """`torque`, and of an effect with a memory `start` and `step`; inputs: signals, (dt,) p, x, width."""
+    """`torque`, and for effects with states `start` and `step`; inputs: signals, (dt,) parameters, states, width."""
     return _function(model.library.directory / "effects_casadi.py", f"{effect}_{what}")
 
 
 def evaluate(model: Model, name: str, struct: Any, coordinate: Callable[[str], Any]) -> Any:
-    """A function of the arm whose inputs, beside the struct of parameters, are read by name."""
+    """A function of the arm; its inputs besides the struct of parameters are read by name."""
     inputs = model.metadata["functions"][name]["inputs"]
     return arm_function(model, name)(struct, *(coordinate(argument) for argument, _ in inputs))
 
@@ -58,7 +58,7 @@ def _slope(path: Path, arm: str, name: str, by: str) -> ca.Function:
 
 
 def slope(model: Model, name: str, by: str, struct: Any, coordinate: Callable[[str], Any]) -> Any:
-    """How a function of the arm grows with `by`, one of its inputs; as `evaluate`, a column an entry of it."""
+    """The derivative of a function of the arm by its input `by`, one column per entry; see `evaluate`."""
     inputs = model.metadata["functions"][name]["inputs"]
     return _slope(model.directory, model.name, name, by)(struct, *(coordinate(argument) for argument, _ in inputs))
 
@@ -66,12 +66,12 @@ def slope(model: Model, name: str, by: str, struct: Any, coordinate: Callable[[s
 def effect_torque(
     model: Model, effect: str, read: Callable[[str], Any], values: Any, width: Any, states: Any = None
 ) -> Any:
-    """The torque of an effect whose signals are read by name; values: its parameters in declared order."""
+    """The torque of an effect; its signals are read by name. values: its parameters in declared order."""
     info = model.library[effect]
     signals = [read(name) for name in info.signals]
     return effect_function(model, effect)(*signals, values, ca.SX(0, 1) if states is None else states, width)
 
 
 def ordered(model: Model, effect: str, values: Mapping[str, float]) -> list[float]:
-    """Parameter values of an effect in declared order; given ones that are not stated have their defaults."""
+    """Parameter values of an effect in declared order, with defaults."""
     return [float(values.get(p.name, p.default or 0.0)) for p in model.library[effect].parameters]

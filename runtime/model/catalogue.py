@@ -1,4 +1,4 @@
-"""What generated metadata says of joints, lumps, effects and their parameters."""
+"""Generated metadata of joints, base inertial parameters, signals and effects, as dataclasses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class LoaderError(ValueError):
 class SignalInfo:
     """A signal that effects may read; see symbolic/effects/signals.py.
 
-    source   its kind and fields; None for one that needs what surrounds the sample
+    source   its kind and fields; None for a signal that depends on other effects or samples
     """
 
     name: str
@@ -33,18 +33,18 @@ class SignalInfo:
 
     @property
     def between(self) -> bool:
-        """Whether it stands between the joint where an effect sits and the one whose torque is asked for."""
+        """Whether it relates the joint of an effect to the joint whose torque is computed."""
         source = self.source
         return source is not None and (source["kind"] == "ArmSlope" or "own" in source.get("index", ()))
 
 
 @dataclass(frozen=True, kw_only=True)
 class EffectInfo(DescribedEffect[DescribedParameter]):
-    """An effect as declared, its equations compiled.
+    """A declared effect with compiled equations.
 
-    signals        names of those that it reads
-    coefficients   what identification solves for; recover: the linear parameters in them, as `prefix` writes it
-    states         names; deflection: the one that a link-side encoder measures
+    signals        names of the signals that it reads
+    coefficients   unknowns of the linear fit     recover   linear parameters as functions of them, in prefix form
+    states         names of its states            deflection   the state that a link-side encoder measures
     """
 
     signals: tuple[str, ...]
@@ -64,10 +64,10 @@ class EffectInfo(DescribedEffect[DescribedParameter]):
 
 @dataclass(frozen=True)
 class LumpInfo:
-    """A base inertial parameter: value from the model file, None where it leaves a number behind it out; joint counts
-    from 1.
+    """A base inertial parameter.
 
-    parts   of an arm in space: (joint, inertial parameter of its body or rotor, coefficient), whose sum it is
+    joint   counted from 1     value   from the model file; None: unknown
+    parts   of a spatial arm: (joint, inertial parameter of its body or rotor, coefficient), whose sum it is
     """
 
     name: str
@@ -80,37 +80,34 @@ class LumpInfo:
 
 @dataclass(frozen=True)
 class JointInfo(DescribedJoint):
-    """A joint as the model file has it, and the units of its "force" and "position".
-
-    unknown   keys of its inertia that the file leaves out
-    """
+    """A joint of the model file. units: of "force" and "position"; unknown: inertial keys missing in the file."""
 
     units: Mapping[str, str] = field(kw_only=True)
     unknown: tuple[str, ...] = field(kw_only=True)
 
     @property
     def position_limits(self) -> tuple[float, float] | None:
-        """(low, high) in rad or m, None where the model file states none."""
+        """(low, high) in rad or m; None: not stated."""
         return self.limits.position
 
     @property
     def speed_limit(self) -> float | None:
-        """rad/s or m/s, None where the model file states none."""
+        """rad/s or m/s; None: not stated."""
         return self.limits.speed
 
     @property
     def torque_limit(self) -> float | None:
-        """N m or N, None where the model file states none."""
+        """N m or N; None: not stated."""
         return self.limits.torque
 
     @property
     def force_unit(self) -> str:
-        """Of its torque, in letters."""
+        """Unit of its torque."""
         return self.units["force"]
 
     @property
     def position_unit(self) -> str:
-        """Of its position, in letters."""
+        """Unit of its position."""
         return self.units["position"]
 
 
@@ -120,7 +117,7 @@ def joint_info(data: Mapping[str, Any]) -> JointInfo:
 
 
 def evaluate(form: Any, known: Mapping[str, float]) -> float:
-    """A form of symbolic.effects.declaration.prefix; nan where it has no value (a division by zero)."""
+    """The value of a prefix form (symbolic.effects.declaration.prefix); nan after a division by zero."""
     if isinstance(form, str):
         return known[form]
     if isinstance(form, list):
@@ -146,5 +143,5 @@ def effect_info(data: Mapping[str, Any]) -> EffectInfo:
 
 
 def effects_of(listed: Iterable[Mapping[str, Any]]) -> dict[str, EffectInfo]:
-    """Those of effects.json, by name."""
+    """The effects of effects.json by name."""
     return {e["name"]: effect_info(e) for e in listed}

@@ -44,12 +44,12 @@ Array = NDArray[np.float64]
 
 
 def load_library(directory: Path) -> Library:
-    """The library of effects in a directory of codegen.prepare.prepare_effects."""
+    """Loads the effects compiled by codegen.prepare.prepare_effects."""
     return Library(Path(directory))
 
 
 def load_model(directory: Path, effects: Library) -> Model:
-    """The arm in a directory of codegen.prepare.prepare_arm."""
+    """Loads the arm compiled by codegen.prepare.prepare_arm."""
     return Model(Path(directory), effects)
 
 
@@ -69,11 +69,11 @@ def _load_compiled(directory: Path, name: str) -> ctypes.CDLL:
 
 
 def _not_there(directory: Path, error: OSError) -> LoaderError:
-    return LoaderError(f"{directory}: no compiled code here ({error}); codegen.prepare makes it")
+    return LoaderError(f"{directory}: no compiled code here ({error}); compile it with codegen.prepare")
 
 
 _MOST_AT_ONCE = 20_000_000
-"""Numbers, 160 MB; what joints have in common is computed again for each where a recording is longer than that."""
+"""Numbers, 160 MB, of scratch memory in columns_in_band; beyond it, joints are computed one after the other."""
 
 
 def _pointer(array: Array) -> ctypes.c_void_p:
@@ -81,9 +81,12 @@ def _pointer(array: Array) -> ctypes.c_void_p:
 
 
 class Model:
-    """An arm's functions. `spatial`: it is one in space; `places` (n,): of its joints where all positions are 0, m in
-    base axes. `lumps` (p,) replaces the base inertial parameters of the model file for one call; where that leaves some
-    open, the equations of motion cannot be called without, and say so (ModelError)."""
+    """The functions of an arm.
+
+    spatial   whether it is spatial     places   of its joints at q = 0, m in base axes
+    `lumps` (p,) replaces the base inertial parameters of the model file for one call. If the file leaves some open, the
+    equations of motion need it, and raise ModelError without it.
+    """
 
     def __init__(self, directory: Path, library: Library) -> None:
         self.directory, self.library = directory, library
@@ -103,19 +106,19 @@ class Model:
 
     @property
     def lump_values(self) -> Array:
-        """(p,) base inertial parameters of the model file. Raises ModelError where one is not known."""
+        """(p,) base inertial parameters of the model file. Raises ModelError if one is unknown."""
         open_lumps = [lump.name for lump in self.lumps if lump.value is None]
         check_stated(self.name, open_lumps, [joint.unknown for joint in self.joints])
         return self._defaults[: len(self.lumps)]
 
     def lumps_or(self, fitted: Array) -> Array:
-        """(p,) base inertial parameters of the model file, and those of a fit where it leaves one open."""
+        """(p,) base inertial parameters of the model file, and fitted ones where it leaves one open."""
         stated = self._defaults[: len(self.lumps)]
         return np.where(np.isnan(stated), fitted, stated)
 
     @property
     def lumps_known(self) -> bool:
-        """Whether the model file tells every base inertial parameter."""
+        """Whether the model file states all base inertial parameters."""
         return all(lump.value is not None for lump in self.lumps)
 
     @property
@@ -124,9 +127,9 @@ class Model:
         return [*self.lump_values.tolist(), *self._defaults[len(self.lumps) :].tolist()]
 
     def call(self, function: str, arguments: Mapping[str, ArrayLike], lumps: ArrayLike | None = None) -> Array:
-        """Any generated function by name. Inputs (*shape, N), output (*shape, N); see metadata["functions"].
+        """Calls a generated function by name. Inputs and output (*shape, N); see metadata["functions"].
 
-        Without lumps, what hangs on one that the model file leaves open is NaN.
+        Without lumps, results that depend on an unknown one are NaN.
         """
         if function not in self.metadata["functions"]:
             raise LoaderError(f'arm "{self.name}" has no function "{function}"; it has: {", ".join(self.functions)}')
@@ -146,9 +149,9 @@ class Model:
     def _arrays(
         self, function: str, inputs: list[Any], arguments: Mapping[str, ArrayLike]
     ) -> tuple[list[Array], int | None]:
-        """Inputs in order, and the number of samples (None: a call without samples)."""
+        """Inputs in order, and the number of samples; None: a call without samples."""
         arrays = [np.asarray(arguments[name], dtype=np.float64, order="C") for name, _ in inputs]
-        # The first input is an array of numbers, so its dimensions tell whether there are samples.
+        # The dimensions of the first input show whether there are samples.
         count = arrays[0].shape[-1] if arrays[0].ndim == len(inputs[0][1]) + 1 else None
         for i, ((name, shape), array) in enumerate(zip(inputs, arrays, strict=True)):
             expected = (*shape,) if count is None else (*shape, count)
@@ -194,20 +197,20 @@ class Model:
         return self.call("coriolis", {"q": q, "qd": qd}, self._or_stated(lumps))
 
     def tip(self, q: ArrayLike) -> Array:
-        """End-effector's x, y and angle in the base frame, (3, N); of an arm in space its x, y and z."""
+        """The tip in the base frame, (3, N): x, y and angle; of a spatial arm x, y and z."""
         return self.call("tip", {"q": q})
 
     def tip_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the tip by q, (3, n, N); of an arm in space (6, n, N), x, y, z and rotation about them."""
+        """Derivative of the tip by q, (3, n, N); of a spatial arm (6, n, N), along x, y, z and about them."""
         return self.call("tip_jacobian", {"q": q})
 
     def tip_load(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Torque that a unit mass at the end-effector asks of each joint, (n, N); of an arm in space (n, 10, N), which
-        times 1, x, y, z, x², y², z², xy, xz, yz is that of one at (x, y, z) of the tip's frame."""
+        """Torque of each joint for a unit mass at the tip, (n, N); of a spatial arm (n, 10, N), the coefficients of
+        1, x, y, z, x², y², z², xy, xz, yz for a mass at (x, y, z) in the tip's frame."""
         return self.call("tip_load", {"q": q, "qd": qd, "qdd": qdd})
 
     def moment_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the first mass moment (base x, y, in space z) by q, (2, n, N) or (3, n, N)."""
+        """Derivative of the first mass moment in base axes by q, (2, n, N), spatial (3, n, N)."""
         return self.call("moment_jacobian", {"q": q})
 
     def contact_coordinates(self, q: ArrayLike) -> Array:
@@ -219,7 +222,7 @@ class Model:
         return self.call("contact_jacobian", {"q": q})
 
     def contact_bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """b_w(q, qd), the part of wdd that does not depend on qdd, (4, N)."""
+        """b_w(q, qd), the part of wdd that is independent of qdd, (4, N)."""
         return self.call("contact_bias", {"q": q, "qd": qd})
 
     def contact_inverse(self, w: ArrayLike, elbow: ArrayLike) -> Array:
@@ -242,14 +245,14 @@ class Library:
         self._place = {name: place for place, name in enumerate(self.signals)}
         self._lanes: int = self.metadata["lanes"]
         self.effects: dict[str, EffectInfo] = effects_of(self.metadata["effects"])
-        # What one has to know for the signals that an effect reads: `Needs` of symbolic/effects/signals.py.
+        # What the signals of an effect depend on: `Needs` of symbolic/effects/signals.py.
         self.needs: dict[str, frozenset[str]] = {
             name: frozenset(self.signal[s].needs for s in info.signals) for name, info in self.effects.items()
         }
 
     @cached_property
     def machine(self) -> ctypes.CDLL:
-        """What runs CasADi functions at many places at once: codegen/casadi/machine.py."""
+        """Evaluates CasADi functions at many points in parallel: codegen/casadi/machine.py."""
         return _load_compiled(self.directory, "machine.so")
 
     def __getitem__(self, effect: str) -> EffectInfo:
@@ -264,9 +267,9 @@ class Library:
         parameters: Mapping[str, float],
         dt: float = 0.0,
     ) -> Array:
-        """Regressor (1 + k, N): the part without linear parameters, then a row for each of the k linear ones.
+        """Regressor (1 + k, N): the part without linear parameters, then a row for each of the k coefficients.
 
-        `parameters` needs the shape parameters only; dt (s) only matters to effects with states.
+        parameters   the shape parameters     dt   s, only for effects with states
         """
         info = self[effect]
         return self._call(info, "columns", 1 + len(info.coefficients), signals, parameters, dt)
@@ -278,7 +281,7 @@ class Library:
         parameters: Mapping[str, float],
         dt: float = 0.0,
     ) -> Array:
-        """The effect's part of the motor torque, (N,); all parameters are needed."""
+        """The effect's torque, (N,), from all its parameters."""
         return self._call(self[effect], "torque", 1, signals, parameters, dt)[0]
 
     def states(
@@ -288,8 +291,7 @@ class Library:
         parameters: Mapping[str, float],
         dt: float,
     ) -> dict[str, Array]:
-        """The effect's memory along the samples, (N,) a state; none for a static effect. Shape parameters are needed;
-        linear ones that are not given count as zero."""
+        """The effect's states along the samples, (N,) each. Linear parameters may be left out and count as zero."""
         info = self[effect]
         if not info.states:
             return {}
@@ -297,7 +299,7 @@ class Library:
         return dict(zip(info.states, rows, strict=True))
 
     def recover(self, effect: str, coefficients: ArrayLike, shape: Mapping[str, float]) -> dict[str, float]:
-        """All parameters of an effect from its coefficients (k,) and its shape and given parameters."""
+        """All parameters of an effect, from its coefficients (k,) and its other parameters."""
         info = self[effect]
         values = np.asarray(coefficients, dtype=np.float64)
         found = {p.name: float(shape.get(p.name, p.default or 0.0)) for p in info.parameters if p.role != "linear"}
@@ -320,7 +322,7 @@ class Library:
         taps = np.ascontiguousarray(kernel)
         for row, result in zip(rows, out, strict=True):
             if not row.any():
-                # The part without coefficients is zero for most effects.
+                # Frequent: the part without coefficients.
                 result[:] = 0.0
                 continue
             self._lib.tendon_decimate_f64(*sizes, _pointer(taps), _pointer(row), _pointer(result))
@@ -335,8 +337,10 @@ class Library:
         kernel: Array,
         factor: int,
     ) -> Array:
-        """`columns` at several joints that feel an effect, for many choices of the shape parameters, each through the
-        filter of `decimate`: (S, J, 1 + k, M). What its memory reads is the same in the J signals."""
+        """`columns` at J joints, for S choices of the shape parameters, filtered by `decimate`: (S, J, 1 + k, M).
+
+        The signals that the effect's states read must be equal at all J joints.
+        """
         info = self[effect]
         read = [self._signals(info, one) for one in signals]
         arrays, count = [arrays for arrays, _ in read], read[0][1]
@@ -362,7 +366,7 @@ class Library:
         return out
 
     def _pointers(self, joints: Sequence[Mapping[str, Array]]) -> ctypes.Array[ctypes.c_void_p]:
-        """One a signal and joint; null for those that are not there."""
+        """One pointer per signal and joint; null for missing signals."""
         size = len(self.signals)
         found = (ctypes.c_void_p * (size * len(joints)))()
         for k, arrays in enumerate(joints):
@@ -381,7 +385,7 @@ class Library:
     ) -> Array:
         values = self._values(info, parameters, what == "torque")
         if info.states and not dt > 0:
-            raise LoaderError(f'effect "{info.name}" has a memory and needs the step dt > 0, found {dt}')
+            raise LoaderError(f'effect "{info.name}" has states and needs a step dt > 0; found {dt}')
         arrays, count = self._signals(info, signals)
         out = np.empty((rows, count))
         kernel = getattr(self._lib, f"tendon_{info.name}_{what}_batch_f64")
@@ -407,7 +411,7 @@ class Library:
         return np.array(found, dtype=np.float64)
 
     def _signals(self, info: EffectInfo, signals: Mapping[str, ArrayLike]) -> tuple[dict[str, Array], int]:
-        """Those that the effect reads, each (N,); N is the length of the arrays in `signals`, read or not."""
+        """The signals that the effect reads, each (N,); N is the length of the arrays in `signals`."""
         missing = [name for name in info.signals if name not in signals]
         if missing:
             raise LoaderError(f'effect "{info.name}" reads {", ".join(missing)}, which is not among the signals given')
@@ -427,10 +431,7 @@ class Library:
 
 
 def joint_places(model: Model, q: Array) -> list[tuple[Array, Array]]:
-    """Of every joint, (3, N) m each: where it is, and where what it moves begins, elsewhere for a slide alone.
-
-    q   (n, N)
-    """
+    """Of each joint at q (n, N): its position and the start of the moved part, (3, N) m; equal unless prismatic."""
     found = []
     for j, (joint, home) in enumerate(zip(model.joints, model.places, strict=True)):
         base = carried(model, q, j, home)
@@ -439,9 +440,9 @@ def joint_places(model: Model, q: Array) -> list[tuple[Array, Array]]:
 
 
 def carried(model: Model, q: Array, link: int, place: ArrayLike) -> Array:
-    """(3, N) m, base axes: where a link (0: the base) carries a point; of a planar arm z is 0.
+    """Position (3, N) m in base axes of a point fixed to a link (0: the base); z is 0 for planar arms.
 
-    place   (2,) or (3,) m, where the point is when all positions are 0
+    place   (2,) or (3,) m, the point's position at q = 0
     """
     still = np.ascontiguousarray(q, dtype=np.float64).copy()
     still[link:] = 0.0
@@ -453,12 +454,12 @@ def carried(model: Model, q: Array, link: int, place: ArrayLike) -> Array:
 
 
 def tip_place(model: Model, q: Array) -> Array:
-    """(3, N) m, base axes; of a planar arm z is 0."""
+    """Position (3, N) m of the tip in base axes; z is 0 for planar arms."""
     return _pose(model, np.ascontiguousarray(q, dtype=np.float64))[0]
 
 
 def _pose(model: Model, q: Array) -> tuple[Array, Array]:
-    """The tip's place (3, N) and its frame's axes in base axes (3, 3, N)."""
+    """Position (3, N) and rotation (3, 3, N) of the tip in base axes."""
     tip = model.tip(q)
     if model.spatial:
         return tip, model.call("tip_rotation", {"q": q})

@@ -1,4 +1,4 @@
-"""Terms of a model's equation of motion: effects at joints, what is known of them and where they act."""
+"""Terms of a model's equation of motion: effects at joints, their known values, and the signals that they read."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Term:
 
 
 Structure = dict[Term, Values]
-"""Active terms with the parameter values that are known."""
+"""Active terms with their known parameter values."""
 
 
 def structure(model: Model) -> Structure:
-    """What the model file activates."""
+    """The terms of the model file."""
     found: Structure = {}
     for number, joint in enumerate(model.joints, start=1):
         for name, values in joint.effects.items():
@@ -59,7 +59,7 @@ def structure(model: Model) -> Structure:
 
 
 def check_complete(model: Model, terms: Mapping[Term, Values]) -> None:
-    """Raise ModelError where a parameter of an effect has no value: with it, nothing can be planned or simulated."""
+    """Raises ModelError if a parameter has no value, which planning and simulation need."""
     lacking: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for term, values in terms.items():
         unknown = tuple(
@@ -73,13 +73,13 @@ def check_complete(model: Model, terms: Mapping[Term, Values]) -> None:
             for (name, unknown), joints in lacking.items()
         )
         raise ModelError(
-            f"{model.name}: this needs values that the model file leaves out ({'; '.join(places)}); state them, or let "
-            "tendon identify MODEL RECORDING --write find them"
+            f"{model.name}: this needs values that the model file leaves out ({'; '.join(places)}); state them, or "
+            "find them with tendon identify MODEL RECORDING --write"
         )
 
 
 def joints_of(model: Model, term: Term) -> tuple[int, ...]:
-    """Indices (0-based) of the joints on whose torque the term acts, its own first."""
+    """Indices (0-based) of the joints whose torque the term changes, its own first."""
     if term.joint is None:
         return tuple(range(model.n))
     info = model.library.effects[term.effect]
@@ -91,11 +91,11 @@ def joints_of(model: Model, term: Term) -> tuple[int, ...]:
 
 
 SURFACE = "plate_y"
-"""The signal that says where the end-effector touches something: the value of a parameter of an effect."""
+"""The signal with the height of the surface at the tip, a parameter of a contact effect."""
 
 
 def giver(library: Library, terms: Iterable[Term], signal: str) -> tuple[Term, str] | None:
-    """The term of which a parameter is a signal for the effects beside it, and that parameter's name."""
+    """The term with a parameter that is this signal for other effects, and the parameter's name, if any."""
     for term in terms:
         parameter = library[term.effect].giving(signal)
         if parameter is not None:
@@ -104,22 +104,22 @@ def giver(library: Library, terms: Iterable[Term], signal: str) -> tuple[Term, s
 
 
 def given(library: Library, values: Mapping[Term, Values], signal: str) -> float | None:
-    """The signal that a parameter of one of these terms is; None where there is none or its value is not known."""
+    """The value of a signal that is a parameter of one of these terms; None: there is none, or it is unknown."""
     found = giver(library, values, signal)
     return None if found is None else values[found[0]].get(found[1])
 
 
 def unit_of(model: Model, term: Term, parameter: str) -> str:
-    """Unit of a parameter at this joint, for people."""
+    """Unit of a parameter at its joint, as text."""
     info = model.library.effects[term.effect].parameter(parameter)
     return info.unit.text(model.joints[(term.joint or 1) - 1].type)
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Base inertial parameters (p,) and all parameter values of all terms: what a fit found.
+    """The result of a fit: base inertial parameters (p,) and all parameter values of all terms.
 
-    rotors   inertia of the rotors, by joint (0-based), where the model file leaves it out and a term told it
+    rotors   joint (0-based) -> rotor inertia, where the model file leaves it out and a term determines it
     """
 
     lumps: Array
@@ -128,18 +128,18 @@ class Prediction:
 
 
 def at(term: Term) -> str:
-    """Where a term acts, after its name."""
+    """Where a term acts, as text after its name."""
     return at_joint(term.joint)
 
 
 class UnknownHere(LookupError):
-    """A signal was asked for where nobody knows it."""
+    """A signal that its context does not know."""
 
 
 class SignalContext(ABC):
-    """What surrounds the place where an effect reads: numbers (N,) along samples, or expressions of one instant.
+    """The signals that effects read: numbers (N,) along samples, or expressions of one instant.
 
-    What a context does not know, it leaves out: nothing that reads it may be evaluated there.
+    A context implements what it knows; other methods raise UnknownHere.
     """
 
     model: Model
@@ -150,42 +150,42 @@ class SignalContext(ABC):
 
     @abstractmethod
     def evaluate(self, function: str) -> Any:
-        """The output of one of the arm's generated functions at this motion."""
+        """The output of a generated function of the arm for this motion."""
 
     @abstractmethod
     def given(self, name: str) -> Any | None:
-        """The signal of this name that a parameter of an active effect is; None where there is none."""
+        """The signal that is a parameter of an active effect; None: there is none."""
 
     def growth(self, function: str, by: str, own: int) -> Any:
-        """How the entries of the output of one of the arm's functions, one a joint, grow with q or qd of a joint."""
-        raise UnknownHere(f"how {function} grows with {by} of joint {own + 1}")
+        """Derivative of a function of the arm, one entry per joint, by q or qd (`by`) of the joint `own`."""
+        raise UnknownHere(f"the derivative of {function} by {by} of joint {own + 1}")
 
     def time(self) -> Any:
-        """s since the run began."""
+        """Time in s since the start of the run."""
         raise UnknownHere("the time")
 
     def elapsed(self) -> Any:
-        """s since the recording began, its runs one after another; where there is one run, its time."""
+        """Time in s since the start of the recording, with its runs one after another."""
         return self.time()
 
     def terms(self) -> Collection[Term]:
-        """The effects that act."""
-        raise UnknownHere("the effects that act")
+        """The active terms."""
+        raise UnknownHere("the active terms")
 
     def torque(self, term: Term, joint: int) -> Any:
-        """Of one of them at a joint (0-based)."""
+        """Torque of a term at a joint (0-based)."""
         raise UnknownHere(f"the torque of {term} at joint {joint + 1}")
 
     def predicted(self, joint: int) -> Any:
-        """Torque of the motor at a joint (0-based)."""
+        """Predicted motor torque at a joint (0-based)."""
         raise UnknownHere(f"the predicted torque of joint {joint + 1}")
 
     def predicted_rate(self, joint: int) -> Any:
-        """Its derivative by the time."""
+        """Time derivative of the predicted torque."""
         raise UnknownHere(f"the rate of joint {joint + 1}'s predicted torque")
 
     def warmth(self, joint: int) -> Any | None:  # noqa: ARG002
-        """K by which the measured temperature has risen; None where none is measured."""
+        """Rise of the measured temperature in K; None: not measured."""
         return None
 
     @cached_property
@@ -193,13 +193,13 @@ class SignalContext(ABC):
         return {}
 
     def arm(self, function: str) -> Any:
-        """As `evaluate`, computed once."""
+        """As `evaluate`, but computed only once."""
         if function not in self._outputs:
             self._outputs[function] = self.evaluate(function)
         return self._outputs[function]
 
     def signal(self, name: str, joint: int, own: int | None) -> Any:
-        """A signal at a joint (0-based), for an effect that sits at the joint `own`; None: one of arm or contact."""
+        """A signal at a joint (0-based) for an effect at the joint `own`; None: an effect of the arm or the contact."""
         source = self.model.library.signal[name].source
         if source is None:
             return _ROWS[name](self, joint, own)
@@ -215,7 +215,7 @@ class SignalContext(ABC):
         elsewhere = own is not None and library[term.effect].gives_way
 
         def read(name: str) -> Any:
-            # What an effect does at its own joint is felt at another in proportion to what stands between the two.
+            # At another joint, the torque of an elastic effect is that of its own joint times a signal between both.
             at = own if elsewhere and own is not None and not library.signal[name].between else joint
             return self.signal(name, at, own)
 
@@ -277,35 +277,35 @@ _ROWS: dict[str, Callable[[SignalContext, int, int | None], Any]] = {
     "unmeasured": lambda at, joint, _: 1.0 if at.warmth(joint) is None else 0.0,
     "has_next": lambda _, joint, own: 1.0 if joint == own else 0.0,
 }
-"""Signals without a source, at a joint, for an effect that sits at another or the same."""
+"""Signals without a source: (context, joint, joint of the effect)."""
 
 
 IDENTIFIED = frozenset({"arm", "friction", "effect", "torque", "torque_rate"})
-"""Needs that only an identified model meets; all others are met by the motion alone."""
+"""Needs that require an identified model; all others require only the motion."""
 OF_OTHERS = frozenset({"friction", "effect", "torque", "torque_rate"})
-"""Those that hang on other effects."""
+"""Needs that depend on other effects."""
 OF_DRIVE = frozenset({"torque", "torque_rate"})
-"""Those of what turns a commanded torque into another."""
+"""Needs of effects of the drive, between commanded and acting torque."""
 
 
 def unknown_to_plan(library: Library, effect: str) -> list[str]:
-    """Signals that the effect reads and a plan does not know, in alphabetical order."""
+    """Signals of the effect that are unknown in planning, in alphabetical order."""
     return sorted(name for name in library[effect].signals if library.signal[name].known_to == "recording")
 
 
 def steps(library: Library, effect: str) -> list[int]:
-    """By how many joints further out are those whose motion the effect reads."""
+    """Distances, in joints outwards, to the joints whose motion the effect reads."""
     sources = (library.signal[name].source for name in library[effect].signals)
     return [source["step"] for source in sources if source is not None and "step" in source]
 
 
 def sensors(library: Library, effect: str) -> frozenset[str]:
-    """Further sensors that show what the effect reads: "link", "temperature", "force"."""
+    """Sensors that measure a signal of the effect: "link", "temperature", "force"."""
     found = (library.signal[name].sensor for name in library[effect].signals)
     return frozenset(sensor for sensor in found if sensor is not None)
 
 
 def reads_arm(library: Library, effect: str, known: str) -> bool:
-    """Whether the effect reads a function of the arm's geometry and masses other than the one that is `known`."""
+    """Whether the effect reads a function of the arm other than `known`."""
     sources = (library.signal[name].source for name in library[effect].signals)
     return any(source is not None and source.get("function", known) != known for source in sources)

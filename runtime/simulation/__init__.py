@@ -1,1 +1,1 @@
-"""Arms that are simulated, with hidden effects if wanted."""
+"""Simulation of arms, with hidden effects."""

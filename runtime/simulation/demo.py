@@ -1,9 +1,8 @@
-"""The drive that `tendon demo` records: a plant of its own, not built from the library's equations.
+"""The simulated drive of `tendon demo`, written independently of the library's equations.
 
-One joint with a harmonic drive under position control at 1 kHz, integrated in closed loop. It shares no
-code with the model: the friction here is a magnitude that opposes the motion and holds the joint at rest
-(stick by Karnopp's rule), the controller sees encoder counts, and what is recorded is its command with
-noise. The hidden effect is extra friction at creep.
+One joint with a harmonic drive under position control at 1 kHz, integrated in closed loop. Friction opposes the motion
+and holds the joint at rest (Karnopp's stick rule), the controller reads encoder counts, and the recording contains its
+torque command with noise. The hidden effect is extra friction at low speed.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from runtime.recordings import recording
 Array = NDArray[np.float64]
 State = list[float]
 Advance = Callable[[State, float, float], None]
-"""(state, torque N m, time s): moves the state on by one period; state[0] is the motor's angle at the joint, rad."""
+"""(state, torque N m, time s): advances the state by one period; state[0] is the motor's angle at the joint, rad."""
 
 PERIOD = 1e-3
 SUBSTEPS = 4
@@ -29,15 +28,15 @@ COUNT = 2 * np.pi / 200_000  # rad at the joint
 TORQUE_NOISE = 0.2  # N m, standard deviation of the recorded torque
 COULOMB = {1: 1.72, -1: 1.05}  # N m, Table I of the paper, joint 4
 VISCOUS, CUBIC = 1.14, -0.015
-CREEP, CREEP_SPEED = 0.6, 0.15  # N m, rad/s: the hidden effect
-STIFFNESS, DAMPING = 340.0, 12.5  # N m/rad, N m s/rad: the position controller, 6 Hz
-RATE_FILTER = 0.3  # share of a new difference of counts in the controller's rate
+CREEP, CREEP_SPEED = 0.6, 0.15  # N m, rad/s, of the hidden effect
+STIFFNESS, DAMPING = 340.0, 12.5  # N m/rad, N m s/rad, of the position controller, 6 Hz
+RATE_FILTER = 0.3  # weight of a new difference of counts in the controller's rate
 
 
 def record(seed: int, hidden: bool = True, repeats: int = 2) -> tuple[Array, Array, Array]:
     """A recording of the drive: t (N,) s, q (N,) rad, tau (N,) N m at the joint, all at 1 kHz.
 
-    Another seed is another motion and other noise. The motion takes about 36 s and is made `repeats` times.
+    The seed determines motion and noise. The motion takes about 36 s and is made `repeats` times.
     """
     rng = np.random.default_rng(seed)
     t, desired = motion(rng, repeats)
@@ -93,9 +92,9 @@ def _smooth(rate: Array) -> Array:
 
 
 def closed_loop(desired: Array, advance: Advance, state: State | None = None) -> tuple[Array, Array]:
-    """Angle as the encoder counts it and torque command, (N,) each, along desired (3, N).
+    """Encoder angle and torque command, (N,) each, along desired (3, N).
 
-    The controller is the paper's for its identification: PD and the inertia's torque, without friction.
+    The controller is that of the paper's identification: PD with the inertia's torque, without friction.
     """
     state = [0.0, 0.0] if state is None else state
     counts, torques = [], []
@@ -118,8 +117,8 @@ def stick_slip(
 ) -> Advance:
     """A rigid joint with dry friction: state (angle, rate).
 
-    opposing(speed, side, time)   magnitude of friction, N m; at speed 0 what holds the joint
-    load(angle, time)             any other torque against the motor, N m
+    opposing(speed, side, time)   magnitude of friction, N m; at speed 0 the limit up to which it holds the joint
+    load(angle, time)             other torque against the motor, N m
     """
     h = PERIOD / SUBSTEPS
 
@@ -132,7 +131,7 @@ def stick_slip(
             if rate == 0.0 and abs(drive) <= held:
                 continue
             new = rate + h * (drive - side * held) / inertia
-            # A sign change within the substep is a stop: the next one decides whether it holds.
+            # A sign change within the substep is a stop; the next substep decides whether friction holds.
             new = 0.0 if rate * new < 0.0 else new
             angle += 0.5 * h * (rate + new)
             rate = new
@@ -145,7 +144,7 @@ SEEDS = {"fitted.csv.gz": 1, "held_out.csv.gz": 2}
 
 
 def record_files(directory: Path) -> list[Path]:
-    """Record the drive twice, another motion each time, into `directory`. Raises OSError."""
+    """Records the drive with two different motions into `directory`. Raises OSError."""
     paths = []
     for name, seed in SEEDS.items():
         path = directory / name

@@ -1,4 +1,4 @@
-"""What one may choose of a simulated recording. Nothing slow is imported here: --help reads it."""
+"""Options of a simulated recording. Imports nothing slow, because --help reads it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from runtime.simulation.settings import LONGEST, NOISE
 
 Noise = Annotated[float, Setting("Torque noise over the rms of the torque.", 0.0, 10.0)]
 EXTRA = ("q_link", "tau_link", "temperature")
-"""Signals that are recorded where they are asked for."""
+"""Signals that are recorded on request."""
 
 
 @dataclass(frozen=True)
 class SimulationSettings(Checked):
-    """Of a recording that a model makes itself; seconds and repeats are those of its ordinary excitation."""
+    """Options of a simulated recording; seconds and repeats are those of the default excitation."""
 
     seed: Annotated[int, Setting("Seed of motion and noise.", low=0)] = 0
     seconds: Annotated[float, Setting("Duration of the motion, s.", 2.0, LONGEST)] = 40.0
@@ -31,5 +31,5 @@ class SimulationSettings(Checked):
 
     @property
     def extra(self) -> tuple[str, ...]:
-        """The signals, of EXTRA."""
+        """The requested signals."""
         return tuple(name.strip() for name in self.signals.split(",") if name.strip())

@@ -1,7 +1,7 @@
-"""The equation of motion of an arm with all its effects, solved for the accelerations, as CasADi expressions.
+"""A simulated arm: its equation of motion with all effects, solved for the accelerations in CasADi, and integrated.
 
-What effects read are expressions of one instant (runtime/model/signals.py). Their torques and steps are the generated
-ones, with switches of the widths named here.
+The signals that effects read are expressions of one instant. Torques and state steps are the generated functions, with
+smoothed switches of the widths in settings.py.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ _SHARP = (SHARP_WIDTH, SHARP_WIDTH, SHARP_WIDTH, SHARP_WIDTH)
 
 
 class PlantError(ValueError):
-    """What cannot be simulated forwards in time; the message says why and what to do."""
+    """Something that forward simulation cannot handle; the message says why and what to do."""
 
 
 @dataclass(frozen=True)
 class PlantInstant:
-    """Positions, rates, accelerations (n,) and the time since the run began, as expressions."""
+    """Positions, rates, accelerations (n,) and the time since the start of the run, as expressions."""
 
     q: Any
     qd: Any
@@ -55,9 +55,9 @@ class PlantInstant:
 
 @dataclass(frozen=True)
 class Memory:
-    """The states of a term, from `start` on within the states of all.
+    """The states of a term, from index `start` on among the states of all terms.
 
-    at_once   of each, whether it has no past of its own: it follows the signals of the instant
+    at_once   for each state, whether it follows the signals without delay
     """
 
     term: Term
@@ -70,7 +70,7 @@ class Memory:
 
 
 class PlantEquations:
-    """terms: with all values; rate_widths (n,): of the joints' dry friction."""
+    """Equations of an arm. terms: with all values; rate_widths (n,): of the dry friction at rest, rad/s or m/s."""
 
     def __init__(self, model: Model, terms: Structure, rate_widths: ArrayLike) -> None:
         check_complete(model, terms)
@@ -87,16 +87,16 @@ class PlantEquations:
     def _check(self, needed: dict[Term, frozenset[str]]) -> None:
         for term in self.drive:
             if self.model.library[term.effect].states:
-                raise PlantError(f"{term}: a drive with a memory cannot be simulated forwards; leave it out")
+                raise PlantError(f"{term}: forward simulation cannot handle a drive with states; leave it out")
             lead = self.model.library[term.effect].of_kind("lead")
             if lead is not None and (value := self.terms[term].get(lead.name, 0.0)) < 0:
                 raise PlantError(
-                    f"{term}: {lead.name} = {value:g} {lead.unit.text()}: a torque recorded after it has acted cannot "
-                    f"be simulated forwards; choose a {lead.name} > 0"
+                    f"{term}: {lead.name} = {value:g} {lead.unit.text()}: forward simulation cannot record a torque "
+                    f"after it acts; choose a {lead.name} > 0"
                 )
         for term in (t for t in self.terms if "friction" in needed[t]):
             if not any(t.joint == term.joint and self._is_dry(t) for t in self.terms):
-                raise PlantError(f"{term}: takes the place of the joint's Coulomb friction, and it has none")
+                raise PlantError(f"{term}: replaces the joint's Coulomb friction, which it does not have; add it")
 
     def _is_dry(self, term: Term) -> bool:
         return self.model.library[term.effect].dry
@@ -104,7 +104,7 @@ class PlantEquations:
     # --- forces ---
 
     def torque(self, at: PlantInstant, memory: Any) -> Any:
-        """Torques (n,) that the motors must give for these accelerations."""
+        """Motor torques (n,) for these accelerations."""
         signals = _Signals(self, at)
         total = ca.SX(signals.arm("inverse_dynamics"))
         for term in self.forces:
@@ -114,7 +114,7 @@ class PlantEquations:
         return total
 
     def acceleration(self, q: Any, qd: Any, acting: Any, t: Any, memory: Any) -> Any:
-        """(n,) under the motors' torques `acting`: exact, also where an effect reads the accelerations."""
+        """Accelerations (n,) under the motors' torques `acting`, by Newton's method if an effect depends on them."""
         balance = self.balance
         qdd = ca.SX.zeros(self.n)
         for _ in range(self._newton_steps):
@@ -124,7 +124,7 @@ class PlantEquations:
 
     @cached_property
     def balance(self) -> ca.Function:
-        """Torque, and its derivative by the accelerations: the inertia that the motors feel."""
+        """Motor torques, and their derivative by the accelerations, the inertia at the motors."""
         q, qd, qdd, t, memory = self._symbols
         torque = self.torque(PlantInstant(q, qd, qdd, t), memory)
         return ca.Function("balance", [q, qd, qdd, t, memory], [torque, ca.jacobian(torque, qdd)])
@@ -154,7 +154,7 @@ class PlantEquations:
             return _SHARP
         return (self.rate_widths[joint], POSITION_WIDTH, FORCE_WIDTH, TIME_WIDTH)
 
-    # --- memory ---
+    # --- states ---
 
     def _find_memories(self) -> tuple[Memory, ...]:
         found: list[Memory] = []
@@ -165,7 +165,7 @@ class PlantEquations:
         return tuple(found)
 
     def _at_once(self, term: Term, count: int) -> tuple[bool, ...]:
-        """Of a law in time, the states without a past of their own; a law of the path alone keeps all of its states."""
+        """States that follow the signals without delay, in laws that depend on time; none in rate-independent laws."""
         function = effect_function(self.model, term.effect, "step")
         inputs = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
         after = function(*inputs)
@@ -176,12 +176,12 @@ class PlantEquations:
         at_once = tuple(not past.has_nz(k, k) for k in range(count))
         if any(not at_once[k] and not ca.depends_on(after[k], dt) for k in range(count)):
             raise PlantError(
-                f"{term}: has a memory of the time and another of the path; it cannot be simulated forwards"
+                f"{term}: has states that depend on time and others that do not; forward simulation cannot handle it"
             )
         return at_once
 
     def _present(self, term: Term, signals: _Signals, memory: Any) -> Any:
-        """States of a term as its torque sees them: those that follow at once are of this instant."""
+        """States of a term for its torque; those without delay take their value at this instant."""
         own = next((m for m in self.memories if m.term == term), None)
         if own is None:
             return None
@@ -207,7 +207,7 @@ class PlantEquations:
         return ca.vertcat(*parts) if parts else memory
 
     def at_rest(self, q: Any) -> Any:
-        """States of an arm that has stood still."""
+        """States of an arm that has been at rest."""
         still = ca.SX.zeros(self.n)
         signals = _Signals(self, PlantInstant(q, still, still, ca.SX(0.0)))
         parts = [self._called(own, "start", signals, [], ca.SX.zeros(len(own.at_once))) for own in self.memories]
@@ -216,9 +216,9 @@ class PlantEquations:
     # --- drives ---
 
     def acting(self, command: Any, before: Any, dt: float, at: PlantInstant) -> Any:
-        """Torques (n,) that act when the recorded ones are `command` (n,); `before`: those that acted dt ago.
+        """Torques (n,) that act when `command` (n,) is recorded. before: the acting torques dt s ago.
 
-        An effect of the drive says by how much the recorded torque exceeds the acting one.
+        An effect of the drive is the difference between recorded and acting torque.
         """
         signals = _Signals(self, at)
         found = ca.SX(command)
@@ -228,14 +228,14 @@ class PlantEquations:
             terms = [term for term in self.drive if joint in joints_of(self.model, term)]
             recorded = torque + sum(self.force(term, joint, driven, None) for term in terms)
             better = torque - (recorded - command[joint]) / ca.jacobian(recorded, torque)
-            # A saturation's curve is convex: from beyond its root, each step comes nearer.
+            # The curve of a saturation is convex, so that Newton's method converges.
             for _ in range(DRIVE_STEPS):
                 found[joint] = ca.substitute(better, torque, found[joint])
         return found
 
 
 class _Signals(SignalContext):
-    """The signals that effects read, as expressions of one instant; no temperature is measured there."""
+    """The signals that effects read, as expressions of one instant; without temperatures."""
 
     def __init__(self, equations: PlantEquations, at: PlantInstant) -> None:
         self.equations, self.model, self.instant = equations, equations.model, at
@@ -263,7 +263,7 @@ class _Signals(SignalContext):
 
 
 class _Driven(_Signals):
-    """The same where a drive acts: the torque that it gives, and how that changes in time."""
+    """The same for effects of a drive, which read the acting torque and its rate."""
 
     def __init__(self, signals: _Signals, acting: Any, slope: Any) -> None:
         super().__init__(signals.equations, signals.instant)
@@ -280,12 +280,10 @@ Array = NDArray[np.float64]
 
 
 class Plant:
-    """An arm with `terms` (all values known), moved on by one control period after the other.
+    """A simulated arm with `terms` (all values known), advanced by control periods.
 
-    Integrated by the classical Runge-Kutta method; effects with a memory by their own steps in between, which
-    are exact where their signals stand still. Raises PlantError for what cannot be simulated forwards.
-
-    q, qd   (n,) of the motors, by the gear ratio     t   s since `reset`
+    Integrated by the classical Runge-Kutta method; states of effects by their generated steps, which are exact for
+    constant signals. q and qd are the motors' angles and rates divided by the gear ratio. Raises PlantError.
     """
 
     def __init__(self, model: Model, terms: Structure, period: float) -> None:
@@ -296,7 +294,7 @@ class Plant:
             self._rest = self._start_of(self._equations)
         self._state: Array = np.zeros(self._advance.size1_in(0))
         self._command: Array = np.zeros(model.n)
-        # A call without copies or conversions.
+        # Calls without copies or conversions.
         self._buffer, self._run = self._advance.buffer()
         for k, array in enumerate((self._state, self._command)):
             self._buffer.set_arg(k, memoryview(array))  # type: ignore[arg-type, call-arg]
@@ -305,33 +303,33 @@ class Plant:
 
     @property
     def q(self) -> Array:
-        """(n,) rad or m, of the motors."""
+        """(n,) rad or m."""
         return self._state[: self.model.n]
 
     @property
     def qd(self) -> Array:
-        """(n,) rad/s or m/s, of the motors."""
+        """(n,) rad/s or m/s."""
         return self._state[self.model.n : 2 * self.model.n]
 
     @property
     def t(self) -> float:
-        """s since `reset`."""
+        """Time in s since `reset`."""
         return float(self._state[-1])
 
     def reset(self, q: ArrayLike, qd: ArrayLike | None = None) -> None:
-        """At q (n,) and t = 0; at rest, unless rates qd (n,) are given."""
+        """To q (n,) and t = 0, at rest unless rates qd (n,) are given."""
         n = self.model.n
         self._state[:] = np.asarray(self._rest(np.asarray(q, dtype=np.float64))).ravel()
         if qd is not None:
             self._state[n : 2 * n] = qd
 
     def advance(self, torque: ArrayLike) -> None:
-        """One control period with these torques (n,) held."""
+        """Advances by one control period under constant torques (n,)."""
         self._command[:] = torque
         self._run()
 
     def _stable_step(self, coarsest: int) -> ca.Function:
-        """One step, in the fewest a control period with which nothing grows."""
+        """One integration step; as many per control period as stability needs."""
         for substeps in FINER:
             one = self._stepping(substeps * coarsest)
             growth = self._growth(one)
@@ -340,15 +338,15 @@ class Plant:
         raise PlantError(self._too_stiff(growth))
 
     def _start_of(self, equations: PlantEquations) -> ca.Function:
-        """The state of an arm that has stood at q."""
+        """The state of an arm at rest at q."""
         n = self.model.n
         q, still = ca.SX.sym("q", n), ca.SX.zeros(n)
-        # The motors begin without a torque.
+        # The motors start without torque.
         state = ca.vertcat(q, still, equations.at_rest(q), still, 0.0)
         return ca.Function("rest", [q], [state])
 
     def _stepping(self, substeps: int) -> ca.Function:
-        """One step of so many in a control period."""
+        """The function of one step of `substeps` in a control period."""
         self._substeps, self.step = substeps, self.period / substeps
         plain = PlantEquations(self.model, self.terms, [RATE_WIDTH] * self.model.n)
         self.widths = self._rate_widths(plain)
@@ -357,24 +355,24 @@ class Plant:
         return self._substep()
 
     def _growth(self, one: ca.Function) -> Array:
-        """Derivative of the state after a step by that before it, close to rest."""
+        """Derivative of the state after a step by the state before it, near rest."""
         state, command = ca.SX.sym("state", one.size1_in(0)), ca.SX.sym("command", self.model.n)
         derivative = ca.Function("derivative", [state, command], [ca.jacobian(one(state, command), state)])
         n = self.model.n
         begin = np.asarray(self._start_of(self._equations)(np.zeros(n))).ravel()
-        # At rest itself, a bristle's law has a kink.
+        # At rest, a bristle model is not differentiable.
         begin[n : 2 * n] = GROWTH_AT * self.widths
         return np.asarray(derivative(begin, np.zeros(n)))
 
     def _too_stiff(self, growth: Array) -> str:
-        """What to say where no step is short enough: of the joint that runs away."""
+        """The message if no step is short enough: the unstable joint and its stiff effects."""
         n = self.model.n
         joints = list(range(n))
         if np.isfinite(growth).all():
             values, modes = np.linalg.eig(growth)
             joints = [int(np.argmax(np.abs(modes[n : 2 * n, np.argmax(np.abs(values))])))]
         effects = {term: self.model.library[term.effect] for term in self.terms}
-        # Those of whose rates and deflections a high frequency can come.
+        # Effects whose stiffness or damping can cause a high frequency.
         stiffening = [t for t, info in effects.items() if info.scope == "joint" and (info.rubs or info.side == "link")]
         suspects = [str(t) for t in stiffening if (t.joint or 1) - 1 in joints]
         known = [self.model.joints[i].rotor_inertia for i in joints]
@@ -414,7 +412,7 @@ class Plant:
         return ca.Function("substep", [state, command], ca.cse([after]))
 
     def _slope(self) -> ca.Function:
-        """Accelerations of q, rates, memory, acting torques and time."""
+        """Accelerations as a function of q, rates, states, acting torques and time."""
         n, equations = self.model.n, self._equations
         q, v, acting = (ca.SX.sym(name, n) for name in ("q", "v", "acting"))
         memory, t = ca.SX.sym("memory", equations.states), ca.SX.sym("t")
@@ -422,7 +420,7 @@ class Plant:
         return ca.Function("slope", [q, v, memory, acting, t], ca.cse([qdd]))
 
     def _later(self) -> ca.Function:
-        """Memory after dt of this motion."""
+        """States after dt of this motion."""
         n, equations = self.model.n, self._equations
         q, v, qdd = (ca.SX.sym(name, n) for name in ("q", "v", "qdd"))
         memory, t, dt = ca.SX.sym("memory", equations.states), ca.SX.sym("t"), ca.SX.sym("dt")
@@ -430,7 +428,7 @@ class Plant:
         return ca.Function("later", [q, v, qdd, memory, t, dt], ca.cse([after]))
 
     def _rate_widths(self, equations: PlantEquations) -> Array:
-        """(n,) rad/s: so wide that one step does not carry a joint across all of dry friction's slope."""
+        """(n,) widths of dry friction in rad/s or m/s, at least such that one step does not cross the whole slope."""
         n = self.model.n
         posture, still = np.zeros(n), np.zeros(n)
         memory = self._start_of(equations)(posture)[2 * n : 2 * n + equations.states]
@@ -439,7 +437,7 @@ class Plant:
         weightless = [f"joint {i + 1}" for i in range(n) if not inertia[i, i] > WEIGHTLESS * whole[i]]
         if weightless:
             raise PlantError(
-                f"{self.model.name}: nothing moves with the motor, in front of a transmission that gives way, at "
+                f"{self.model.name}: no inertia moves with the motor, before an elastic transmission, at "
                 f"{', '.join(weightless)}; state a rotor_inertia > 0 there"
             )
         dry = np.empty(n)
@@ -450,6 +448,5 @@ class Plant:
 
 
 def _is_stable(growth: Array) -> bool:
-    """Whether a step lets no disturbance grow by more than an arm can. growth: (S, S) derivative of the state after a
-    step by that before it."""
+    """Whether the step is stable. growth: (S, S) derivative of the state after a step by the state before it."""
     return bool(np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < GROWTH)

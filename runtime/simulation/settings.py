@@ -1,6 +1,6 @@
-"""Every number that simulated recordings take where nobody says otherwise, with its unit, its reason and its source.
+"""Defaults and accuracy of simulated recordings, each with unit, reason and source; "a choice" is arbitrary.
 
-"A choice" says that another number would do as well; the motions of the excitation are in simulate.py itself.
+The excitation's motions are in simulate.py.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Final
 # recordings of a model itself ---------------------------------------------------------------------------------------
 
 RATE: Final = 1000.0
-"""Hz, samples a second; what controllers of geared arms log; a choice."""
+"""Hz; sampling rate, as controllers of geared arms log; a choice."""
 
 COUNT: Final = {"revolute": 2 * pi / 200_000, "prismatic": 1e-6}
 """rad, m; step of the encoder, at the joint's output: 2,000 counts a turn of a motor behind a gear of 100; a choice."""
@@ -20,15 +20,14 @@ NOISE: Final = 0.03
 """part of each joint's torque, RMS; standard deviation of the recorded torque's noise; a choice."""
 
 LONGEST: Final = 3600.0
-"""s; a recording of an hour: longer ones take room that nobody means, as of a motion whose time is in milliseconds; a
-choice."""
+"""s; an hour; a longer motion has its time in milliseconds, most likely; a choice."""
 
 SHARE: Final = 0.2
-"""part of the same; what each coefficient of a hidden effect makes of which nothing is said: moderate, and well
-visible; a choice."""
+"""part of each joint's torque, RMS; size of a hidden effect without stated values: moderate and well visible; a
+choice."""
 
 SIZING_CUTOFF: Final = 40.0
-"""Hz; what is sized is sized at full rate, so it only completes the motion; a choice."""
+"""Hz; cutoff of filters that sizing does not use, since it runs at full rate; decides no verdict; a choice."""
 
 SPEED: Final = {"revolute": 2.5, "prismatic": 0.3}
 """rad/s, m/s; of a joint whose model file states no limit; a choice."""
@@ -37,23 +36,22 @@ RANGE: Final = {"revolute": 1.0, "prismatic": 0.15}
 """rad, m to either side of the middle; of a joint whose model file states no limit; a choice."""
 
 MARGIN: Final = 0.9
-"""part of the limits of speed and range; so much is used, as a controller overshoots; a choice."""
+"""part of the limits of speed and range that the motion uses; controllers overshoot; a choice."""
 
 AT_REST: Final = 1e-9
-"""part of the largest rate; below it is rounding; double precision."""
+"""part of the largest rate; smaller rates are rounding errors; double precision."""
 
 WARM: Final = 24.0
 """degC; temperature at the start where temperatures are recorded; a choice."""
 
 RISE: Final = 20.0
-"""K; rise at the end where temperatures are recorded: what a gear takes in an hour of work; a choice."""
+"""K; rise at the end where temperatures are recorded; that of a gear in an hour of work; a choice."""
 
 WARMING: Final = 0.35
 """part of the recording's length; time constant of that rise; a choice."""
 
 SLOW: Final = (0.01, 0.02, 0.04, 0.08, 0.16)
-"""parts of the largest speed; of the excitation's slow legs, over more than a decade, as Stribeck's curve asks; a
-choice."""
+"""parts of the largest speed; of the slow legs, over more than a decade, which Stribeck's curve needs; a choice."""
 
 # the plant ----------------------------------------------------------------------------------------------------------
 
@@ -65,19 +63,19 @@ FINER: Final = (1, 2, 4, 8)
 """ratios of that step; tried until the step is stable; a choice."""
 
 GROWTH: Final = 1.2
-"""ratio; a mode that grows by more within one step is none of the arm's: the step is too long for it; a choice."""
+"""ratio; if a mode grows by more within one step, the step is too long; a choice."""
 
 GROWTH_AT: Final = 0.1
-"""part of dry friction's width; the rate at which growth is looked at: at rest itself a bristle's law has a kink; by
+"""part of dry friction's width; rate at which the growth is computed: at rest a bristle model is not differentiable; by
 construction."""
 
 WEIGHTLESS: Final = 1e-6
-"""part of a joint's inertia; a motor in front of a spring that moves with less has none: what is left is rounding;
-double precision."""
+"""part of a joint's inertia; with less, the motor before a spring has no inertia, only rounding errors; double
+precision."""
 
 RATE_WIDTH: Final = 1e-3
-"""rad/s, m/s; half width of the band around rest in which dry friction rises to its full value, so that a joint at rest
-creeps more slowly than that; a choice."""
+"""rad/s, m/s; half width of the band in which dry friction rises to its full value; a joint at rest creeps more slowly;
+a choice."""
 
 POSITION_WIDTH: Final = 1e-5
 """rad, m; half width of the smoothed edge of a plate, an end stop or a spring; a choice."""
@@ -89,15 +87,15 @@ TIME_WIDTH: Final = 1e-6
 """s; half width of the smoothed instant at which a payload is picked up; a choice."""
 
 SHARP_WIDTH: Final = 1e-12
-"""unit of the switch; used for effects with a memory and what they act on, whose law has a finite slope by itself; by
+"""unit of the switch; for effects with states and their joint, whose laws have a finite slope by themselves; by
 construction."""
 
 INSTANT: Final = 1e-8
-"""s; a step so short that states which follow the signals without delay take their value of this instant; by
+"""s; a step short enough that states without delay take their value at this instant; by
 construction."""
 
 NEWTON_STEPS: Final = 3
-"""number of Newton steps for accelerations on which an effect depends; quadratic convergence reaches rounding; by
+"""number of Newton steps for accelerations on which an effect depends; quadratic convergence to rounding error; by
 construction."""
 
 DRIVE_STEPS: Final = 6

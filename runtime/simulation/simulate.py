@@ -1,8 +1,7 @@
-"""Recordings of a model itself, with a hidden effect if wanted: to try a diagnosis where the truth is known.
+"""Simulated recordings of a model, with hidden effects: to try a diagnosis with known truth.
 
-The motion is prescribed and the torque computed from it (inverse dynamics and effects, those with a memory
-stepped along); encoder counts and torque noise are added. So the torque is exact for this motion, no
-controller is simulated, and at rest dry friction counts as zero. `demo_plant` is the closed-loop plant.
+The motion is prescribed, and the torque is computed by inverse dynamics plus all effects; encoder counts and torque
+noise are added. No controller is simulated, and dry friction is zero at rest. See demo.py for a drive in closed loop.
 """
 
 from __future__ import annotations
@@ -53,31 +52,33 @@ Array = NDArray[np.float64]
 
 
 class SimulationError(ValueError):
-    """What was asked cannot be simulated; the message says why and what to do."""
+    """The requested simulation is impossible; the message says why and what to do."""
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect that the recording has and the model file has not; `complete` finds the values that are not stated."""
+    """An effect in the recording that the model file lacks; `complete` chooses the values that are not stated."""
 
     term: Term
     values: Values
 
 
 def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
-    """As `hidden_in`, of a model that is there."""
+    """As `hidden_in`, for a loaded model."""
     hidden = hidden_in(text, model.library.effects, [joint.name for joint in model.joints], model.name, option)
     name = hidden.term.effect
     if model.spatial and model.library[name].scope == "contact":
-        raise SimulationError(f'{option} {text}: "{name}" acts in the plane, and {model.name} is an arm in space')
+        raise SimulationError(
+            f'{option} {text}: "{name}" is for planar arms, and {model.name} is spatial; choose another effect'
+        )
     return hidden
 
 
 def hidden_in(text: str, effects: Mapping[str, AnyEffect], joints: Names, arm: str, option: str = "--hide") -> Hidden:
-    """`EFFECT@JOINT[:KEY=VALUE,...]`; no @JOINT for an effect of the arm or the contact. Raises SimulationError.
+    """Parses `EFFECT@JOINT[:KEY=VALUE,...]`; without @JOINT for effects of the arm or the contact.
 
-    effects      the library by name     joints, arm  what the arm's joints are called, and the arm
-    option       where it was written, for the messages
+    effects   the library by name     joints, arm   names of the joints and the arm     option   named in messages
+    Raises SimulationError.
     """
     said = effect_term(text, joints)
     name = said.effect
@@ -125,12 +126,11 @@ def simulate(
     settings: SimulationSettings = SimulationSettings(),
     motion: Array | Piece | None = None,
 ) -> tuple[Recording, Structure]:
-    """A recording at 1 kHz, and all effects in it with the values that they had.
+    """A recording at 1 kHz, and all effects in it with their values.
 
-    motion   (n, N) positions at 1 kHz in place of the excitation that the settings ask for, or what `along` makes of
-             them
-    Values that nobody states are those for `motion`, else those for the default seed's excitation: another seed records
-    the same arm. Raises SimulationError.
+    motion   (n, N) positions at 1 kHz, or the result of `along`; None: the excitation of the settings
+    Values that are not stated are chosen for `motion`, or for the excitation of the default seed, so that all seeds
+    record the same arm. Raises SimulationError.
     """
     extra, noise = settings.extra, settings.noise
     rng = np.random.default_rng(settings.seed)
@@ -144,7 +144,7 @@ def simulate(
     signals = Signals(model, piece, Prediction(model.lump_values, values))
     tau = _recorded(signals, values)
     if not np.isfinite(tau).all():
-        raise SimulationError(_without_bounds(signals, values))
+        raise SimulationError(_not_finite(signals, values))
     if (largest := float(np.abs(tau).max())) > LARGEST:
         raise SimulationError(
             f"along this motion the torque reaches {largest:.3g} N m (N at a prismatic joint), expected at most "
@@ -168,7 +168,7 @@ def _excited(model: Model, rng: np.random.Generator, settings: SimulationSetting
 
 
 def along(model: Model, path: Array, warm: bool = False) -> Piece:
-    """A motion (n, N) at 1 kHz with its derivatives, for several simulations; warm: of joints that warm up.
+    """A motion (n, N) at 1 kHz with its derivatives, for several simulations. warm: the joints warm up.
 
     Raises SimulationError.
     """
@@ -181,15 +181,15 @@ def along(model: Model, path: Array, warm: bool = False) -> Piece:
 
 
 def complete(model: Model, path: Array, terms: Structure) -> Structure:
-    """The terms with all values: those that are not stated are 0 or moderate for the motion `path` (n, N) at 1 kHz.
+    """The terms with all values; those not stated are 0 or moderate for the motion `path` (n, N) at 1 kHz.
 
-    Raises SimulationError: a value out of its bounds, or none can be chosen for this motion.
+    Raises SimulationError if a value is out of bounds or cannot be chosen for this motion.
     """
     return _complete(model, _piece(model.library, path, warm=False), terms)
 
 
 def torque_along(model: Model, q: Array, qd: Array, qdd: Array, rate: float, values: Structure) -> Array:
-    """(n, N) torque that a motion (each (n, N), at `rate` Hz) asks of the motors, all values known."""
+    """Motor torques (n, N) along a motion, each (n, N) at `rate` Hz. values: of all parameters."""
     piece = _prescribed(model.library, q, qd, qdd, rate, warm=False)
     return _torque(Signals(model, piece, Prediction(model.lump_values, values)), values)
 
@@ -203,8 +203,10 @@ def _torque(signals: Signals, values: Structure) -> Array:
 
 
 def _recorded(signals: Signals, values: Structure) -> Array:
-    """(n, N) torque as a controller records it that is ahead of the motion: at a joint whose drive leads, all of the
-    torque at another time. An effect's law has that to first order, which makes more of fast torques than they are."""
+    """Recorded torque (n, N), shifted at joints whose drive records it earlier or later than it acts.
+
+    The law of such an effect is only its first-order approximation, which exaggerates fast changes.
+    """
     effects = signals.model.library.effects
     leads = {term: lead.name for term in values if (lead := effects[term.effect].of_kind("lead")) is not None}
     tau = _torque(signals, {term: known for term, known in values.items() if term not in leads})
@@ -215,22 +217,22 @@ def _recorded(signals: Signals, values: Structure) -> Array:
 
 
 def led(tau: Array, t: Array, time: float) -> Array:
-    """A torque (N,) at times t (N,) as it is recorded `time` s ahead; its ends held."""
+    """A torque (N,) at times t (N,), shifted to `time` s earlier, with its ends held."""
     return np.interp(t + time, t, tau)
 
 
-def _without_bounds(signals: Signals, values: Structure) -> str:
-    """What to say where the torque is not finite: of which effects."""
+def _not_finite(signals: Signals, values: Structure) -> str:
+    """The message for a torque that is not finite, with the effects that cause it."""
     found = []
     for term, known in values.items():
         if not all(np.isfinite(signals.torque(term, joint)).all() for joint in joints_of(signals.model, term)):
             found.append(f"{term} with {', '.join(f'{name} = {value:g}' for name, value in known.items())}")
     of = "; ".join(found) or signals.model.name
-    return f"along this motion the torque is not finite: {of}; choose other values"
+    return f"the torque is not finite along this motion: {of}; choose other values"
 
 
 def _link(signals: Signals, values: Structure) -> Array:
-    """(n, N) what encoders on the link side read."""
+    """Positions (n, N) of the link-side encoders."""
     q = signals.piece.q.copy()
     for term, known in values.items():
         deflection = signals.deflection(term, known)
@@ -241,7 +243,7 @@ def _link(signals: Signals, values: Structure) -> Array:
 
 
 def _output(signals: Signals, values: Structure) -> Array:
-    """(n, N) torque at the joints' output: what moves and holds the link side, without noise."""
+    """Torque (n, N) at the joints' output, on the link side, without noise."""
     model = signals.model
     torque = signals.loads
     effects = model.library.effects
@@ -259,14 +261,14 @@ def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
             term = replace(term, number=term.number + 1)
         if term in terms:
             raise SimulationError(
-                f"--hide {item.term}: {model.name} has this effect already; hide another, or take it out of the file"
+                f"--hide {item.term}: {model.name} already has this effect; hide another, or delete it from the file"
             )
         terms[term] = dict(item.values)
     return terms
 
 
 def _piece(library: Library, path: Array, warm: bool) -> Piece:
-    """The motion with its derivatives, from a quintic spline through the positions; warm: temperatures that rise."""
+    """A motion with derivatives, from a quintic spline through the positions. warm: with rising temperatures."""
     t = np.arange(path.shape[1]) / RATE
     spline = make_interp_spline(t, path, k=5, axis=1)
     q, qd, qdd = (np.ascontiguousarray(spline(t, nu)) for nu in range(3))
@@ -276,7 +278,7 @@ def _piece(library: Library, path: Array, warm: bool) -> Piece:
 def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, warm: bool) -> Piece:
     n, count = q.shape
     t = np.arange(count) / rate
-    # Rounding must not decide in which direction a joint at rest has friction.
+    # Rounding errors must not cause friction at rest.
     qd = np.where(np.abs(qd) < AT_REST * np.abs(qd).max(), 0.0, qd)
     none = np.zeros((n, count))
     warmth = np.tile(RISE * -np.expm1(-t / (WARMING * t[-1])), (n, 1)) if warm else none
@@ -286,14 +288,13 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
-    """All parameters of all terms: as stated, else 0 where `_unsaid` has it, shape from the middle of its grid and size
-    by SHARE."""
+    """All parameters of all terms: stated values, else 0 for those of `_zero`, else moderate ones."""
     done: Structure = {}
-    # Effects that read what others predict come last, so that those are there.
+    # Effects that read the torque of others come last.
     order = sorted(terms, key=lambda t: len(model.library.needs[t.effect] & OF_OTHERS))
     for term in order:
         info = model.library.effects[term.effect]
-        given = {**dict.fromkeys(_unsaid(info, terms[term]), 0.0), **terms[term]}
+        given = {**dict.fromkeys(_zero(info, terms[term]), 0.0), **terms[term]}
         if any(p.name not in given for p in info.parameters if p.role != "given"):
             given = {**_moderate(model, piece, term, given, done), **given}
         for p in info.parameters:
@@ -302,10 +303,9 @@ def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
     return {term: done[term] for term in terms}
 
 
-def _unsaid(info: EffectInfo, stated: Values) -> list[str]:
-    """Parameters that are 0 where they are not stated: what a planar arm has not, so that a payload of which nothing
-    else is said sits at the tip; and beside a size that is stated those of either sign, so that gravity of which gx is
-    said has that direction, and a spring of which the stiffness is said rests at 0."""
+def _zero(info: EffectInfo, stated: Values) -> list[str]:
+    """Parameters that are 0 if not stated: those of spatial arms only, so that a payload sits at the tip; and, if a
+    linear parameter is stated, the linear ones of either sign, so that gravity with gx alone has that direction."""
     sized = any(p.name in stated for p in info.linear)
     return [
         p.name for p in info.parameters if p.space or (sized and p in info.linear and p.bounds[0] < 0 < p.bounds[1])
@@ -316,11 +316,11 @@ def _check_value(term: Term, parameter: DescribedParameter, values: Values) -> N
     low, high = parameter.bounds
     value = values.get(parameter.name, parameter.default)
     if value is None or not low <= value <= high:
-        raise SimulationError(f"{term}: {parameter.name} = {value}, expected a value from {low:g} to {high:g}")
+        raise SimulationError(f"{term}: {parameter.name} = {value}; expected a value from {low:g} to {high:g}")
 
 
 def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: Structure) -> Values:
-    """Parameters that give the term a visible and not absurd part of the torque."""
+    """Values that give the term a moderate part of the torque: shape from the middle of its grid, size by SHARE."""
     info = model.library.effects[term.effect]
     silent = np.zeros(model.n)
     band = Band(silent + SIZING_CUTOFF, "simulated", silent, silent, silent)
@@ -330,7 +330,7 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
         grid = points(regressors, term)
     if not grid:
         needed = ", ".join(p.name for p in info.shape)
-        raise SimulationError(f"{term}: this model and motion give no scale for it; state {needed}")
+        raise SimulationError(f"{term}: no values can be chosen for this model and motion; state {needed}")
     shape = {**grid[_middle(grid, info)], **{k: v for k, v in stated.items() if k not in {p.name for p in info.linear}}}
     signals = regressors.signals(0)[0]
     rows, size = np.zeros(len(info.coefficients)), 0.0
@@ -341,13 +341,13 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     if not all(row > 0 for row, c in zip(rows, info.coefficients, strict=True) if not c.space):
         raise SimulationError(f"{term}: this motion does not excite it; state its parameters or choose another motion")
     found = model.library.recover(term.effect, SHARE * size / np.where(rows > 0, rows, np.inf), shape)
-    # A factor is an effect by what it differs from 1; its fixed part says so.
+    # The effect of a factor is its difference from its neutral value.
     sizes = {p.name: p.neutral + SHARE if p.neutral else found[p.name] for p in info.parameters}
     return {p.name: float(np.clip(sizes[p.name], *p.bounds)) for p in info.parameters}
 
 
 def _middle(grid: Sequence[Values], info: EffectInfo) -> int:
-    """The combination nearest to the middle of every axis, by rank; a third for a begin, two thirds for an end."""
+    """Index of the combination nearest to the middle of each axis by rank; a third for begins, two thirds for ends."""
     names = list(grid[0])
     ranks = np.array([np.searchsorted(np.unique([g[k] for g in grid]), [g[k] for g in grid]) for k in names])
     if not names:
@@ -357,9 +357,9 @@ def _middle(grid: Sequence[Values], info: EffectInfo) -> int:
 
 
 def excitation(model: Model, rng: np.random.Generator, seconds: float, repeats: int) -> Array:
-    """Positions (n, N) at 1 kHz: slow legs and cosines up to the largest speeds within the limits, `repeats` times.
+    """Positions (n, N) at 1 kHz: slow legs and cosines up to the limits of speed, `repeats` times.
 
-    Every joint has its own frequencies and its own order of legs, so that no two move alike.
+    Every joint has its own frequencies and its own order of legs, so that all joints move differently.
     """
     block = np.stack([_joint_motion(joint, rng, seconds) for joint in model.joints])
     return np.tile(block, (1, repeats))
@@ -378,7 +378,7 @@ def _joint_motion(joint: JointInfo, rng: np.random.Generator, seconds: float) ->
 
 
 def _slow(rng: np.random.Generator, count: int, speed: float, reach: float) -> Array:
-    """Legs there and back at constant low speeds, joined without jumps in acceleration."""
+    """Legs forth and back at constant low speeds, joined without jumps in acceleration."""
     leg = count // (2 * len(SLOW))
     rate = np.zeros(count)
     for k, part in enumerate(rng.permutation(SLOW) * rng.uniform(0.8, 1.2, len(SLOW))):
@@ -391,7 +391,7 @@ def _slow(rng: np.random.Generator, count: int, speed: float, reach: float) -> A
 
 
 def _fast(rng: np.random.Generator, count: int, speed: float, reach: float) -> Array:
-    """Cosines from the slowest that fills the reach up to 10 Hz, faded in and out, scaled to the largest speed."""
+    """Cosines from the slowest within the range up to about 10 Hz, faded in and out, scaled to the largest speed."""
     t = np.arange(count) / RATE
     lowest = speed / (2 * np.pi * reach)
     frequencies = np.geomspace(lowest, max(8.0, 2 * lowest), 7) * rng.uniform(0.85, 1.15, 7)
@@ -404,9 +404,9 @@ def _fast(rng: np.random.Generator, count: int, speed: float, reach: float) -> A
 
 
 def read_motion(path: Path, n: int) -> Array:
-    """Positions (n, N) at 1 kHz from a CSV with the header t,q1,...: s and rad (m), smooth as a plan is, no counts.
+    """Positions (n, N) at 1 kHz from a CSV with the header t,q1,... in s and rad or m, smooth as a planned motion.
 
-    Raises SimulationError naming the file and the line.
+    Raises SimulationError with the file and the line.
     """
     names = ["t", *(f"q{i}" for i in range(1, n + 1))]
     lines = _lines(path, f"a motion: a CSV of {','.join(names)}")
@@ -423,19 +423,18 @@ def read_motion(path: Path, n: int) -> Array:
         if not np.isfinite(rows[-1]).all() or (len(rows) > 1 and rows[-1][0] <= rows[-2][0]):
             raise SimulationError(f"{path} line {number}: expected finite numbers and a time that increases")
         if len(rows) > MOST_SAMPLES:
-            raise SimulationError(f"{path}: has more than {MOST_SAMPLES} samples; thin the motion out")
+            raise SimulationError(f"{path}: has more than {MOST_SAMPLES} samples; reduce its rate")
     if len(rows) < 6:
         raise SimulationError(f"{path}: only {len(rows)} samples; a motion needs at least 6")
     table = np.array(rows)
     if (length := float(table[-1, 0] - table[0, 0])) > LONGEST:
-        raise SimulationError(f"{path}: lasts {length:.4g} s, expected at most {LONGEST:g}; is its time in seconds?")
+        raise SimulationError(f"{path}: lasts {length:.4g} s; expected at most {LONGEST:g} s; is its time in seconds?")
     t = np.arange(table[0, 0], table[-1, 0], 1 / RATE)
     return np.ascontiguousarray(make_interp_spline(table[:, 0], table[:, 1:], k=5)(t).T)
 
 
 def _lines(path: Path, expected: str) -> Iterator[str]:
-    """The lines of a text, one after the other: however long it is, it does not fill the memory. Raises
-    SimulationError."""
+    """The lines of a text, read block by block. Raises SimulationError."""
     refuse = Refusal(str(path))
     try:
         check_file(path, expected, refuse)
@@ -473,21 +472,20 @@ def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
 
 
 def true_effects(model: Model, terms: Structure, changed: Sequence[Hidden], hidden: Sequence[Hidden]) -> Structure:
-    """`terms` with other values, and with effects that the model has not; these may lack values yet.
+    """`terms` with changed values and hidden effects, whose values may still be missing.
 
-    Raises PlantError: nothing to change, something there already; ModelError: a value of the model's own that nobody
-    knows.
+    Raises PlantError if an effect to change is missing or one to hide exists; ModelError if the model lacks a value.
     """
     found = {term: dict(values) for term, values in terms.items()}
     for item in changed:
         if item.term not in found:
-            raise PlantError(f"--set {item.term}: {model.name} does not have this effect here; --hide puts it in")
+            raise PlantError(f"--set {item.term}: {model.name} does not have this effect; add it with --hide")
         if not item.values:
-            raise PlantError(f"--set {item.term}: sets nothing; write --set {item.term}:KEY=VALUE,...")
+            raise PlantError(f"--set {item.term}: no value; write --set {item.term}:KEY=VALUE,...")
         found[item.term] |= item.values
     check_complete(model, found)
     for item in hidden:
         if item.term in found:
-            raise PlantError(f"--hide {item.term}: {model.name} has this effect already; --set changes its values")
+            raise PlantError(f"--hide {item.term}: {model.name} already has this effect; change its values with --set")
         found[item.term] = dict(item.values)
     return found

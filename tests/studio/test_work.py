@@ -347,7 +347,7 @@ def test_an_effect_is_hidden_in_the_recorded_motion(shared: Studio) -> None:
         assert answer.seen == seen
         assert (answer.problem is None) == seen
     shared.hide(SPRING, {})
-    assert "has this effect already" in failed(shared)
+    assert "already has this effect" in failed(shared)
 
 
 def test_what_fails_is_one_line(shared: Studio) -> None:

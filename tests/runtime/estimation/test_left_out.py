@@ -172,8 +172,8 @@ def test_a_plan_asks_for_the_values_of_effects_by_name(
     (said,) = (line for line in capsys.readouterr().err.splitlines() if not line.endswith("…"))
     assert said == (
         "drive: this needs values that the model file leaves out (coulomb_asymmetric@1: positive, negative; "
-        "viscous@1: coefficient; viscous_cubic@1: coefficient); state them, or let tendon identify MODEL RECORDING "
-        "--write find them"
+        "viscous@1: coefficient; viscous_cubic@1: coefficient); state them, or find them with tendon identify MODEL "
+        "RECORDING --write"
     )
     assert not (folder / "plan.json").exists()
     assert output.run(app, ["optimize", "there.toml", "--no-friction", "--out", "plan.json"]) == 0

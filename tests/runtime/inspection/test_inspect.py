@@ -114,7 +114,7 @@ def test_without_a_model_the_signals_are_asked(tmp_path, capsys):
     path = write(tmp_path / "run.csv", changed(tau1=-motion()["tau1"], qd1=None))
     status, out, _ = run(capsys, "inspect", path)
     assert status == 0
-    assert "its torque brakes the motion on the whole" in out
+    assert "its torque brakes the motion on average" in out
     assert '--map tau1="-tau1"' in out
     status, out, _ = run(capsys, "inspect", path, "--map", "tau1=-tau1")
     assert "Nothing looks wrong; with MODEL more can be checked." in out

@@ -157,7 +157,7 @@ def test_what_an_effect_misses(library: Library) -> None:
         library.torque("load_friction", {"qd": RATE, "load": np.ones(3)}, {"coefficient": 1.0})
     with pytest.raises(LoaderError, match=r'signal "qd" has shape \(2, 2\), expected a number or \(N,\)'):
         library.torque("viscous", {"qd": np.ones((2, 2))}, {"coefficient": 1.0})
-    with pytest.raises(LoaderError, match='effect "lugre" has a memory and needs the step dt > 0'):
+    with pytest.raises(LoaderError, match='effect "lugre" has states and needs a step dt > 0'):
         library.columns("lugre", {"q": RATE, "qd": RATE, "level": 1.0}, {"stiffness": 1.0})
 
 

@@ -108,7 +108,7 @@ def test_a_payload_in_space_sits_at_the_tip_unless_its_centre_is_stated() -> Non
     values = [simulate(model, [item], SimulationSettings(seconds=10.0))[1][item.term] for item in hidden]
     centres = [tuple(each[axis] for axis in "xyz") for each in values]
     assert centres == [(0.0, 0.0, 0.0), (0.0, 0.1, 0.0)]
-    with pytest.raises(SimulationError, match='"plate" acts in the plane, and drawn_pp_3 is an arm in space'):
+    with pytest.raises(SimulationError, match='"plate" is for planar arms, and drawn_pp_3 is spatial'):
         parse_hidden("plate", model)
 
 
@@ -181,9 +181,9 @@ def test_what_cannot_be_hidden_is_one_line(drive: Model, text: str, message: str
 
 
 def test_values_out_of_bounds_and_effects_twice_are_refused(drive: Model) -> None:
-    with pytest.raises(SimulationError, match=r"stribeck@1: torque = -1.0, expected a value from 0 to inf"):
+    with pytest.raises(SimulationError, match=r"stribeck@1: torque = -1.0; expected a value from 0 to inf"):
         simulate(drive, [parse_hidden("stribeck@1:torque=-1,speed=0.1", drive)], SimulationSettings(seconds=10.0))
-    with pytest.raises(SimulationError, match="has this effect already"):
+    with pytest.raises(SimulationError, match="already has this effect"):
         simulate(drive, [parse_hidden("viscous@1", drive)], SimulationSettings(seconds=10.0))
     with pytest.raises(SimulationError, match="expected 1 joints of drive"):
         simulate(drive, motion=np.zeros((2, 1000)))
@@ -192,7 +192,8 @@ def test_values_out_of_bounds_and_effects_twice_are_refused(drive: Model) -> Non
 def test_a_torque_without_bounds_names_its_effect(drive: Model) -> None:
     hidden = parse_hidden("elasticity@1:stiffness=0,damping=0", drive)
     with pytest.raises(
-        SimulationError, match=r"not finite: elasticity@1 with stiffness = 0, damping = 0; choose other"
+        SimulationError,
+        match=r"not finite along this motion: elasticity@1 with stiffness = 0, damping = 0; choose other",
     ):
         simulate(drive, [hidden], SimulationSettings(seconds=5.0))
 
@@ -225,7 +226,7 @@ def test_motion_file_is_resampled(tmp_path: Path) -> None:
         ("t,q1\n0,1\n0,1\n", "line 3: expected finite numbers and a time that increases"),
         (
             "t,q1\n" + "".join(f"{k * 1000},{k}\n" for k in range(9)),
-            "lasts 8000 s, expected at most 3600; is its time in",
+            "lasts 8000 s; expected at most 3600 s; is its time in",
         ),
         ("t,q1\n0,1\n0.1,1\n", "only 2 samples"),
     ],

@@ -149,7 +149,7 @@ def test_a_bristle_needs_a_friction_that_says_that_it_is_dry(folder: Path) -> No
     held = {Term("lugre", 1): {"stiffness": 60.0, "damping": 0.1}}
     padded, slippery = opened(folder, "padded"), opened(folder, "slippery")
     Plant(padded, {**structure(padded), **held}, 1e-3)
-    with pytest.raises(PlantError, match="takes the place of the joint's Coulomb friction, and it has none"):
+    with pytest.raises(PlantError, match="replaces the joint's Coulomb friction, which it does not have"):
         Plant(slippery, {**structure(slippery), **held}, 1e-3)
 
 
