@@ -30,7 +30,7 @@ WELL_TOLD: Final = 0.5
 """part of a parameter's value; with a smaller half width of the 95 % interval it is well determined; a choice."""
 
 SHIFT_PASSES: Final = 4
-"""number of Gauss-Newton steps to a delay, which converge quadratically; Ljung, System Identification, 1999."""
+"""number of Gauss-Newton steps to a delay; they converge quadratically; Ljung, System Identification, 1999."""
 
 SMALLEST_SHIFT: Final = 0.1
 """part of a sample; a smaller delay between two signals has no effect on results; a choice."""
