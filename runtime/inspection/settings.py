@@ -42,4 +42,4 @@ TOP_SPEED: Final = 0.999
 """part of the samples below the top speed; the fastest ones may be noise of differentiation; a choice."""
 
 LATEST_SHIFT: Final = 0.2
-"""s; a longer delay belongs to another motion: buses and filters take some ms, networks some 100 ms."""
+"""s; a longer delay belongs to another motion; buses and filters take some ms, networks some 100 ms."""
