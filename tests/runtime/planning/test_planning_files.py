@@ -248,12 +248,12 @@ def test_what_is_written_is_read(tmp_path: Path, model: Model, motion: Trajector
     path = tmp_path / "t.json"
     motion.write(path)
     back = trajectory.read(path, model)
-    assert back.to_json() == motion.to_json()
+    assert back.document() == motion.document()
     t = np.linspace(-1.0, 3.0, 400)
     for name in ("q", "qd", "qdd"):
         np.testing.assert_array_equal(getattr(back.at(model, t), name), getattr(motion.at(model, t), name))
     # No object of Python is in the file.
-    assert json.loads(path.read_text()) == motion.to_json()
+    assert json.loads(path.read_text()) == motion.document().to_json()
 
 
 TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
@@ -321,7 +321,7 @@ TRAJECTORY_ERRORS: dict[str, tuple[Change, str]] = {
 @pytest.mark.parametrize("what", TRAJECTORY_ERRORS)
 def test_a_mistake_in_a_trajectory_is_named(tmp_path: Path, model: Model, motion: Trajectory, what: str) -> None:
     change, message = TRAJECTORY_ERRORS[what]
-    document = motion.to_json()
+    document = motion.document().to_json()
     change(document)
     path = tmp_path / "t.json"
     path.write_text(json.dumps(document))

@@ -82,7 +82,7 @@ def test_the_costs_are_those_of_the_generated_equations(six: Model, pointing: Pl
 
 
 def test_the_document_has_the_tip_and_its_rotation(six: Model, pointing: Plan) -> None:
-    samples = document(six, pointing)["samples"]
+    samples = document(six, pointing).to_json()["samples"]
     assert np.shape(samples["tip"]) == (3, 400)
     R = np.moveaxis(np.array(samples["tip_rotation"]), 2, 0)
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (400, 1, 1)), atol=1e-12)
@@ -91,7 +91,7 @@ def test_the_document_has_the_tip_and_its_rotation(six: Model, pointing: Plan) -
 def test_the_terminal_names_the_joints_and_their_units(
     six: Model, pointing: Plan, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = document(six, pointing)
+    made = document(six, pointing).to_json()
     lift = {**made["joints"][1], "name": "lift", "units": {"position": "m", "force": "N"}}
     terminal.show(plans.plan({**made, "joints": [made["joints"][0], lift]}))
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
