@@ -171,9 +171,8 @@ def test_a_library_is_described_as_it_is_compiled() -> None:
     assert descriptions.PAGE.read_text() == descriptions.text(), "python -m codegen.descriptions writes it anew"
 
 
-def test_wider_vectors_change_no_bit(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
+def test_wider_vectors_change_no_bit(library: loader.Library, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same library compiled for any processor of the family, for this one, and without optimisation."""
-    library = loader.load_library(prepare.prepare_effects())
     arm = MIXED["rprrp"]
     rng = np.random.default_rng(1)
     q, qd, qdd = rng.normal(size=(3, 5, 257))

@@ -24,6 +24,7 @@ from runtime.planning.trajectory import Trajectory
 from runtime.study.cases import HIDDEN, StudyCase
 from runtime.workspace.source import Source
 
+pytestmark = pytest.mark.xdist_group("hil")
 EMULATED = [
     pytest.param("unicorn"),
     pytest.param(
