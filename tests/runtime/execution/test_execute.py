@@ -250,7 +250,7 @@ def test_a_plan_beyond_the_limits_is_refused_and_nothing_is_written(
         capsys, "bench.toml", "plan.json", "--on", "simulation", "--out", "run.csv", "--model-out", "mounted.toml"
     )
     assert status == 1
-    assert "the plan's position of joint 1 is −1.9 rad at t = 0.6 s, 0.1 rad beyond the limit of −1.8" in out
+    assert "the plan's position of joint 1 is -1.9 rad at t = 0.6 s, 0.1 rad beyond the limit of -1.8" in out
     assert "the plan's speed of joint 1 is 5.938 rad/s at t = 0.3 s, 0.938 rad/s beyond the limit of 5" in out
     assert sorted(p.name for p in here.iterdir()) == ["bench.toml", "plan.json"]
 
@@ -262,7 +262,7 @@ def test_what_a_plan_goes_beyond_a_limit_between_its_nodes_is_let_pass(
     trajectory(motion([0.0, turn], [0.9, 0.9])).write(here / "plan.json")
     made, out, _ = called(capsys, "bench.toml", "plan.json", "--on", "simulation", "--trials", 1, "--cycles", 1)
     assert made == status
-    assert ("is −1.801 rad at t = 0.9 s, 0.00144 rad beyond the limit of −1.8" in out) == bool(status)
+    assert ("is -1.801 rad at t = 0.9 s, 0.00144 rad beyond the limit of -1.8" in out) == bool(status)
 
 
 def test_a_safe_stop_exits_with_1_and_keeps_the_recording(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
