@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from runtime.recordings import recording
-from runtime.recordings.columns import RecordedArm, RecordedArmJoint
+from runtime.recordings.columns import UNITS, RecordedArm, RecordedArmJoint
 from runtime.recordings.recording import Recording, RecordingError, read
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
@@ -85,6 +85,51 @@ def test_angles(write, unit, factor):
 def test_torques_and_currents(write, unit, factor):
     r = read(write(text(f"t,q1,tau1 [{unit}]")), DRIVE)
     assert r.tau[0, 10] == pytest.approx(factor * float(rows()[10][2]), rel=1e-12)
+
+
+WHOLE = {  # one whole of a unit that people know, and what it is in SI
+    "time": {1: "s sec seconds", 1e3: "ms", 1e6: "us", 1e9: "ns", 1 / 60: "min"},
+    "angle": {
+        2 * math.pi: "rad radians",
+        2e3 * math.pi: "mrad",
+        2e6 * math.pi: "urad",
+        1: "rev turn",
+        360: "deg degrees Grad °",
+        360e3: "mdeg",
+        21_600: "arcmin",
+        1_296_000: "arcsec",
+    },
+    "length": {1: "m", 100: "cm", 1e3: "mm", 1e6: "um"},
+    "angular rate": {
+        2 * math.pi: "rad/s",
+        2e3 * math.pi: "mrad/s",
+        360: "deg/s Grad/s °/s",
+        60: "rpm U/min rev/min 1/min",
+        1: "rev/s turn/s rps",
+    },
+    "speed": {1: "m/s", 100: "cm/s", 1e3: "mm/s", 1e6: "um/s", 60: "m/min", 60e3: "mm/min"},
+    "torque": {1: "N m,Nm", 1e3: "mN m,mNm,N mm,Nmm", 100: "N cm,Ncm", 1e-3: "kN m,kNm", 1e6: "uNm"},
+    "force": {1: "N", 1e3: "mN", 1e-3: "kN"},
+    "current": {1: "A", 1e3: "mA", 1e6: "uA"},
+    "temperature": {100: "degC °C C", 373.15: "K", 212: "degF °F"},
+}
+"""Number of units in a second, a full turn, a metre, a turn a second, a metre a second, a newton metre, a newton, an
+ampere; for temperatures the reading at which water boils."""
+IN_SI = {"angle": 2 * math.pi, "angular rate": 2 * math.pi, "temperature": 100.0}
+
+
+def test_every_unit_is_what_people_take_it_for() -> None:
+    """Against definitions written apart from the factors."""
+    said = {
+        unit: (dimension, number)
+        for dimension, numbers in WHOLE.items()
+        for number, units in numbers.items()
+        for unit in (units.split(",") if "," in units else [units] if units == "N m" else units.split())
+    }
+    assert said.keys() == UNITS.keys()
+    for unit, (dimension, number) in said.items():
+        kind, factor, zero = UNITS[unit]
+        assert (kind, number * factor + zero) == (dimension, pytest.approx(IN_SI.get(dimension, 1.0), rel=1e-12)), unit
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("μs", 1e-6), ("s", 1.0)])
