@@ -2,15 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Author, Recorder, Suffixed, SymbolicFunction, output
+from symbolic.functions import Author, Continuation, Recorder, Suffixed, SymbolicFunction, output
 from symbolic.rigid_body.base_parameters import Column, lumps_of, unit_lumps
 from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
 from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques
+
+EQUATIONS = {
+    "inverse_dynamics": (("q", "qd", "qdd"), "tau", "joint torques", "tau = D(q) qdd + C(q, qd) qd + g(q)."),
+    "link_load": (
+        ("q", "qd", "qdd"),
+        "load",
+        "at the joints' outputs",
+        "Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
+    ),
+    "inertia": (
+        ("q",),
+        "D",
+        "inertia matrix, symmetric and positive definite",
+        "Inertia matrix D(q), rotors included.",
+    ),
+    "link_inertia": (
+        ("q",),
+        "D",
+        "inertia matrix without the rotors",
+        "Inertia of the links as the joints see it: D(q) less the rotors.",
+    ),
+    "coriolis": (
+        ("q", "qd"),
+        "C",
+        "Coriolis matrix; dD/dt - 2 C is skew-symmetric",
+        "Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
+    ),
+    "gravity": (
+        ("q",),
+        "g",
+        "gravity torques",
+        "Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
+    ),
+    "forward_dynamics": (("q", "qd", "tau"), "qdd", "joint accelerations", "qdd = D(q)^-1 (tau - C(q, qd) qd - g(q))."),
+    "regressor": (
+        ("q", "qd", "qdd"),
+        "Y",
+        "derivative of the torques by the lumped parameters",
+        "tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
+    ),
+}
+"""Inputs, output, meaning of the output and description of the functions that planar and spatial arms have."""
+
+
+def equation(
+    author: Author,
+    recorder: Recorder,
+    name: str,
+    values: Sequence[Any],
+    *,
+    source: str,
+    notation: Mapping[str, str],
+    continues: Continuation | None = None,
+) -> SymbolicFunction:
+    """One of EQUATIONS; values: flattened row by row."""
+    inputs, label, meaning, doc = EQUATIONS[name]
+    coordinates = author.coordinates
+    n, mixed = len(coordinates.types), " or " in coordinates.force
+    units = {
+        "D": "kg m^2, kg m or kg" if mixed else coordinates.unit("kg m^2", "kg"),
+        "C": "per entry: torque by rate" if mixed else coordinates.unit("kg m^2/s", "kg/s"),
+        "Y": "torque by lump",
+        "qdd": coordinates.argument("qdd").unit,
+    }
+    shape = (n, len(values) // n) if label in ("D", "C", "Y") else (n,)
+    made = output(label, values, shape, unit=units.get(label, coordinates.force), meaning=meaning)
+    return author.function(name, inputs, made, recorder, doc=doc, source=source, notation=notation, continues=continues)
 
 
 def functions(
@@ -37,22 +105,17 @@ def _inverse_dynamics(
     tau = inverse_dynamics(chain, lumps, frame, q, qd, qdd, recorder)
     whole = [recorder.let(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
     load = [torque - rotor * a for torque, rotor, a in zip(whole, rotors, qdd, strict=True)]
+    made = partial(equation, author, recorder)
     return [
-        author.function(
+        made(
             "inverse_dynamics",
-            ("q", "qd", "qdd"),
-            output("tau", tau, (chain.n,), unit=author.coordinates.force, meaning="joint torques"),
-            recorder,
-            doc="tau = D(q) qdd + C(q, qd) qd + g(q).",
+            tau,
             source="Equation (1) without friction, springs and contact; Newton-Euler recursion on lumped parameters",
             notation=notation(frame),
         ),
-        author.function(
+        made(
             "link_load",
-            ("q", "qd", "qdd"),
-            output("load", load, (chain.n,), unit=author.coordinates.force, meaning="at the joints' outputs"),
-            recorder,
-            doc="Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
+            load,
             source="Equation (1) less the model file's rotor inertia times qdd",
             notation=notation(frame) | {"whole": "torque of a joint, its rotor included"},
         ),
@@ -65,52 +128,23 @@ def _mechanics(author: Author, chain: Chain, lumps: Lumps, recorder: Recorder) -
 
 
 def _closed_forms(author: Author, chain: Chain, lumps: Lumps, rotors: Sequence[sp.Expr]) -> list[SymbolicFunction]:
-    recorder, n = author.recorder(), chain.n
+    recorder = author.recorder()
     m = _mechanics(author, chain, lumps, recorder)
-    unit = author.coordinates.unit
     D = [e for row in m.D for e in row]
     C = [e for row in m.C for e in row]
     own = [recorder.let(f"D{i + 1}{i + 1}", m.D[i][i]) - rotor for i, rotor in enumerate(rotors)]
     links = [own[i] if i == j else e for i, row in enumerate(m.D) for j, e in enumerate(row)]
-    inertia = "kg m^2, kg m or kg" if " or " in author.coordinates.force else unit("kg m^2", "kg")
-    rate = "per entry: torque by rate" if " or " in author.coordinates.force else unit("kg m^2/s", "kg/s")
+    made = partial(equation, author, recorder, notation=NOTATION)
     return [
-        author.function(
-            "inertia",
-            ("q",),
-            output("D", D, (n, n), unit=inertia, meaning="inertia matrix, symmetric and positive definite"),
-            recorder,
-            doc="Inertia matrix D(q), rotors included.",
-            source="Lagrangian; D of equation (1)",
-            notation=NOTATION,
-        ),
-        author.function(
+        made("inertia", D, source="Lagrangian; D of equation (1)"),
+        made(
             "link_inertia",
-            ("q",),
-            output("D", links, (n, n), unit=inertia, meaning="inertia matrix without the rotors"),
-            recorder,
-            doc="Inertia of the links as the joints see it: D(q) less the rotors.",
+            links,
             source="Lagrangian; the model file's rotor inertias",
             notation=NOTATION | {"D": "inertia of a joint, its rotor included"},
         ),
-        author.function(
-            "coriolis",
-            ("q", "qd"),
-            output("C", C, (n, n), unit=rate, meaning="Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
-            recorder,
-            doc="Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
-            source="Lagrangian; C of equation (1); Spong & Vidyasagar 1989",
-            notation=NOTATION,
-        ),
-        author.function(
-            "gravity",
-            ("q",),
-            output("g", m.g, (n,), unit=author.coordinates.force, meaning="gravity torques"),
-            recorder,
-            doc="Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
-            source="Lagrangian",
-            notation=NOTATION,
-        ),
+        made("coriolis", C, source="Lagrangian; C of equation (1); Spong & Vidyasagar 1989"),
+        made("gravity", m.g, source="Lagrangian"),
     ]
 
 
@@ -120,12 +154,11 @@ def _forward_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) ->
     bias = inverse_dynamics(chain, lumps, frame, q, qd, [0] * n, recorder)
     D = _mechanics(author, chain, lumps, recorder).D
     qdd = solve_symmetric(D, [t - b for t, b in zip(tau, bias, strict=True)], recorder)
-    return author.function(
-        "forward_dynamics",
-        ("q", "qd", "tau"),
-        output("qdd", qdd, (n,), unit=author.coordinates.argument("qdd").unit, meaning="joint accelerations"),
+    return equation(
+        author,
         recorder,
-        doc="qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
+        "forward_dynamics",
+        qdd,
         source="Equation (1) solved for qdd by D = L diag(d) L^T",
         notation=notation(frame)
         | NOTATION
@@ -154,7 +187,7 @@ def solve_symmetric(D: list[list[Any]], right: list[Any], recorder: Recorder) ->
 
 
 def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame: int) -> SymbolicFunction:
-    recorder, n, p = author.recorder(), chain.n, len(columns)
+    recorder, n = author.recorder(), chain.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(chain, frame, q, qd, qdd, recorder)
     parts = [
@@ -162,12 +195,11 @@ def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame:
         for column in columns
     ]
     Y = [part[i] for i in range(n) for part in parts]
-    return author.function(
-        "regressor",
-        ("q", "qd", "qdd"),
-        output("Y", Y, (n, p), unit="torque by lump", meaning="derivative of the torques by the lumped parameters"),
+    return equation(
+        author,
         recorder,
-        doc="tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
+        "regressor",
+        Y,
         source="Newton-Euler recursion with one lump at a time; Gautier & Khalil 1990",
         notation=notation(frame) | {"N": "moment of the lump that is named, alone"},
     )

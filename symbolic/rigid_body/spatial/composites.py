@@ -19,9 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
-from symbolic.functions import Author, Continuation, Notes, SymbolicFunction, output
+from symbolic.functions import Author, Continuation, Notes, SymbolicFunction
+from symbolic.rigid_body.dynamics import equation
 from symbolic.rigid_body.spatial.geometry import NOWHERE, Geometry, LinkFrame, Matrix, Vector, added, cross, dot, scaled
 from symbolic.rigid_body.spatial.recursion import KINDS, Direction, Moments, direction_along, groups
 
@@ -431,7 +433,7 @@ def functions(
     geometry   with SymPy numbers     bodies   (n,) base parameters as moments of the links
     rotors     (n,) base parameters that are rotors     own   (n,) the rotors' inertias
     """
-    recorder, n, force = author.recorder(), geometry.n, author.coordinates.force
+    recorder, n = author.recorder(), geometry.n
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
     steps = JointStep.all(geometry, q, recorder)
     wholes = composites(steps, bodies)
@@ -439,47 +441,18 @@ def functions(
     whole = [recorder.symbol(f"whole{i + 1}", D[i][i]) for i in range(n)]
     links = [[whole[i] - own[i] if i == j else e for j, e in enumerate(row)] for i, row in enumerate(D)]
     C = coriolis(geometry, steps, wholes, qd)
-    mixed = " or " in force
-    unit = "kg m^2, kg m or kg" if mixed else author.coordinates.unit("kg m^2", "kg")
-    rate = "per entry: torque by rate" if mixed else author.coordinates.unit("kg m^2/s", "kg/s")
+    made = partial(equation, author, recorder, notation=COMPOSITE_NOTATION)
     return [
-        author.function(
-            "inertia",
-            ("q",),
-            output("D", _flat(D), (n, n), unit=unit, meaning="inertia matrix, symmetric and positive definite"),
-            recorder,
-            doc="Inertia matrix D(q), rotors included.",
-            source="Composite bodies; Walker & Orin 1982",
-            notation=COMPOSITE_NOTATION,
-        ),
-        author.function(
+        made("inertia", _flat(D), source="Composite bodies; Walker & Orin 1982"),
+        made(
             "link_inertia",
-            ("q",),
-            output("D", _flat(links), (n, n), unit=unit, meaning="inertia matrix without the rotors"),
-            recorder,
-            doc="Inertia of the links as the joints see it: D(q) less the rotors.",
+            _flat(links),
             source="Composite bodies; the model file's rotor inertias",
             notation=COMPOSITE_NOTATION | {"whole": "inertia at a joint, its rotor included"},
             continues=Continuation("inertia", tuple((symbol, (n + 1) * i) for i, symbol in enumerate(whole))),
         ),
-        author.function(
-            "coriolis",
-            ("q", "qd"),
-            output("C", _flat(C), (n, n), unit=rate, meaning="Coriolis matrix; dD/dt - 2 C is skew-symmetric"),
-            recorder,
-            doc="Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.",
-            source="Composite bodies; Echeandia & Wensing 2021",
-            notation=COMPOSITE_NOTATION,
-        ),
-        author.function(
-            "gravity",
-            ("q",),
-            output("g", gravity(geometry, steps, wholes), (n,), unit=force, meaning="gravity torques"),
-            recorder,
-            doc="Gravity torques g(q) = dV/dq; zero where the model file has no gravity.",
-            source="Composite bodies hang on their joints",
-            notation=COMPOSITE_NOTATION,
-        ),
+        made("coriolis", _flat(C), source="Composite bodies; Echeandia & Wensing 2021"),
+        made("gravity", gravity(geometry, steps, wholes), source="Composite bodies hang on their joints"),
     ]
 
 

@@ -19,13 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Author, Continuation, SymbolicFunction, output
+from symbolic.functions import Author, Continuation, SymbolicFunction
 from symbolic.rigid_body.base_parameters import Column
-from symbolic.rigid_body.dynamics import solve_symmetric
+from symbolic.rigid_body.dynamics import equation, solve_symmetric
 from symbolic.rigid_body.spatial.base_parameters import MIRRORED, SpatialLayout, columns, moments_of
 from symbolic.rigid_body.spatial.composites import (
     COMPOSITE_NOTATION,
@@ -87,22 +88,17 @@ def functions(
     tau = torques(g, *bodies(symbols, n), moving, qdd, recorder)
     whole = [recorder.symbol(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
     load = [torque - rotor * a for torque, rotor, a in zip(whole, own, qdd, strict=True)]
+    made = partial(equation, author, recorder)
     return [
-        author.function(
+        made(
             "inverse_dynamics",
-            ("q", "qd", "qdd"),
-            output("tau", tau, (n,), unit=author.coordinates.force, meaning="joint torques"),
-            recorder,
-            doc="tau = D(q) qdd + C(q, qd) qd + g(q).",
+            tau,
             source="Newton-Euler recursion on base parameters, in modified DH frames: Khalil & Kleinfinger 1987",
             notation=NOTATION,
         ),
-        author.function(
+        made(
             "link_load",
-            ("q", "qd", "qdd"),
-            output("load", load, (n,), unit=author.coordinates.force, meaning="at the joints' outputs"),
-            recorder,
-            doc="Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.",
+            load,
             source="Inverse dynamics less the model file's rotor inertia times qdd",
             notation=NOTATION | {"whole": "torque of a joint, its rotor included"},
             continues=Continuation("inverse_dynamics", tuple((symbol, i) for i, symbol in enumerate(whole))),
@@ -117,14 +113,11 @@ def _regressor(author: Author, g: Geometry, kept: Sequence[Column]) -> SymbolicF
     moving = motion(g, range(n), q, qd, qdd, recorder)
     found = columns(g, kept, moving, qdd, recorder)
     Y = [-found[c][i] if c[0] in MIRRORED else found[c][i] for i in range(n) for c in kept]
-    return author.function(
-        "regressor",
-        ("q", "qd", "qdd"),
-        output(
-            "Y", Y, (n, len(kept)), unit="torque by lump", meaning="derivative of the torques by the lumped parameters"
-        ),
+    return equation(
+        author,
         recorder,
-        doc="tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.",
+        "regressor",
+        Y,
         source="The forces of one moment of mass at a time, along the joints; Gautier & Khalil 1990",
         notation=NOTATION | {"z": "axis of an inner joint", "y": "velocity of the origin by that joint"},
     )
@@ -140,12 +133,11 @@ def forward_dynamics(
     wholes = composites(steps, bodies)
     right = [t - b for t, b in zip(tau, bias(geometry, steps, wholes, qd), strict=True)]
     qdd = solve_symmetric(inertia(geometry, steps, wholes, rotors), right, recorder)
-    return author.function(
-        "forward_dynamics",
-        ("q", "qd", "tau"),
-        output("qdd", qdd, (geometry.n,), unit=author.coordinates.argument("qdd").unit, meaning="joint accelerations"),
+    return equation(
+        author,
         recorder,
-        doc="qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).",
+        "forward_dynamics",
+        qdd,
         source="Composite bodies, Walker & Orin 1982; D = L diag(d) L^T",
         notation=COMPOSITE_NOTATION
         | {
