@@ -26,7 +26,7 @@ from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
     from runtime.diagnosis.diagnose import Diagnosis
-    from runtime.report.follow_up import Invocation
+    from runtime.report.summary import Invocation
     from runtime.workspace.source import Source
 
 app = typer.Typer()
@@ -67,10 +67,10 @@ def diagnose(
     summary = ResultSummary(result, invocation, drafted=draft is not None)
     document = summary.document
     if draft is not None:
-        from runtime.report import follow_up
+        from runtime.report.summary import reading
 
-        reading = follow_up.reading(maps or (), allow_gaps)
-        document = replace(document, **_drafted(source, result, draft, invocation, reading))
+        options = reading(maps or (), allow_gaps)
+        document = replace(document, **_drafted(source, result, draft, invocation, options))
     emit(json, document, terminal.printer(loop.sections))
     write_page(report, summary, json)
     if result.verdict in ("unexplained", "refused"):

@@ -94,7 +94,7 @@ def execute(
     status 1 after a safe stop."""
     from runtime import files
     from runtime.recordings import recording
-    from runtime.report import executions, terminal
+    from runtime.report import motions, terminal
 
     asked = _Asked(on, settings, hide or (), change or (), arm, json != "-")
     is_real = _is_real(asked)
@@ -118,7 +118,7 @@ def execute(
         model_out=None if model_out is None else str(model_out),
         next=_next(same, out, effects),
     ).to_json()
-    emit(json, said, terminal.printer(executions.execution))
+    emit(json, said, terminal.printer(motions.execution))
     if report is not None and result.recording is not None:
         from runtime.report.page.reports import execution_page
 
@@ -202,7 +202,7 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, Execute
     from runtime.execution import execute, real
     from runtime.interruption import listening
     from runtime.planning.trajectory import read
-    from runtime.report import executions, terminal
+    from runtime.report import motions, terminal
 
     with terminal.working("deriving and compiling the model and its controller"):
         model, controller = source.compiled.model(), source.compiled.controller()
@@ -226,7 +226,7 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, Execute
 
     def ready() -> None:
         if asked.talks:
-            terminal.show(executions.prediction(predicted.to_json()))
+            terminal.show(motions.prediction(predicted.to_json()))
 
     with terminal.working(f"executing {arm.plan.scenario} on {asked.on}"), listening() as stop:
         done, frames = real.execute_on(link, setup, ready, stop)

@@ -19,8 +19,7 @@ from runtime.workspace.source import Source
 if TYPE_CHECKING:
     from runtime.loop.improve import Improvement
     from runtime.recordings.recording import Recording
-    from runtime.report.follow_up import Invocation
-    from runtime.report.summary import ResultSummary
+    from runtime.report.summary import Invocation, ResultSummary
 
 app = typer.Typer()
 

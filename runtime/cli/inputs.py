@@ -15,7 +15,7 @@ from runtime.workspace.source import Source
 if TYPE_CHECKING:
     from runtime.model.loader import Model
     from runtime.recordings.recording import Recording
-    from runtime.report.follow_up import Invocation
+    from runtime.report.summary import Invocation
 
 
 def opened(model: Path, effects: Path | None) -> Source:
@@ -61,7 +61,7 @@ class TypedInputs:
 
     def invocation(self, source: Source, improved: Path | None = None) -> Invocation:
         """For the commands that a result proposes; improved: file of the improved model."""
-        from runtime.report.follow_up import Invocation, about
+        from runtime.report.summary import Invocation, about
 
         named = is_name(self.model)
         return Invocation(

@@ -56,7 +56,7 @@ def inspect(
     emit(json, found.document(), terminal.printer(recordings.inspection))
     if picture is not None and found.recording is not None:
         from runtime.inspection.signals import complete_signals
-        from runtime.report.plots.inspection_plots import signals_over_time
+        from runtime.report.plots.motion_plots import signals_over_time
         from runtime.report.plots.style import save
 
         read = found.recording

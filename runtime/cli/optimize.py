@@ -60,7 +60,7 @@ def optimize(
 
     from runtime import files
     from runtime.planning import scenario_file
-    from runtime.report import plans, terminal
+    from runtime.report import motions, terminal
 
     scenario = scenario_path(scenario)
     asked = scenario_file.read(scenario)
@@ -82,19 +82,19 @@ def optimize(
         with terminal.working(f"optimizing {case.name}"):
             plan = optimizer.optimize(model, case, settings)
     except optimizer.Infeasible as error:
-        emit(json, results.refusal(model, case, error).to_json(), terminal.printer(plans.plan))
+        emit(json, results.refusal(model, case, error).to_json(), terminal.printer(motions.plan))
         raise typer.Exit(NO) from error
     document = results.document(model, plan).to_json()
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:
         files.replace(model_out, source.edits.mount(plan.trajectory).text.encode())
-    emit(json, document, terminal.printer(plans.plan))
+    emit(json, document, terminal.printer(motions.plan))
     if plot is not None:
-        from runtime.report.plots import plan_plots, style
+        from runtime.report.plots import motion_plots, style
 
         with costs_itself("the plot"):
-            style.save(plan_plots.plan(document), plot)
+            style.save(motion_plots.plan(document), plot)
     if report is not None:
         from runtime.documents.diagnosis import CommandEntry
         from runtime.report.page.reports import plan_page

@@ -73,7 +73,7 @@ def sweep(
 ) -> None:
     from runtime.documents.plans import SweepDocument
     from runtime.planning import scenario_file
-    from runtime.report import plans, terminal
+    from runtime.report import motions, terminal
     from runtime.sweep import grid, journal
     from runtime.sweep.job import Code
 
@@ -112,7 +112,7 @@ def sweep(
         journal=str(diary),
         variations=journal.summary(jobs, results, model),
     )
-    emit(json, document.to_json(), terminal.printer(plans.sweep))
+    emit(json, document.to_json(), terminal.printer(motions.sweep))
     if not all(variation.feasible for variation in document.variations):
         raise typer.Exit(NO)
 

@@ -16,21 +16,22 @@ from runtime.estimation import compare as comparison
 from runtime.estimation import identify as identification
 from runtime.loop import held_out as held_outs
 from runtime.loop import improve as loop
-from runtime.notebook.arm import LoadedArm, PathOrText, Recorded
 from runtime.notebook.results import (
     ComparisonResult,
     DiagnosisResult,
     ExportResult,
     IdentificationResult,
     ImprovementResult,
+    LoadedArm,
+    PathOrText,
     PlanResult,
+    Recorded,
 )
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.settings import PlanningSettings
 from runtime.recordings.recording import Recording
-from runtime.report.follow_up import Invocation, about
-from runtime.report.summary import ResultSummary
+from runtime.report.summary import Invocation, ResultSummary, about
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
 from runtime.workspace import exporting

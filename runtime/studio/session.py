@@ -31,7 +31,7 @@ from runtime import files
 from runtime.documents.parts import Document
 from runtime.model.terms import Term
 from runtime.plain_json import plain
-from runtime.report.follow_up import Invocation, reading
+from runtime.report.summary import Invocation, reading
 from runtime.studio.settings import MOST_NAME, MOST_RECORDINGS, MOST_SESSION
 from symbolic.model_file.checks import quote
 

@@ -38,11 +38,10 @@ from runtime.plain_json import plain
 from runtime.planning import results, trajectory
 from runtime.progress import Progress
 from runtime.recordings.recording import Recording
-from runtime.report import plans
-from runtime.report.follow_up import about
+from runtime.report import motions
 from runtime.report.page import reports
 from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording, of_series
-from runtime.report.summary import ResultSummary, relative_floor
+from runtime.report.summary import ResultSummary, about, relative_floor
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import parse_hidden, simulate
@@ -465,7 +464,7 @@ def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]
         stated = plain(results.stated(model, planned))
         folder = loaded.new_folder(f"plan{k}")
         (folder / "page.html").write_text(reports.plan_page(model, planned, stated).html(), encoding="utf-8")
-        _write(folder / "plan.json", PlanShown(name=name, headline=plans.headline(stated)))
+        _write(folder / "plan.json", PlanShown(name=name, headline=motions.plan_headline(stated)))
     return TaskResult(plans=len(names))
 
 

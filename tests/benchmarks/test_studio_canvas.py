@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.report.signals.panels import DrawnLine, SignalPanel, around
-from runtime.report.signals.signal_set import SignalSet
+from runtime.report.signals.signal_set import DrawnLine, SignalPanel, SignalSet, around
 from tests.benchmarks import harness
 from tests.studio.browser import CHROMIUM
 from tests.studio.signal_page import served

@@ -15,12 +15,19 @@ from hypothesis import strategies as st
 
 from runtime.estimation.compare import JointSeries
 from runtime.motion.noise_floor import Floor
-from runtime.report.page import filling
+from runtime.report.page import html
 from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
 from runtime.report.signals.joint_signals import of_series
-from runtime.report.signals.panels import DrawnLine, SignalPanel, around, curve
-from runtime.report.signals.reduction import Pyramid
-from runtime.report.signals.signal_set import MOST_ROWS, AskedWrongly, SignalSet
+from runtime.report.signals.signal_set import (
+    MOST_ROWS,
+    AskedWrongly,
+    DrawnLine,
+    Pyramid,
+    SignalPanel,
+    SignalSet,
+    around,
+    curve,
+)
 from tests.studio.signal_page import served
 from tests.studio.waiting import PATIENCE
 
@@ -168,7 +175,7 @@ def test_a_page_that_stands_alone_draws_and_selects_the_same(tmp_path: Path, pag
     """Its numbers are those of the set but for the steps in which they are written; nothing is asked of anybody."""
     shown = signals(2500)
     scripts = "".join(f"<script>{(STATIC / name).read_text()}</script>" for name in EMBEDDED_SCRIPTS)
-    data = f'<script type="application/json">{filling.embedded(shown.embedded())}</script>'
+    data = f'<script type="application/json">{html.embedded(shown.embedded())}</script>'
     path = tmp_path / "page.html"
     path.write_text(f'<meta charset="utf-8"><tendon-signals>{data}</tendon-signals>{scripts}')
     asked: list[str] = []

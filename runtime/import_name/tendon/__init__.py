@@ -11,8 +11,6 @@
 Errors are ValueErrors whose message is the line that the command line prints.
 """
 
-from runtime.notebook.arm import LoadedArm as Arm
-from runtime.notebook.arm import load, recording
 from runtime.notebook.results import (
     ComparisonResult,
     DiagnosisResult,
@@ -20,7 +18,10 @@ from runtime.notebook.results import (
     IdentificationResult,
     ImprovementResult,
     PlanResult,
+    load,
+    recording,
 )
+from runtime.notebook.results import LoadedArm as Arm
 from runtime.notebook.verbs import add, compare, diagnose, export, identify, import_, improve, optimize, simulate
 from runtime.planning.optimize import Infeasible
 from runtime.recordings.recording import Recording

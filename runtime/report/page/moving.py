@@ -30,7 +30,7 @@ from runtime.report.page.arm_motion import (
     frames,
     picture,
 )
-from runtime.report.plots.execution_plots import JointCycles
+from runtime.report.plots.motion_plots import JointCycles
 from runtime.report.summary import ResultSummary
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from runtime.diagnosis.steps import Finding, Step
 from runtime.estimation.compare import JointSeries, structure_shares
 from runtime.model.catalogue import EffectInfo
 from runtime.motion import spectrum
-from runtime.report.plots import joint_plots, style, time_plots
+from runtime.report.plots import joint_plots, style
 from runtime.report.summary import ResultSummary, relative_floor
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
     caption = "Measured and predicted torque, and what is left"
     found = [
         drawn(
-            time_plots.torque_over_time(trace, "All of the recording"),
+            joint_plots.torque_over_time(trace, "All of the recording"),
             f"time{number}",
             f"{caption}{', recordings end to end' if end_to_end else ''}.",
         )
@@ -128,7 +128,7 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
         title = f"The {seconds} {why}"
         found.append(
             drawn(
-                time_plots.torque_closely(zoom, title),
+                joint_plots.torque_closely(zoom, title),
                 f"zoom{number}",
                 f"{caption}, in {seconds}; gaps are standstill.",
             )
@@ -199,7 +199,7 @@ def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> li
         if len(closely.t) > 1:
             title = f"The {closely.t[-1] - closely.t[0]:.1f} s where {effect} acts most"
             caption = f"Residual in the seconds where {effect} acts most, and its torque drawn through it, dashed."
-            found.append(drawn(time_plots.effect_closely(closely, effect, title), f"{name}closely", caption))
+            found.append(drawn(joint_plots.effect_closely(closely, effect, title), f"{name}closely", caption))
     return found
 
 
@@ -267,10 +267,10 @@ def axis_of(series: JointSeries, signal: str) -> joint_plots.PlotAxis:
     )
 
 
-def _trace(before: JointSeries, after: JointSeries | None) -> tuple[time_plots.Trace, bool]:
+def _trace(before: JointSeries, after: JointSeries | None) -> tuple[joint_plots.Trace, bool]:
     t, end_to_end = clock(before)
     predicted = None if after is None else after.predicted
-    trace = time_plots.Trace(
+    trace = joint_plots.Trace(
         t, before.piece, before.tau, before.predicted, predicted, before.floor.value, before.force_unit
     )
     return trace, end_to_end
@@ -292,7 +292,7 @@ def running_clock(t: Array, piece: NDArray[np.integer[Any]]) -> tuple[Array, boo
     return t, moved
 
 
-def _telling(trace: time_plots.Trace) -> tuple[float, float, int]:
+def _telling(trace: joint_plots.Trace) -> tuple[float, float, int]:
     """Start, end and piece of the seconds in which the squared residual falls most, or is largest."""
     weight = (trace.tau - trace.before) ** 2
     if trace.after is not None:
@@ -300,7 +300,7 @@ def _telling(trace: time_plots.Trace) -> tuple[float, float, int]:
     return _most(trace, weight)
 
 
-def _most(trace: time_plots.Trace, weight: Array) -> tuple[float, float, int]:
+def _most(trace: joint_plots.Trace, weight: Array) -> tuple[float, float, int]:
     """Start, end and piece of the seconds in which the sum of a weight (M,) is largest."""
     total = np.concatenate([[0.0], np.cumsum(weight)])
     ends = np.searchsorted(trace.t, trace.t + _ZOOM_S)

@@ -23,7 +23,7 @@ from runtime.model.terms import Term
 from runtime.motion import spectrum
 from runtime.plain_json import plain
 from runtime.planning.trajectory import Trajectory
-from runtime.report import executions, findings, fits, loop, plans
+from runtime.report import findings, fits, loop, motions
 from runtime.report.findings import Context, JointScale
 from runtime.report.fits import KnownFloor, Names
 from runtime.report.page import page_figures as figures
@@ -31,8 +31,8 @@ from runtime.report.page.arm_motion import picture
 from runtime.report.page.html import ReportPage, embedded, figure, part
 from runtime.report.page.moving import ExecutedCycles, of_result, planned_motion, planned_words
 from runtime.report.page.page_figures import Drawn, drawn
-from runtime.report.plots import plan_plots
-from runtime.report.plots.execution_plots import joint_cycles
+from runtime.report.plots import motion_plots
+from runtime.report.plots.motion_plots import joint_cycles
 from runtime.report.sections import Commands, Facts, Group, Paragraph, Plots, Section, table, texts, words
 from runtime.report.signals import joint_signals
 from runtime.report.summary import Result, ResultSummary
@@ -525,10 +525,10 @@ def plan_page(
     moving = picture(planned_motion(model, trajectory), planned_words(model, trajectory))
     drawings = {"moving": part("arm_motion.html.j2", "arm_motion", moving)}
     made = []
-    for joint in plan_plots.moving_joints(document):
+    for joint in motion_plots.moving_joints(document):
         called = numbered(joint, document["joints"][joint - 1]["name"])
         caption = f"Joint {called}: position, speed and torque over one cycle, with limits and phases."
-        made.append(drawn(plan_plots.plan_of_joint(document, joint), f"plan{joint}", caption))
+        made.append(drawn(motion_plots.plan_of_joint(document, joint), f"plan{joint}", caption))
     legend = (
         "One cycle. Dashed horizontal lines: limits near the curve; dotted: end of a phase; shaded: in contact. The "
         "torque is the motor's; dashed: the torque of a spring, positive where it pushes the joint forward."
@@ -539,19 +539,19 @@ def plan_page(
         for j in document["joints"]
         if goal is None or j["joint"] in goal["joints"]
     ]
-    warnings = plans.warnings(document)
+    warnings = motions.plan_warnings(document)
     return ReportPage(
         title=f"{model.name}: {document['scenario']}",
         model=model.name,
         kind="clean",
         tag="plan",
-        headline=plans.headline(document),
-        short=[*texts(plans.springs(document)), Facts(tuple(costs), large=True), Commands(tuple(commands))],
+        headline=motions.plan_headline(document),
+        short=[*texts(motions.spring_lines(document)), Facts(tuple(costs), large=True), Commands(tuple(commands))],
         groups=[
             Group("The arm in motion", (Plots(("moving",)),), "motion"),
             Group(
                 "Joint by joint",
-                (Paragraph(legend, "note"), Plots(_keep(drawings, made, "plan")), plans.joints(document)),
+                (Paragraph(legend, "note"), Plots(_keep(drawings, made, "plan")), motions.plan_table(document)),
                 "joints",
             ),
             *([Group("Notes", tuple(warnings), "notes")] if warnings else []),
@@ -576,14 +576,14 @@ def execution_page(result: Execution, document: Document) -> ReportPage:
     )
     stopped = [f"Safe stop: {sentence(document['reason'])}"] if document["status"] == "stopped" else []
     commands = Commands(tuple(CommandEntry(**item) for item in document["next"]))
-    notes = texts(executions.uncompensated(document), "warning")
+    notes = texts(motions.uncompensated(document), "warning")
     return ReportPage(
         title=f"{model.name}: {document['plan']['scenario']} executed",
         model=model.name,
         kind=kind,
         tag=tag,
-        headline=executions.headline(document),
-        short=[*texts([*stopped, *executions.differences(document), *executions.costs(document)]), commands],
+        headline=motions.execution_headline(document),
+        short=[*texts([*stopped, *motions.differences(document), *motions.costs(document)]), commands],
         groups=[
             Group("The arm in motion", (Plots(("moving",)),), "motion"),
             Group(
@@ -591,7 +591,7 @@ def execution_page(result: Execution, document: Document) -> ReportPage:
                 (
                     Paragraph(legend, "note"),
                     Plots(_keep(drawings, made, "executed")),
-                    *executions.results(document)[:1],
+                    *motions.execution_results(document)[:1],
                 ),
                 "joints",
             ),

@@ -16,8 +16,7 @@ from runtime.recordings.recording import Recording
 from runtime.report.page import page_figures as figures
 from runtime.report.plots.joint_plots import PlotAxis, running_mean
 from runtime.report.plots.style import residual_reach
-from runtime.report.signals.panels import Colour, DrawnCurve, DrawnLine, SignalPanel, around, curve
-from runtime.report.signals.signal_set import SignalSet
+from runtime.report.signals.signal_set import Colour, DrawnCurve, DrawnLine, SignalPanel, SignalSet, around, curve
 from runtime.wording import numbered, percent
 
 Array = NDArray[np.float64]

@@ -1,7 +1,8 @@
-"""All that is shown of one joint, or of a recording as it was read: its numbers, its panels, and answers to a browser.
+"""Signals of one joint or recording for a canvas: its numbers, its panels, and answers to a browser.
 
-A browser asks for the spec once, for the table once, for columns whenever a view has moved out of what it has, and for
-the samples of a selection. Arrays travel as little-endian numbers without a header; the spec says their shape.
+A browser asks for the spec and the table once, for columns whenever a view has moved beyond what it has, and for the
+samples of a selection. Arrays travel as little-endian numbers without a header; the spec says their shape. Colours are
+names of report/plots/style.py: ink is what was measured, before and after are models.
 """
 
 from __future__ import annotations
@@ -9,20 +10,182 @@ from __future__ import annotations
 import base64
 import io
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.report.signals.panels import SignalPanel
-from runtime.report.signals.reduction import Pyramid
 
 Array = NDArray[np.float64]
+Colour = Literal["ink", "faint", "before", "after"]
+
+
+@dataclass(frozen=True)
+class DrawnLine:
+    """A line of a set (its name there), and what it is called and drawn in; cloud or curve over time."""
+
+    line: str
+    name: str
+    colour: Colour
+
+
+@dataclass(frozen=True)
+class DrawnCurve:
+    """A few numbers of its own: x and y (K,), NaN where it breaks."""
+
+    name: str
+    colour: Colour
+    x: Sequence[float | None]
+    y: Sequence[float | None]
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class SignalPanel:
+    """One of the views of a set, which zoom each on their own and are lit together.
+
+    kind      "time": lines over the time; "over": clouds over another signal; "curves": curves alone
+    x         for "over" the name of that signal in the set
+    labels    of the axes, with units
+    low, high vertical scale
+    band      ± noise floor, or for "curves" from 0 to it; 0: none
+    stretch   within this distance from 0 the horizontal axis is linear, beyond logarithmic; 0: plain
+    log       the vertical axis is logarithmic
+    marks     places on the horizontal axis to point at
+    note      a sentence below it
+    """
+
+    kind: Literal["time", "over", "curves"]
+    title: str
+    x: str
+    labels: tuple[str, str]
+    low: float
+    high: float
+    lines: tuple[DrawnLine, ...] = ()
+    curves: tuple[DrawnCurve, ...] = ()
+    band: float = 0.0
+    stretch: float = 0.0
+    log: bool = False
+    marks: tuple[float, ...] = ()
+    note: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Numbers and texts; the browser shows texts as texts."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, document: dict[str, Any]) -> SignalPanel:
+        """As `to_json` wrote it."""
+        return cls(
+            **{
+                **document,
+                "labels": tuple(document["labels"]),
+                "lines": tuple(DrawnLine(**line) for line in document["lines"]),
+                "curves": tuple(DrawnCurve(**curve) for curve in document["curves"]),
+                "marks": tuple(document["marks"]),
+            }
+        )
+
+
+def curve(name: str, colour: Colour, x: Array, y: Array, dashed: bool = False) -> DrawnCurve:
+    """A curve of arrays; what is not finite is where it breaks."""
+    points = [
+        (float(a), float(b)) if np.isfinite(a) and np.isfinite(b) else (None, None) for a, b in zip(x, y, strict=True)
+    ]
+    return DrawnCurve(name, colour, [a for a, _ in points], [b for _, b in points], dashed)
+
+
+def around(values: Sequence[Array], least: float = 0.0) -> tuple[float, float]:
+    """A vertical scale for lines (M,): all that is finite, with a margin, and `least` about zero if that is given."""
+    finite = [v[np.isfinite(v)] for v in values]
+    low = min([*(float(v.min()) for v in finite if len(v)), -least], default=-1.0)
+    high = max([*(float(v.max()) for v in finite if len(v)), least], default=1.0)
+    margin = 0.05 * (high - low) or abs(high) or 1.0
+    return low - margin, high + margin
+
+
+_FINEST = 64
+"""Samples of the shortest blocks that are kept: what is shorter is reduced anew at every view."""
+_COARSER = 8
+"""Blocks that the next level takes for one."""
+
+
+@dataclass(frozen=True)
+class _Level:
+    """Of blocks of `size` samples the smallest and the largest values, (L, B) each."""
+
+    size: int
+    least: Array
+    most: Array
+
+    def coarser(self) -> _Level:
+        return _Level(self.size * _COARSER, *_reduced(self.least, self.most, _COARSER))
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """Signals over one time, reduced beforehand so that every view of them costs the same.
+
+    t       (M,) s, never falling
+    names   of the lines
+    levels  the samples themselves, then ever longer blocks
+    """
+
+    t: Array
+    names: tuple[str, ...]
+    levels: tuple[_Level, ...]
+
+    @classmethod
+    def of(cls, t: Array, lines: Mapping[str, Array]) -> Pyramid:
+        """Over times (M,), of lines (M,); a line's NaN is a place where it is not drawn."""
+        values = np.array([lines[name] for name in lines], dtype=float).reshape(len(lines), len(t))
+        levels = [_Level(1, values, values)]
+        if len(t) > _FINEST:
+            levels.append(_Level(_FINEST, *_reduced(values, values, _FINEST)))
+        while levels[-1].least.shape[1] > _FINEST:
+            levels.append(levels[-1].coarser())
+        return cls(t, tuple(lines), tuple(levels))
+
+    def columns(self, begin: float, end: float, columns: int) -> Array:
+        """(1 + 2 L, B) of the samples from `begin` to `end`, s, and one block on either side of them: the time of each
+        block's first sample, then the smallest and the largest value of each line.
+
+        columns   of the drawing, at least 1; B is at most 2 `columns` + 2
+        """
+        first, last = np.searchsorted(self.t, [begin, end], side="left")
+        level = self._level(int(last - first), columns)
+        blocks = level.least.shape[1]
+        start = max(0, first // level.size - 1)
+        stop = min(blocks, -(-last // level.size) + 1)
+        together = max(1, -(-int(stop - start) // (2 * columns)))
+        least, most = _reduced(level.least[:, start:stop], level.most[:, start:stop], together)
+        times = self.t[start * level.size : stop * level.size : level.size * together]
+        out = np.empty((1 + 2 * len(self.names), len(times)))
+        out[0], out[1::2], out[2::2] = times, least, most
+        return out
+
+    def _level(self, samples: int, columns: int) -> _Level:
+        """The one of the longest blocks that has at least a block a column."""
+        enough = [level for level in self.levels if level.size * columns <= samples]
+        return enough[-1] if enough else self.levels[0]
+
+
+def _reduced(least: Array, most: Array, together: int) -> tuple[Array, Array]:
+    """Every `together` neighbours as one, the last of those that are left."""
+    if together == 1 or not least.shape[1]:
+        return least, most
+    starts = np.arange(0, least.shape[1], together)
+    whole = least.shape[1] // together
+    if least.shape[1] == whole * together:
+        shape = (len(least), whole, together)
+        return np.fmin.reduce(least.reshape(shape), axis=2), np.fmax.reduce(most.reshape(shape), axis=2)
+    return np.fmin.reduceat(least, starts, axis=1), np.fmax.reduceat(most, starts, axis=1)
+
 
 MOST_ROWS = 20_000
 """Samples of a table: as many dots as a cloud needs, drawn in a part of a frame, and enough for three digits of an

@@ -24,7 +24,7 @@ from runtime.planning.results import document
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.settings import PlanningSettings
 from runtime.progress import on_cores
-from runtime.report import plans, terminal
+from runtime.report import motions, terminal
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import INERTIA, MASS, and_back, arm, parsed, there
 
@@ -183,7 +183,7 @@ def test_springs_at_two_joints_do_better_than_either(two: Model) -> None:
 def test_a_spring_is_from_a_catalogue_only_where_it_has_one(two: Model, capsys: pytest.CaptureFixture[str]) -> None:
     springs = [{"joint": 1, **FREE}, {"joint": 2, **FREE, "catalogue": [500.0, 12500.0]}]
     scenario = and_back(two, 1.0, {"q1": 0.2, "q2": 0.3}, {"q1": -0.8, "q2": -0.7}, spring=springs)
-    terminal.show(plans.plan(document(two, optimize(two, scenario)).to_json()))
+    terminal.show(motions.plan(document(two, optimize(two, scenario)).to_json()))
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Spring at joint")]
     assert ["from the catalogue" in line for line in lines] == [False, True]
 
@@ -332,7 +332,7 @@ def test_cores_only_save_time(model: Model, monkeypatch: pytest.MonkeyPatch) -> 
     for count in (1, 2):
         forked.clear()
         with on_cores(count):
-            plans.append(optimize(model, scenario))
+            motions.append(optimize(model, scenario))
         # Two for each of: motions that springs are chosen for, springs, ways, neighbours.
         assert len(forked) == (0 if count == 1 else 8)
     one, two = plans

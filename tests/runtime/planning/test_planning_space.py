@@ -14,7 +14,7 @@ from runtime.planning.optimize import Plan, StartError, optimize
 from runtime.planning.physics import rotation, target_frame
 from runtime.planning.results import document
 from runtime.planning.scenario import Point
-from runtime.report import plans, terminal
+from runtime.report import motions, terminal
 from symbolic.model_file.checks import ModelError
 from tests.runtime.planning.planning_cases import arm, there
 from tests.six_joints import START, six_joints
@@ -93,7 +93,7 @@ def test_the_terminal_names_the_joints_and_their_units(
 ) -> None:
     made = document(six, pointing).to_json()
     lift = {**made["joints"][1], "name": "lift", "units": {"position": "m", "force": "N"}}
-    terminal.show(plans.plan({**made, "joints": [made["joints"][0], lift]}))
+    terminal.show(motions.plan({**made, "joints": [made["joints"][0], lift]}))
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     (row,) = (row for row in rows if row.startswith("2 lift"))
     assert row.startswith(f"2 lift {lift['cost']:.4g} (N)^2 s {lift['peak_torque']:.4g} N ")

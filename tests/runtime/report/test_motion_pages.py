@@ -19,10 +19,10 @@ from runtime.plain_json import plain
 from runtime.planning import results
 from runtime.planning.optimize import optimize
 from runtime.planning.settings import PlanningSettings
-from runtime.report import executions, plans, terminal
+from runtime.report import motions, terminal
 from runtime.report.page.moving import ExecutedCycles
 from runtime.report.page.reports import execution_page, plan_page
-from runtime.report.plots import plan_plots
+from runtime.report.plots import motion_plots
 from runtime.workspace.source import Source
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import arm, there
@@ -84,7 +84,7 @@ def test_a_plan_is_drawn_as_it_is(planned) -> None:
 
 def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
     _, _, document = planned
-    figure = plan_plots.plan_of_joint(document, 1)
+    figure = motion_plots.plan_of_joint(document, 1)
     position, speed, torque = figure.axes
     np.testing.assert_allclose(speed.lines[0].get_ydata(), document["samples"]["qd"][0])
     drawn = {float(line.get_ydata()[0]) for line in speed.lines[1:]}
@@ -92,7 +92,7 @@ def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
     assert any("no limit stated" in text.get_text() for text in torque.texts)
     said = " ".join(text.get_text() for text in position.texts)
     assert all(point in said for phase in document["phases"] for point in (phase["from"], phase["to"]))
-    assert len(plan_plots.plan(document).axes) == 3 * 2
+    assert len(motion_plots.plan(document).axes) == 3 * 2
 
 
 @pytest.mark.parametrize("ends", [-1.0, 1.0])
@@ -103,7 +103,7 @@ def test_what_is_said_of_a_limit_stands_off_the_curve(planned, ends: float) -> N
     limits = {"position": [-50.0, 50.0], "speed": None, "torque": None}
     joint = {**document["joints"][0], "limits": limits}
     samples = {**document["samples"], "q": [q, q]}
-    drawn = plan_plots.plan_of_joint({**document, "joints": [joint], "samples": samples}, 1)
+    drawn = motion_plots.plan_of_joint({**document, "joints": [joint], "samples": samples}, 1)
     position = drawn.axes[0]
     (note,) = (text for text in position.texts if "limits ±50" in text.get_text())
     drawn.draw_without_rendering()
@@ -118,27 +118,27 @@ def test_a_spring_that_is_there_for_nothing_is_said(library: Library, capsys: py
     scenario = there(model, 1.0, {"q1": 0.0}, {"q1": 1.0}, spring=spring)
     document = plain(results.document(model, optimize(model, scenario, PlanningSettings(starts=1))))
     assert "the spring at joint 1 is slack during the whole motion and saves nothing" in document["warnings"]
-    terminal.show(plans.plan(document))
+    terminal.show(motions.plan(document))
     assert "Spring at joint 1: 20050 N/m, taut below -4 rad" in capsys.readouterr().out
 
 
 def test_all_joints_go_by_one_word(planned, capsys: pytest.CaptureFixture[str]) -> None:
     *_, document = planned
-    terminal.show(plans.plan(document))
+    terminal.show(motions.plan(document))
     assert "the squared torque over a cycle of all joints is " in capsys.readouterr().out
-    assert " of all joints is " in plans.headline(document)
+    assert " of all joints is " in motions.plan_headline(document)
     one = {**document, "objective": {**document["objective"], "joints": [2]}}
-    assert " of joint 2 is " in plans.headline(one)
+    assert " of joint 2 is " in motions.plan_headline(one)
 
 
 def test_what_is_hidden_in_the_simulated_arm_stands_on_its_page(executed: Execution) -> None:
     document = plain({"on": "simulation", **executed.to_json(), "next": []})
-    assert executions.differences(document) == []
+    assert motions.differences(document) == []
     name = document["joints"][0]["name"]
     hidden = {"effect": "offset", "joint": 1, "hidden": True, "changed": False, "values": {"torque": -2.5}}
     called = "joint 1" if name is None else f"joint 1 ({name})"
     said = f"hidden: offset at {called}: torque −2.5"
-    assert executions.differences({**document, "effects": [hidden]}) == [said]
+    assert motions.differences({**document, "effects": [hidden]}) == [said]
 
 
 def test_an_execution_is_drawn_beside_its_plan(executed: Execution) -> None:

@@ -14,7 +14,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 
 tendon = pytest.importorskip("tendon", reason="the package is not installed (pip install -e .)")
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="module")

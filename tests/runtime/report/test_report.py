@@ -40,11 +40,10 @@ from runtime.motion import spectrum
 from runtime.recordings.recording import Recording
 from runtime.report import findings, loop, terminal
 from runtime.report.findings import JointScale
-from runtime.report.follow_up import Invocation, about
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
-from runtime.report.plots import joint_plots, style, time_plots
-from runtime.report.summary import ResultSummary
+from runtime.report.plots import joint_plots, style
+from runtime.report.summary import Invocation, ResultSummary, about
 from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
@@ -517,7 +516,7 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
 def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
     step = improvement.steps[-1]
     trace, _ = page_figures._trace(improvement.steps[0].joints[0], step.joints[0])
-    measured, predicted, _ = time_plots.torque_over_time(trace).axes
+    measured, predicted, _ = joint_plots.torque_over_time(trace).axes
     assert [len(ax.lines) - 1 for ax in (measured, predicted)] == [1, 1]  # and a line at 0
     assert measured.get_ylim() == predicted.get_ylim()
 
@@ -718,7 +717,7 @@ def test_figures_draw_extremes():
     axis = joint_plots.PlotAxis("velocity, rad/s", flat, creep=True)
     assert joint_plots.residual_over(axis, flat, flat, 0.1, "N m", flat, "none")
     trace = SimpleNamespace(t=flat, piece=np.zeros(1, int))
-    assert time_plots.torque_over_time(time_plots.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
+    assert joint_plots.torque_over_time(joint_plots.Trace(trace.t, trace.piece, flat, flat, None, 0.1, "N m"))
     assert joint_plots.spectrum(flat, flat, None, 0.0, 10.0, "N m")
     assert joint_plots.error_fall(["as in the file"], [0.0], None, 0.0)
 

@@ -1,8 +1,9 @@
-"""Figures of planned motions: positions, speeds and torques of one cycle, joint by joint, with limits and phases."""
+"""Figures of motions over time: a plan joint by joint, an execution beside its plan, the signals of a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -146,3 +147,78 @@ def _phases(ax: Axes, document: Document, named: bool) -> None:
             if phase["kind"] == "contact":
                 ax.axvspan(begins, ends, color=FAINT, alpha=0.14, lw=0, zorder=0)
         begins = ends
+
+
+@dataclass(frozen=True)
+class JointCycles:
+    """One joint over one cycle, (F,) each; executed ones a row a cycle, (K, F).
+
+    t s; torque of the motor, of which a model's is what the plan asks for with all that the model knows; spring: what
+    it pushes the joint forward with, None without one
+    """
+
+    t: Array
+    q_planned: Array
+    q: Array
+    torque_planned: Array
+    torque: Array
+    spring: Array | None
+    position_unit: str
+    force_unit: str
+
+
+@styled
+def joint_cycles(joint: JointCycles) -> Figure:
+    """Position, tracking error and torque; all executed cycles, one over the other."""
+    figure = Figure(figsize=(WIDTH, 3.7), layout="constrained")
+    position, error, torque = figure.subplots(3, 1, sharex=True)
+    for row in joint.q:
+        position.plot(joint.t, row, color=AFTER, lw=1.3)
+        error.plot(joint.t, row - joint.q_planned, color=AFTER, lw=0.8)
+    position.plot(joint.t, joint.q_planned, color=INK, lw=0.9, ls=(0, (4, 2)))
+    for row in joint.torque:
+        torque.plot(joint.t, row, color=AFTER, lw=0.8)
+    torque.plot(joint.t, joint.torque_planned, color=INK, lw=1.1, ls=(0, (4, 2)))
+    if joint.spring is not None:
+        torque.plot(joint.t, joint.spring, color=BEFORE, lw=1.1)
+    position.set_ylabel(f"position, {joint.position_unit}")
+    error.set_ylabel(f"error, {joint.position_unit}")
+    torque.set_ylabel(f"torque, {joint.force_unit}")
+    torque.set_xlabel("time within the cycle, s")
+    for ax in (position, error, torque):
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+        ax.margins(x=0)
+    for ax in (error, torque):
+        ax.axhline(0, color=FAINT, lw=0.4, zorder=0)
+    figure.align_ylabels()
+    return figure
+
+
+_POINTS = 2000
+"""Columns of a picture; in each the least and the largest sample are drawn."""
+
+
+@styled
+def signals_over_time(t: Array, rows: Sequence[tuple[str, str, Array]], pieces: Sequence[slice], title: str) -> Figure:
+    """A row for each signal: name, unit and values (N,) over t (N,); gap-free pieces apart from each other."""
+    figure = Figure(figsize=(1.6 * WIDTH, 0.75 * len(rows) + 0.8), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(len(rows), sharex=True))
+    for k, (ax, (name, unit, values)) in enumerate(zip(axes, rows, strict=True)):
+        for piece in pieces:
+            ax.plot(*envelope(t[piece], values[piece]), color=AFTER if name.startswith("tau") else INK, lw=0.6)
+        ax.set_ylabel(f"{name}\n{unit}", rotation=0, ha="right", va="center")
+        ax.grid(axis="x", color=FAINT, alpha=0.2, lw=0.5)
+        if k == 0:
+            ax.set_title(title)
+    axes[-1].set_xlabel("t, s")
+    return figure
+
+
+def envelope(t: Array, x: Array) -> tuple[Array, Array]:
+    """Samples (N,) as a line of few points that covers the same: the least and the largest of each column."""
+    if len(t) <= 2 * _POINTS:
+        return t, x
+    size = len(t) // _POINTS
+    whole = x[: size * _POINTS].reshape(_POINTS, size)
+    ends = np.stack([whole.min(axis=1), whole.max(axis=1)], axis=1).ravel()
+    return np.repeat(t[: size * _POINTS : size], 2), ends
