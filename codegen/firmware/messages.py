@@ -195,7 +195,9 @@ def _items(rows: Sequence[Row], types: Sequence[str]) -> tuple[Item, ...]:
     found = []
     for name, kind, unit, meaning, *ends in rows:
         count = len(types) if kind.endswith("[n]") else None
-        found.append(Item(name, kind.removesuffix("[n]"), _unit(unit, types), meaning, count, *ends))
+        low, high = (*ends, None, None)[:2]
+        item = Item(name, kind.removesuffix("[n]"), _unit(unit, types), meaning, count=count, low=low, high=high)
+        found.append(item)
     return tuple(found)
 
 
@@ -223,7 +225,7 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
     values = f"{ROWS_A_MESSAGE} control points of {len(types)} coordinates; any beyond the trajectory's rows are unused"
     points = (
         Item("first_row", "u32", "", "from 0", high=MAX_ROWS - 1),
-        Item("values", "float", _unit("rad|m", types), values, ROWS_A_MESSAGE * len(types)),
+        Item("values", "float", _unit("rad|m", types), values, count=ROWS_A_MESSAGE * len(types)),
     )
     checksum = Item("checksum", "u32", "", "CRC-32 of the payloads of trajectory, phase and points as they were sent")
     rows: tuple[Row, ...] = (
@@ -245,7 +247,9 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
     )
     structs = ("parameters", "effects")
     return tuple(
-        Message(name, number, "command", meaning, fields, states, name if name in structs else None)
+        Message(
+            name, number, "command", meaning, fields=fields, states=states, record=name if name in structs else None
+        )
         for number, (name, meaning, fields, states) in enumerate(rows, 1)
     )
 
@@ -264,6 +268,6 @@ def reports(types: Sequence[str]) -> tuple[Message, ...]:
         ("counters", "Since the board's start. Sent after `query` and at every stop.", _COUNTERS),
     )
     return tuple(
-        Message(name, number, "report", meaning, _items(fields, types))
+        Message(name, number, "report", meaning, fields=_items(fields, types))
         for number, (name, meaning, fields) in enumerate(rows, 0x81)
     )

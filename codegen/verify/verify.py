@@ -178,7 +178,8 @@ def verify(
         found, vector = compare(subject, points)
         cases += found
         vectors += vector
-    return VerifyReport(arm.name, samples, seed, tuple(cases), tuple(vectors), prove_model(model, seed))
+    proofs = prove_model(model, seed)
+    return VerifyReport(arm.name, samples, seed, cases=tuple(cases), vectors=tuple(vectors), proofs=proofs)
 
 
 def compare(subject: Subject, points: Sequence[reference.Values]) -> tuple[list[FunctionCheck], list[Vector]]:
@@ -199,9 +200,17 @@ def compare(subject: Subject, points: Sequence[reference.Values]) -> tuple[list[
                 error = float(abs(x - y))
                 ratio = error / tolerance if error == error else float("inf")
                 if worst is None or ratio > worst.ratio:
-                    inputs = _inputs(function, values)
                     worst = FunctionCheck(
-                        function.name, target, ratio <= 1, ratio, error, tolerance, name, float(x), y, inputs
+                        function=function.name,
+                        target=target,
+                        equal=ratio <= 1,
+                        ratio=ratio,
+                        error=error,
+                        tolerance=tolerance,
+                        output=name,
+                        expected=float(x),
+                        found=y,
+                        inputs=_inputs(function, values),
                     )
         if worst is not None:
             cases.append(worst)

@@ -84,12 +84,12 @@ def test_they_come_from_the_model_file(ceilings: dict[str, Any], directory: Path
 def test_the_page_says_of_which_joints_it_knows_no_limit(directory: Path) -> None:
     of_all = replace(ARM, joints=tuple(replace(joint, limits=Limits(torque=TORQUE)) for joint in ARM.joints))
     pages = {
-        "Of joint 2 the": (directory / "PROTOCOL.md").read_text(),
-        "Of joints 1, 2 the": source_tree.firmware_files(derive(MIXED["rp"]), LIBRARY)["PROTOCOL.md"],
+        "For joint 2 the": (directory / "PROTOCOL.md").read_text(),
+        "For joints 1, 2 the": source_tree.firmware_files(derive(MIXED["rp"]), LIBRARY)["PROTOCOL.md"],
         "": source_tree.firmware_files(derive(of_all), LIBRARY)["PROTOCOL.md"],
     }
     for said, page in pages.items():
-        assert (f"{said} model file has no limit of torque" in page) == bool(said)
+        assert (f"{said} model file has no torque limit" in page) == bool(said)
         assert ("protects no gear" in page) == bool(said)
 
 
