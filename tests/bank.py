@@ -13,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from runtime.diagnosis.candidates import CandidateField
 from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose
+from runtime.diagnosis.gates import rank
 from runtime.diagnosis.grammar_search import Draft, Wider
 from runtime.diagnosis.search import Search
 from runtime.estimation.compare import Comparison, compare
@@ -21,6 +23,7 @@ from runtime.estimation.identify import Identification, identify
 from runtime.estimation.suspicions import Suspicion, suspicions
 from runtime.loop.law_proposal import propose
 from runtime.model.loader import Model
+from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
 from runtime.workspace.compiled import CompiledArm
 from runtime.workspace.source import Source
@@ -142,6 +145,22 @@ def diagnosed_by(arm: CompiledArm, recordings: Sequence[Recording]) -> Diagnosis
 def proposed(arm: CompiledArm, recordings: Sequence[Recording]) -> Draft | None:
     """As `tendon diagnose --draft` calls it."""
     return propose(kept(diagnosed_by, arm, recordings), *arm.model_with_guesses())
+
+
+def doubts(model: Model, recordings: Sequence[Recording], terms: Sequence[Term]) -> dict[str, str]:
+    """What speaks against each of these candidates on the model as it is."""
+    fitted = identify(model, recordings)
+    floors = [float(x) for x in fitted.motion.band.torque_floor()]
+    ranked = rank(CandidateField(fitted.problem, fitted.fit), terms, floors).ranked
+    return {str(e.term): "; ".join(e.failed) for e in ranked}
+
+
+def gains(model: Model, recordings: Sequence[Recording]) -> dict[Term, float]:
+    """By how much of the squared error each candidate lowers it."""
+    field = begin(model, recordings).ground()
+    found = {term: field.search(term) for term in field.terms()}
+    whole = field.excerpt[1].equations().sse
+    return {term: candidate.gain / whole for term, candidate in found.items() if candidate is not None}
 
 
 def judged(case: Case) -> Line:

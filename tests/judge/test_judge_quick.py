@@ -22,6 +22,7 @@ from tests.judge.motion import desired
 from tests.judge.save import save
 from tests.judge.situations import SITUATIONS
 from tests.kept import kept
+from tests.variants import slow
 
 SEED = 42
 
@@ -40,7 +41,7 @@ def test_a_clear_case_is_judged_right(name: str) -> None:
     assert row.exact == (name != "outside_sine") == bool(coverage.from_text(row.covered))
 
 
-@pytest.mark.parametrize("name", ["backlash", "backlash_hertz"])
+@pytest.mark.parametrize("name", ["backlash", slow("backlash_hertz")])
 def test_a_gap_of_some_encoder_steps_is_named(name: str) -> None:
     """Half as much torque as noise: seven to ten times what the encoder's noise is."""
     row = kept(bank.judged, one(name, 0.5))

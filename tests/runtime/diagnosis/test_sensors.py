@@ -15,7 +15,6 @@ from runtime.diagnosis import further_sensors, sensor_worth
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.diagnosis.further_sensors import FurtherSensors, echo
-from runtime.diagnosis.gates import rank
 from runtime.diagnosis.telling_signals import missing
 from runtime.estimation.identify import identify
 from runtime.model.loader import Model
@@ -41,11 +40,7 @@ def named(found: Diagnosis) -> list[tuple[str, list[str]]]:
 
 
 def doubts(model: Model, recording: Recording, *terms: Term) -> dict[str, str]:
-    """What speaks against each of these candidates on the model as it is."""
-    fitted = kept(identify, model, [recording])
-    floors = [float(x) for x in fitted.motion.band.torque_floor()]
-    ranked = rank(CandidateField(fitted.problem, fitted.fit), terms, floors).ranked
-    return {str(e.term): "; ".join(e.failed) for e in ranked}
+    return kept(bank.doubts, model, [recording], terms)
 
 
 ELASTICITY, DELAY = Term("elasticity", 1), Term("torque_delay", 1)

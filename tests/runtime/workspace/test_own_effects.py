@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from tests.kept import kept
 
 OWN = """\
 from dataclasses import replace
+from functools import cache
 
 from symbolic import units as u
 from symbolic.effects.declaration import SIGNAL, Effect, Parameter, parameter
@@ -101,6 +103,9 @@ def _rubbing(effect: str, parameter: str) -> str:
     return one_joint.model_text(f"[joint.effects.{effect}]\n{parameter} = 1.5\n", name="bare")
 
 
+pytestmark = pytest.mark.xdist_group("own effects")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Path:  # noqa: ARG001
     here = tmp_path_factory.mktemp("own")
@@ -113,6 +118,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Path:  # no
     return here
 
 
+@cache
 def opened(folder: Path, name: str) -> Model:
     return Source.read(folder / f"{name}.toml", folder / "own.py").compiled.model()
 
