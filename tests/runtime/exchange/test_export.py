@@ -402,7 +402,7 @@ def test_gears_go_into_the_transmissions_that_are_there(run: Run) -> None:
         "limits.speed of joint 1",
     ]
     assert re.findall("Reduction>(.*?)<", Path("new.urdf").read_text()) == ["50", "30"]
-    assert "kept as they were: gear_ratio of joint 3, for" in repr(result)
+    assert "The file into which it was written keeps its own: gear_ratio of joint 3, for" in repr(result)
     _, printed, _ = run("export", "small.toml", "--to", "urdf", "--out", "new.urdf", "--onto", "open.urdf")
     assert "keeps its own: gear_ratio of joint 3, for which" in " ".join(printed.split())
 
@@ -494,7 +494,9 @@ def test_gravity_that_was_found_is_gravity(run: Run, arm: str) -> None:
 def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - a folder with small.toml
     result = verbs.export(load("small.toml"), "small.xml", to="mjcf")
     assert Path("small.xml").read_text().count("<joint ") == 3
-    assert repr(result).startswith("small.xml: small\nnot said: coulomb_asymmetric at joint 1 in each direction")
+    assert repr(result).startswith(
+        "small.xml: small\nThe file does not say: coulomb_asymmetric at joint 1 in each direction"
+    )
     result.show()
 
 

@@ -258,10 +258,10 @@ def test_what_a_person_reads(executed: Executed, bench: Source, model: Model, fo
     with drives(bench, model, folder) as (on, _):
         status, found = executed(on, "--arm", "--json", str(tmp_path / "figures.json"))
     assert status == 0
-    said = found["text"]
+    said = " ".join(found["text"].split())
     assert "there and back on canopen://execute-" in said
-    assert "13.2 % of execute-" in said
-    assert "joint 1: torques are rounded to 0.025 N m\n" in said
+    assert "frames fill 13.25 % of execute-" in said
+    assert "joint 1: torques are rounded to 0.025 N m " in said
     assert json.loads((tmp_path / "figures.json").read_text())["drives"]["real_time"] is False
 
 

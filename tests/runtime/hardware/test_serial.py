@@ -119,6 +119,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture(autouse=True)
+def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The board and its host share this process: on a busy machine either may wait for the other."""
+    monkeypatch.setattr(session, "_SILENT", 1.0)
+
+
 Outcome = tuple[int, str, str]
 
 
