@@ -1,4 +1,4 @@
-"""A real browser, and a studio for it to open: the verb itself, in a process of its own."""
+"""A real browser, and `tendon studio` in a process of its own."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def served(folder: Path, *arguments: object) -> Iterator[Server]:
 
 
 class Watched:
-    """A page, everything that it asked for, and everything that went wrong in it."""
+    """A page, with all requests that it sent and all errors in it."""
 
     def __init__(self, browser: Any, address: str, width: int = 1360, scheme: str = "light") -> None:
         self.context = browser.new_context(
@@ -123,17 +123,17 @@ class Watched:
         return float(re.findall(r"([\d.]+)\s%", self.page.inner_text(".bar-row.fitted .bar-value"))[-1])
 
     def slow(self) -> Delayed:
-        """The page opened again, by a connection on which what the studio says can be kept back."""
+        """The page opened again, through a connection whose messages from the server can be delayed."""
         return Delayed(self.page)
 
     def outside(self) -> list[str]:
-        """What was asked of anybody else than the studio."""
+        """Requests to other hosts than the studio."""
         own = re.compile(r"(http|ws)://127\.0\.0\.1:\d+/|data:|blob:")
         return [url for url in self.asked if not own.match(url)]
 
 
 class Delayed:
-    """What a studio says to a page, kept back for a while: the page shows what is no more, as one does that is slow."""
+    """A connection whose messages from the server are delayed: the page shows an old state, as a slow one does."""
 
     def __init__(self, page: Any) -> None:
         self._page, self._held = page, False
@@ -152,18 +152,18 @@ class Delayed:
         socket.connect_to_server().on_message(heard)
 
     def keep(self) -> None:
-        """From now on."""
+        """Delay the messages from now on."""
         self._held = True
 
     def wait(self, what: str, times: int = 1) -> None:
-        """Until so many messages are kept back with something in them."""
+        """Wait until so many delayed messages contain a text."""
         end = time.monotonic() + PATIENCE
         while sum(what in message for message in self._kept) < times:
             assert time.monotonic() < end
             self._page.wait_for_timeout(20)
 
     def let_go(self) -> None:
-        """The page hears all of it, in its order."""
+        """Send the delayed messages, in their order."""
         while self._kept:
             self._socket.send(self._kept.pop(0))
         self._held = False

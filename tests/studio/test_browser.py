@@ -1,4 +1,4 @@
-"""The studio in a real browser: the loop from opening to the fallen error by clicks alone, and what else may happen."""
+"""The studio in a real browser: the loop by clicks alone, and every other control of the page."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_the_loop_of_the_demo_by_clicks_alone(tab: Tab, new_server: Server) -> N
 
 
 def test_a_session_is_opened_again_and_its_model_taken_away(fitted: Watched) -> None:
-    """What one process has found another one shows."""
+    """Another process shows what the first one found."""
     page = fitted.page
     assert "[joint.effects.linear_spring]" in page.inner_text("[data-difference]")
     with page.expect_download() as begun:
@@ -73,7 +73,7 @@ def test_a_session_is_opened_again_and_its_model_taken_away(fitted: Watched) -> 
 
 
 def test_the_file_that_a_browser_is_handed_leads_to_the_page(browser: Any, new_server: Server, tmp_path: Path) -> None:
-    """From a file, which is another site to the browser, to a page that has its cookie."""
+    """A file is another site to the browser; the page that it opens has the cookie all the same."""
     write_start_file(tmp_path / "open.html", new_server.address)
     seen = Watched(browser, (tmp_path / "open.html").as_uri())
     seen.page.wait_for_selector("#plans h2")
@@ -82,7 +82,7 @@ def test_the_file_that_a_browser_is_handed_leads_to_the_page(browser: Any, new_s
 
 
 def test_a_selection_is_lit_in_every_view(fitted: Watched) -> None:
-    """Samples that are selected over the velocity, by the pointer: the same ones are told of, and cleared by Escape."""
+    """Samples are selected over the velocity with the pointer, described, and cleared by Escape."""
     page = fitted.page
     page.wait_for_selector("#joint tendon-signals[data-ready]")
     canvas = page.locator("#joint figure:has-text('Residual over velocity') canvas").first
@@ -119,7 +119,7 @@ def test_a_cancelled_diagnosis_leaves_the_session_as_it_was(fitted: Watched, fit
 def test_a_broken_recording_is_an_answer_and_each_cure_a_button(
     tab: Tab, new_server: Server, recorded: Path, tmp_path: Path
 ) -> None:
-    """Dropped with a gap in it and with the torque's sign turned: the page says both, and a click cures each."""
+    """A recording with a gap and with the torque's sign reversed: the page reports both, and a click cures each."""
     wrong = broken(recorded / EVIL, tmp_path / "wrong.csv")
     head, *lines = wrong.read_text().splitlines()
     place = head.split(",").index(next(name for name in head.split(",") if name.startswith("M")))
@@ -148,7 +148,7 @@ def test_a_broken_recording_is_an_answer_and_each_cure_a_button(
 
 
 def test_the_held_out_recording_is_drawn_beside_in_the_same_way(fitted: Watched) -> None:
-    """The same panels with the same legend: before and after on both sides, and other numbers."""
+    """The same panels with the same legend, before and after on both sides, and other numbers."""
     page = fitted.page
     page.click("[data-do=held-out]")
     one, other = (page.locator("#joint tendon-signals").nth(k) for k in (0, 1))
@@ -162,7 +162,7 @@ def test_the_held_out_recording_is_drawn_beside_in_the_same_way(fitted: Watched)
 
 
 def test_two_steps_are_compared(fitted: Watched) -> None:
-    """Their errors beside each other, and what of the model file is another."""
+    """Their errors side by side, and the difference of their model files."""
     page = fitted.page
     page.select_option("#change select", "0")
     page.wait_for_selector("#change table")
@@ -173,7 +173,7 @@ def test_two_steps_are_compared(fitted: Watched) -> None:
 
 
 def test_values_of_a_finding_are_tried_before_it_is_added(fitted: Watched) -> None:
-    """A slider on its card: the residual with that value, and no step more."""
+    """A slider of the finding shows the residual with that value and makes no step."""
     page = fitted.at_step(0)
     count = page.locator("[data-step]").count()
     card = page.locator("#findings article").first
@@ -204,7 +204,7 @@ def test_designing_a_motion_shows_how_far_it_is_and_is_cancelled(fitted: Watched
 
 @pytest.mark.slow
 def test_the_motion_that_decides_is_designed_and_taken_away(fitted: Watched) -> None:
-    """To its end: what the simulation says of it, and a table of positions that never jumps."""
+    """The motion is complete: a table of positions that never jumps."""
     page = fitted.at_step(0)
     page.context.set_default_timeout(3_600_000)
     page.click("[data-do=design]:not([disabled])")
@@ -224,7 +224,7 @@ URDF = """<robot name="bench"><link name="base"/><link name="arm"><inertial><mas
 
 
 def test_a_robot_description_is_dropped_and_a_broken_one_is_said(tab: Tab, new_server: Server) -> None:
-    """By the event of a real drop; a model file is made of it."""
+    """By a real drop event; a model file is made from the URDF."""
     page = tab(new_server).emptied()
 
     def drop(name: str, text: str) -> None:
@@ -241,7 +241,7 @@ def test_a_robot_description_is_dropped_and_a_broken_one_is_said(tab: Tab, new_s
 
 
 def test_a_plan_is_opened_and_its_page_shown_by_clicks(tab: Tab, new_server: Server, tmp_path: Path) -> None:
-    """The page of the plan runs its own scripts, apart from the studio's; no name becomes a part of either."""
+    """The plan's page runs its own scripts in another origin than the studio; no name becomes markup in either."""
     hostile = tmp_path / "<img src=x onerror=alert(1)>.json"
     trajectory(THERE_AND_BACK, springs={1: SPRING}).write(hostile)
     hostile.write_text(json.dumps(json.loads(hostile.read_text()) | {"scenario": "<b>there</b>"}))
@@ -287,7 +287,7 @@ def test_nothing_is_cut_off(tab: Tab, fitted_server: Server, width: int, scheme:
 
 
 def test_by_the_keyboard_alone(fitted: Watched) -> None:
-    """Undo is reached by Tab and pressed by Enter, and has the focus still; a view is zoomed and selected by keys."""
+    """Undo is reached by Tab and pressed by Enter; a view is zoomed and selected by keys."""
     page = fitted.page
     page.reload()
     page.wait_for_selector("#joint tendon-signals[data-ready]")
@@ -307,7 +307,7 @@ def test_by_the_keyboard_alone(fitted: Watched) -> None:
 
 
 def test_no_name_becomes_a_part_of_the_page(fitted: Watched, fitted_server: Server) -> None:
-    """Neither of a recording nor in a comment of the model file: both hold markup."""
+    """Neither the name of a recording nor a comment of the model file, which both contain markup."""
     page = fitted.at_step(0)
     page.get_by_text(EVIL).first.wait_for()
     page.wait_for_selector("#findings article")
@@ -346,8 +346,8 @@ def test_a_slider_says_the_error_and_a_hidden_effect_whether_it_would_be_named(f
 
 
 def test_what_is_chosen_while_the_page_is_drawn_anew_is_kept(fitted: Watched, tab: Tab, fitted_server: Server) -> None:
-    """Of a list that the server has replaced already, and of a slider: on a page on which a task begins and ends,
-    begun in another tab, before it hears of that."""
+    """A task that another tab begins makes the server replace list and slider before the page hears of it. A choice in
+    the old elements still counts."""
     page, other, seen = fitted.page, tab(fitted_server).page, fitted.slow()
     ask = page.locator("#ask")
     ask.locator(HIDE).wait_for()

@@ -1,4 +1,4 @@
-"""Documents of a session that may come from anyone: what is not of its kind is said in one line, and never shown."""
+"""Documents of a session may come from anyone: an invalid one is refused with one line."""
 
 from __future__ import annotations
 

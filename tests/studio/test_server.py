@@ -1,4 +1,4 @@
-"""The verb itself, asked over HTTP and its socket: by the user's browser, by other sites, by programs."""
+"""The server over HTTP and its socket: requests of the user's browser, of other sites and of programs."""
 
 from __future__ import annotations
 

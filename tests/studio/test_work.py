@@ -157,7 +157,7 @@ signal.pause()
 
 
 def test_a_session_outlives_a_server_that_is_killed_and_the_process_does_not(copied: Studio) -> None:
-    """Nor does a step that the server had moved and not yet noted keep the next one from its place."""
+    """A step folder that the server moved before it wrote the history is replaced by the next step."""
     copied.close()
     command = [sys.executable, "-c", SERVER, str(copied.session.folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
@@ -259,7 +259,7 @@ def test_other_values_are_tried_and_leave_the_step_as_it_is(shared: Studio) -> N
 
 
 def test_an_answer_and_the_end_of_its_task_are_seen_together(shared: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever looks while a task ends sees all of what was, for as long as it takes, and then all that is."""
+    """A reader during the end of a task sees the old state as a whole, and afterwards the new one as a whole."""
     arrived, taken, hear = threading.Event(), threading.Event(), shared._work._hear
 
     def heard(process, message) -> None:
