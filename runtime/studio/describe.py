@@ -20,24 +20,25 @@ from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
 from runtime.report.page import moving, reports
+from runtime.report.sections import Group, Paragraph, texts
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.studio.documents import (
     Cure,
     EffectOffered,
-    EffectShown,
-    FindingShown,
-    JointShown,
+    EffectOverview,
+    FindingOverview,
+    JointOverview,
     ParameterRange,
-    RecordingShown,
+    RecordingOverview,
     Row,
-    StepShown,
-    VerdictShown,
+    StepOverview,
+    VerdictOverview,
 )
 from runtime.studio.session import JointError, PlacedEffect
 from runtime.wording import MORE_THAN_NOISE, numbered, unit
 
 
-def recording(index: int, name: str, inspection: Inspection, joints: int) -> RecordingShown:
+def recording(index: int, name: str, inspection: Inspection, joints: int) -> RecordingOverview:
     """What was read of a recording, and what puts right what looks wrong with it."""
     found = inspection.document()
     cures = [cure(s) for s in inspection.found]
@@ -45,7 +46,7 @@ def recording(index: int, name: str, inspection: Inspection, joints: int) -> Rec
         cures.append(Cure(said=inspection.problem, gaps=True))
     if found.suggested:
         cures.append(Cure(said=str(inspection.problem), maps=_entries(found.suggested)))
-    return RecordingShown(
+    return RecordingOverview(
         name=name,
         clock=found.clock,
         problem=inspection.problem,
@@ -66,15 +67,17 @@ def _entries(options: Sequence[str]) -> tuple[str, ...]:
     return tuple(entry for flag, entry in pairs if flag in ("--map", "--columns"))
 
 
-def step(index: int, summary: ResultSummary, held: Sequence[JointSeries], suspicions: Sequence[Suspicion]) -> StepShown:
+def step(
+    index: int, summary: ResultSummary, held: Sequence[JointSeries], suspicions: Sequence[Suspicion]
+) -> StepOverview:
     """A fitted model."""
     fitted = summary.first.identification
     library, picture = fitted.model.library.effects, moving.of_result(summary)
-    return StepShown(
+    return StepOverview(
         sentence=reports.verdict(summary).sentence,
         joints=[_joint(index, k, summary.first, held) for k in range(len(summary.first.joints))],
         active=[
-            EffectShown(**_effect(term, library[term.effect], values))
+            EffectOverview(**_effect(term, library[term.effect], values))
             for term, values in fitted.inference.values.items()
         ],
         arm=None if picture is None else picture | {"data": json.loads(picture["data"])},
@@ -97,10 +100,10 @@ def error(series: JointSeries, held: JointSeries | None) -> JointError:
     )
 
 
-def _joint(index: int, joint: int, fitted: Step, held: Sequence[JointSeries]) -> JointShown:
+def _joint(index: int, joint: int, fitted: Step, held: Sequence[JointSeries]) -> JointOverview:
     series, floor = fitted.joints[joint], fitted.joints[joint].floor
     return error(series, held[joint] if held else None).as_part_of(
-        JointShown,
+        JointOverview,
         instruments=relative_floor(series) * floor.spectrum / floor.value if floor.value else 0.0,
         at_floor=not len(series.t) or series.rms < MORE_THAN_NOISE * floor.value,
         structure=[(entry.signal, entry.share) for entry in structure_entries(series)],
@@ -110,7 +113,7 @@ def _joint(index: int, joint: int, fitted: Step, held: Sequence[JointSeries]) ->
 
 
 def _effect(term: Term, info: EffectInfo, values: Mapping[str, Estimate]) -> Row:
-    """Fields of EffectShown. A parameter may be tried as far from its value as that is large."""
+    """Fields of EffectOverview. A parameter may be tried as far from its value as that is large."""
     ranges = []
     for name, e in values.items():
         parameter = info.parameter(name)
@@ -141,31 +144,31 @@ def offered(search: Search) -> list[EffectOffered]:
     ]
 
 
-def verdict(summary: ResultSummary) -> VerdictShown:
+def verdict(summary: ResultSummary) -> VerdictOverview:
     """A diagnosis."""
     said = reports.verdict(summary)
-    return VerdictShown(
+    about = Paragraph("An effect of this size would have been named; a smaller one may be present.", "note")
+    parts = {
+        "Detection limits": [about, *limits] if (limits := reports.limits(summary)) else [],
+        "Warnings": texts(summary.document.warnings, "warning"),
+    }
+    further = [Group(title, tuple(inside), title.split()[-1].lower()) for title, inside in parts.items() if inside]
+    return VerdictOverview(
         kind=said.kind,
         tag=said.tag,
         sentence=said.sentence,
         more=said.more,
         findings=[_finding(summary, k) for k in range(len(summary.findings))],
-        ruled_out=reports.not_named(summary),
-        limits=reports.limits(summary),
-        left_over=reports.left_over(summary),
         unexplained=reports.unexplained_joints(summary),
-        to_record=reports.to_record(summary),
-        experiments=reports.experiments(summary),
-        warnings=list(summary.document.warnings),
-        commands=[command.document() for command in summary.commands],
+        details=[*reports.diagnosis_groups(summary), *further],
     )
 
 
-def _finding(summary: ResultSummary, index: int) -> FindingShown:
+def _finding(summary: ResultSummary, index: int) -> FindingOverview:
     finding = summary.findings[index]
     fitted = finding.after.identification
     values = fitted.inference.values.get(finding.term, {})
-    return FindingShown(
+    return FindingOverview(
         **_effect(finding.term, fitted.model.library.effects[finding.term.effect], values),
         title=reports.finding_title(summary, index),
         shows_at=finding.joint_index + 1,

@@ -9,10 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from runtime.documents.diagnosis import CommandEntry
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ClockEntry
-from runtime.report.sections import Section
+from runtime.report.sections import Group, Section
 from runtime.studio.session import JointError, PlacedEffect, SessionStep, Verdict, read
 from runtime.studio.settings import MOST_DOCUMENTS
 
@@ -33,7 +32,7 @@ class Cure(Document, frozen=True, kw_only=True):
     gaps: bool = False
 
 
-class RecordingShown(Document, frozen=True, kw_only=True):
+class RecordingOverview(Document, frozen=True, kw_only=True):
     """A recording that was read.
 
     clock     its sampling; None where the file cannot be read
@@ -48,7 +47,7 @@ class RecordingShown(Document, frozen=True, kw_only=True):
     signals: list[str]
 
 
-class JointShown(JointError, frozen=True, kw_only=True):
+class JointOverview(JointError, frozen=True, kw_only=True):
     """A joint: its residual and the signals that this follows.
 
     instruments      noise of torque and encoder alone, part of the torque's rms; the floor may hold more than that
@@ -78,7 +77,7 @@ class ParameterRange(Document, frozen=True, kw_only=True):
         return None not in (self.value, self.low, self.high) and (self.high or 0.0) > (self.low or 0.0)
 
 
-class EffectShown(Document, frozen=True, kw_only=True):
+class EffectOverview(Document, frozen=True, kw_only=True):
     """An effect of a model or of a finding.
 
     values   of its parameters as fitted, in words
@@ -89,7 +88,7 @@ class EffectShown(Document, frozen=True, kw_only=True):
     ranges: list[ParameterRange]
 
 
-class StepShown(Document, frozen=True, kw_only=True):
+class StepOverview(Document, frozen=True, kw_only=True):
     """A fitted model.
 
     sentence   where it fails
@@ -99,13 +98,13 @@ class StepShown(Document, frozen=True, kw_only=True):
     """
 
     sentence: str
-    joints: list[JointShown]
-    active: list[EffectShown]
+    joints: list[JointOverview]
+    active: list[EffectOverview]
     arm: Row | None
     cures: list[Cure]
 
 
-class FindingShown(EffectShown, frozen=True, kw_only=True):
+class FindingOverview(EffectOverview, frozen=True, kw_only=True):
     """An effect that a diagnosis names.
 
     title      effect and joint, in words         card   sections of the report
@@ -119,30 +118,23 @@ class FindingShown(EffectShown, frozen=True, kw_only=True):
     card: list[Section]
 
 
-class VerdictShown(Document, frozen=True, kw_only=True):
+class VerdictOverview(Document, frozen=True, kw_only=True):
     """A diagnosis.
 
-    kind        "effect", "more" (an effect, and a residual above the noise), "clean", "unexplained" or "refused"
-    tag         the kind in words
-    sentence    the verdict in one sentence; more: a second one, or ""
-    ruled_out, limits, left_over, to_record, experiments   sections of the report
+    kind          "effect", "more" (an effect, and a residual above the noise), "clean", "unexplained" or "refused"
+    tag           the kind in words
+    sentence      the verdict in one sentence; more: a second one, or ""
     unexplained   joints (from 1) whose residual nothing explains
-    commands    that continue from here in a terminal
+    details       sections of the report, as the detection limits; the page links to those that have a name
     """
 
     kind: str
     tag: str
     sentence: str
     more: str
-    findings: list[FindingShown]
-    ruled_out: list[Section]
-    limits: list[Section]
-    left_over: list[Section]
+    findings: list[FindingOverview]
     unexplained: list[int]
-    to_record: list[Section]
-    experiments: list[Section]
-    warnings: list[str]
-    commands: list[CommandEntry]
+    details: list[Group]
 
 
 class ValuesFound(Document, frozen=True, kw_only=True):
@@ -152,7 +144,7 @@ class ValuesFound(Document, frozen=True, kw_only=True):
     values: dict[str, float | None]
 
 
-class JointTried(Document, frozen=True, kw_only=True):
+class JointAnswer(Document, frozen=True, kw_only=True):
     """The error of a joint with other values, and relative with the fitted ones."""
 
     joint: int
@@ -162,15 +154,15 @@ class JointTried(Document, frozen=True, kw_only=True):
     signals: str
 
 
-class TriedShown(Document, frozen=True, kw_only=True):
+class ValuesAnswer(Document, frozen=True, kw_only=True):
     """The errors of a step's model with other values of an effect."""
 
     placed: PlacedEffect
     values: dict[str, float]
-    joints: list[JointTried]
+    joints: list[JointAnswer]
 
 
-class HiddenShown(Document, frozen=True, kw_only=True):
+class HiddenEffectAnswer(Document, frozen=True, kw_only=True):
     """Whether a diagnosis would name an effect of these values in the recorded motion.
 
     problem   what is wrong with that diagnosis; None where it names the effect and distinguishes it from all others
@@ -184,18 +176,18 @@ class HiddenShown(Document, frozen=True, kw_only=True):
     noise: float
 
 
-class MotionShown(Document, frozen=True, kw_only=True):
+class DesignedMotion(Document, frozen=True, kw_only=True):
     """A motion: its duration, s, and of what it consists, in words."""
 
     seconds: float
     pieces: list[str]
 
 
-class ExperimentShown(Document, frozen=True, kw_only=True):
+class MotionAnswer(Document, frozen=True, kw_only=True):
     """The motion that distinguishes effects: of the keys of `tendon experiment --json` those that the page shows."""
 
     reason: str
-    motion: MotionShown
+    motion: DesignedMotion
 
 
 class EffectOffered(Document, frozen=True, kw_only=True):
@@ -208,7 +200,7 @@ class EffectOffered(Document, frozen=True, kw_only=True):
     places: list[int | None]
 
 
-class PlanShown(Document, frozen=True, kw_only=True):
+class PlanOverview(Document, frozen=True, kw_only=True):
     """A trajectory that was opened: the name of its file, and the cost of its motion in one sentence."""
 
     name: str

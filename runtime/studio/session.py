@@ -3,7 +3,7 @@
     session.json     inputs and history; replaced as a whole
     given/           copies of the model file and the recordings
     recordings/1/    what was read of the first recording: recording.json, joint1.npz ...
-    steps/0/         model.toml, fitted.toml (with the fitted values), shown.json, joint1.npz ...,
+    steps/0/         model.toml, fitted.toml (with the fitted values), overview.json, joint1.npz ...,
                      and after its diagnosis verdict.json, report.html
     plans/1/         plan.json, page.html: the report's page of a trajectory
     work/            results of the running task; moved to their places once they are complete

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 
 from runtime import files
 from runtime.simulation.demo import record_files
-from runtime.studio.documents import PlanShown, RecordingShown, document
+from runtime.studio.documents import PlanOverview, RecordingOverview, document
 from runtime.studio.session import (
     GivenFile,
     GivenRecording,
@@ -169,15 +169,15 @@ class Studio:
         self._fit("without", "fitting without", (effect,))
 
     def try_values(self, effect: PlacedEffect, values: Mapping[str, float]) -> None:
-        """The residual of the current model with other values of an effect: TriedShown."""
+        """The residual of the current model with other values of an effect: ValuesAnswer."""
         self._ask("tried", f"trying {effect}", effect=effect, values=values)
 
     def hide(self, effect: PlacedEffect, values: Mapping[str, float]) -> None:
-        """Whether an effect would be named in the recorded motion: HiddenShown. Missing values are moderate."""
+        """Whether an effect would be named in the recorded motion: HiddenEffectAnswer. Missing values are moderate."""
         self._ask("hidden", f"hiding {effect}", effect=effect, values=values)
 
     def design(self, *rivals: PlacedEffect) -> None:
-        """The motion that distinguishes effects, or one from the model as it is: ExperimentShown."""
+        """The motion that distinguishes effects, or one from the model as it is: MotionAnswer."""
         self._ask("experiment", f"designing a motion for {', '.join(map(str, rivals))}", rivals=rivals)
 
     def cancel(self) -> None:
@@ -197,14 +197,14 @@ class Studio:
 
     # Results
 
-    def recordings(self) -> list[RecordingShown]:
+    def recordings(self) -> list[RecordingOverview]:
         """The recordings in the order of the inputs, as far as they were read."""
         places = (self.session.recording(number) for number in range(1, len(self.inputs.recordings) + 1))
-        found = (document(place / "recording.json", RecordingShown) for place in places)
+        found = (document(place / "recording.json", RecordingOverview) for place in places)
         return [shown for shown in found if shown is not None]
 
     def answer(self, number: int, name: str, kind: type[T]) -> T | None:
-        """A document of a step, as "shown", "library", "verdict", "tried"; None where there is none."""
+        """A document of a step, as "overview", "library", "verdict", "tried"; None where there is none."""
         path = self.file(number, f"{name}.json")
         return None if path is None else document(path, kind)
 
@@ -238,11 +238,11 @@ class Studio:
         path = homes[known["of"]](int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
         return path if path.is_file() else None
 
-    def plans(self) -> dict[int, PlanShown]:
+    def plans(self) -> dict[int, PlanOverview]:
         """The open plans, by number from 1."""
         home = self.session.folder / "plans"
         numbers = sorted(int(p.name) for p in home.iterdir() if p.name.isdecimal()) if home.is_dir() else []
-        found = {k: document(self.session.plan(k) / "plan.json", PlanShown) for k in numbers}
+        found = {k: document(self.session.plan(k) / "plan.json", PlanOverview) for k in numbers}
         return {number: plan for number, plan in found.items() if plan is not None}
 
     # Behind it

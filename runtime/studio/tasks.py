@@ -46,7 +46,15 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import parse_hidden, simulate
 from runtime.studio import describe
-from runtime.studio.documents import HiddenShown, JointTried, PlanShown, TaskResult, TriedShown, ValuesFound, document
+from runtime.studio.documents import (
+    HiddenEffectAnswer,
+    JointAnswer,
+    PlanOverview,
+    TaskResult,
+    ValuesAnswer,
+    ValuesFound,
+    document,
+)
 from runtime.studio.session import Inputs, Kind, PlacedEffect, SessionError, SessionStep, StudioSession, invocation
 from runtime.studio.settings import PROGRESS_EVERY
 from runtime.wording import percent
@@ -255,7 +263,7 @@ def _fitted(
     (folder / "model.toml").write_text(text, encoding="utf-8")
     fitted = loaded.source.with_text(text).edits.set(step.identification.document()).text
     (folder / "fitted.toml").write_text(fitted, encoding="utf-8")
-    _write(folder / "shown.json", describe.step(number, summary, held_joints, search.suspicions))
+    _write(folder / "overview.json", describe.step(number, summary, held_joints, search.suspicions))
     _write(folder / "library.json", describe.offered(search))
     before, held_before = (None, None) if parent is None else (loaded.fitted(parent), loaded.held_out(parent))
     names = ", ".join(map(str, changed))
@@ -352,9 +360,9 @@ def tried(
         of_series(before.joints[i] if comparable else fit, series, str(term)).save(folder / f"tried{i + 1}.npz")
         signals = f"step{step}-tried{i + 1}"
         joints.append(
-            JointTried(joint=i + 1, rms=series.rms, relative=series.relative, fitted=fit.relative, signals=signals)
+            JointAnswer(joint=i + 1, rms=series.rms, relative=series.relative, fitted=fit.relative, signals=signals)
         )
-    _write(folder / "tried.json", TriedShown(placed=effect, values=other.values[term], joints=joints))
+    _write(folder / "tried.json", ValuesAnswer(placed=effect, values=other.values[term], joints=joints))
     return TaskResult(answered=step)
 
 
@@ -414,7 +422,9 @@ def hidden(
         named=named,
         rivals=rivals,
     )
-    shown = HiddenShown(placed=effect, values=there[term], seen=term in named, problem=trial.problem, noise=noise)
+    shown = HiddenEffectAnswer(
+        placed=effect, values=there[term], seen=term in named, problem=trial.problem, noise=noise
+    )
     _write(loaded.new_folder("answer") / "hidden.json", shown)
     return TaskResult(answered=step)
 
@@ -464,7 +474,7 @@ def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]
         stated = plain(results.stated(model, planned))
         folder = loaded.new_folder(f"plan{k}")
         (folder / "page.html").write_text(reports.plan_page(model, planned, stated).html(), encoding="utf-8")
-        _write(folder / "plan.json", PlanShown(name=name, headline=motions.plan_headline(stated)))
+        _write(folder / "plan.json", PlanOverview(name=name, headline=motions.plan_headline(stated)))
     return TaskResult(plans=len(names))
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.studio.documents import StepShown, TriedShown, VerdictShown, document
+from runtime.studio.documents import StepOverview, ValuesAnswer, VerdictOverview, document
 from runtime.studio.session import SessionError
 
 TRIED = {
@@ -43,30 +43,30 @@ def test_what_is_not_of_its_kind_is_said_with_its_place(tmp_path: Path, text: st
     path = tmp_path / "tried.json"
     path.write_text(text)
     with pytest.raises(SessionError, match=rf"tried\.json: .*{place}") as caught:
-        document(path, TriedShown)
+        document(path, ValuesAnswer)
     assert "\n" not in str(caught.value)
 
 
 @given(JSON)
 def test_whatever_stands_in_a_file_is_no_step(tmp_path_factory: pytest.TempPathFactory, value: object) -> None:
-    path = tmp_path_factory.mktemp("any") / "shown.json"
+    path = tmp_path_factory.mktemp("any") / "overview.json"
     path.write_text(json.dumps(value))
-    for kind in (StepShown, VerdictShown):
+    for kind in (StepOverview, VerdictOverview):
         with pytest.raises(SessionError):
             document(path, kind)
 
 
 def test_a_document_is_read_again_when_it_has_changed(tmp_path: Path) -> None:
     path = tmp_path / "tried.json"
-    assert document(path, TriedShown) is None
+    assert document(path, ValuesAnswer) is None
     path.write_text(json.dumps(TRIED | {"further": "keys do not matter"}))
-    first = document(path, TriedShown)
+    first = document(path, ValuesAnswer)
     assert first is not None
     assert first.joints[0].signals == "step0-tried1"
-    assert document(path, TriedShown) is first
+    assert document(path, ValuesAnswer) is first
     replaced = tmp_path / "new.json"
     replaced.write_text(json.dumps(TRIED | {"values": {"torque": 2}}))
     replaced.replace(path)
-    again = document(path, TriedShown)
+    again = document(path, ValuesAnswer)
     assert again is not None
     assert again.values == {"torque": 2}

@@ -18,12 +18,12 @@ import pytest
 from runtime.report.signals.signal_set import SignalSet
 from runtime.studio.documents import (
     EffectOffered,
-    HiddenShown,
-    JointShown,
-    StepShown,
-    TriedShown,
+    HiddenEffectAnswer,
+    JointOverview,
+    StepOverview,
+    ValuesAnswer,
     ValuesFound,
-    VerdictShown,
+    VerdictOverview,
 )
 from runtime.studio.session import PlacedEffect, SessionError, StudioSession
 from runtime.studio.studio import Studio
@@ -34,25 +34,25 @@ from tests.studio.waiting import done, failed, until
 pytestmark = pytest.mark.xdist_group("studio")
 
 
-def shown(studio: Studio, number: int) -> JointShown:
+def shown(studio: Studio, number: int) -> JointOverview:
     """The joint of a step."""
-    found = studio.answer(number, "shown", StepShown)
+    found = studio.answer(number, "overview", StepOverview)
     assert found is not None
     return found.joints[0]
 
 
-def verdict(studio: Studio) -> VerdictShown:
+def verdict(studio: Studio) -> VerdictOverview:
     """Of step 0."""
-    found = studio.answer(0, "verdict", VerdictShown)
+    found = studio.answer(0, "verdict", VerdictOverview)
     assert found is not None
     return found
 
 
-def tried(studio: Studio, effect: PlacedEffect, values: dict[str, float]) -> TriedShown:
+def tried(studio: Studio, effect: PlacedEffect, values: dict[str, float]) -> ValuesAnswer:
     """The answer to other values."""
     studio.try_values(effect, values)
     done(studio)
-    found = studio.answer(studio.history.current or 0, "tried", TriedShown)
+    found = studio.answer(studio.history.current or 0, "tried", ValuesAnswer)
     assert found is not None
     return found
 
@@ -111,7 +111,7 @@ def test_from_the_verdict_to_the_fallen_error_and_back(shared: Studio) -> None:
     assert after.held < before.held / 3  # type: ignore[operator]
     assert "+[joint.effects.linear_spring]" in shared.difference(1, None)
     assert f"tendon add {shared.inputs.model.typed} linear_spring --joint 1" in shared.commands(1)  # type: ignore[union-attr]
-    assert shared.answer(1, "verdict", VerdictShown) is None
+    assert shared.answer(1, "verdict", VerdictOverview) is None
     shared.go_to(1)
     shared.without(SPRING)
     done(shared)
@@ -202,13 +202,13 @@ def test_a_broken_recording_is_said_and_its_cures_work(recorded: Path, tmp_path:
     done(made)
     assert len(made.history.steps) == 1
     assert "--allow-gaps" in made.commands(0)[0]
-    found = made.answer(0, "shown", StepShown)
+    found = made.answer(0, "overview", StepOverview)
     assert found is not None
     assert found.cures[0].maps == ("tau1=M",)
     made.read_as([*made.inputs.maps, *found.cures[0].maps], True)
     made.begin()
     done(made)
-    again = made.answer(0, "shown", StepShown)
+    again = made.answer(0, "overview", StepOverview)
     assert again is not None
     assert again.cures == []
     assert len(made.history.steps) == 1
@@ -238,7 +238,7 @@ def test_nothing_is_written_outside_of_the_session(
 
 def test_other_values_are_tried_and_leave_the_step_as_it_is(shared: Studio) -> None:
     friction = PlacedEffect("coulomb", 1)
-    step = shared.answer(0, "shown", StepShown)
+    step = shared.answer(0, "overview", StepOverview)
     assert step is not None
     assert step.active[0].placed == friction
     entry = step.active[0].ranges[0]
@@ -277,10 +277,10 @@ def test_an_answer_and_the_end_of_its_task_are_seen_together(shared: Studio, mon
         for _ in range(30):  # an end that did not wait would be seen in one of these looks
             assert shared.work is not None
             assert shared.work.state == "running"
-            assert shared.answer(0, "tried", TriedShown) == before
+            assert shared.answer(0, "tried", ValuesAnswer) == before
             time.sleep(0.01)
     done(shared)
-    after = shared.answer(0, "tried", TriedShown)
+    after = shared.answer(0, "tried", ValuesAnswer)
     assert after is not None
     assert after.values["torque"] == 0.4
 
@@ -341,7 +341,7 @@ def test_an_effect_is_hidden_in_the_recorded_motion(shared: Studio) -> None:
     for torque, seen in ((0.5, True), (1e-4, False)):
         shared.hide(PlacedEffect("stribeck", 1), {"torque": torque, "speed": 0.1})
         done(shared)
-        answer = shared.answer(1, "hidden", HiddenShown)
+        answer = shared.answer(1, "hidden", HiddenEffectAnswer)
         assert answer is not None
         assert answer.values == {"torque": torque, "speed": 0.1}
         assert answer.seen == seen
@@ -357,9 +357,9 @@ def test_what_fails_is_one_line(shared: Studio) -> None:
     assert "matching regex" in failed(shared)
 
 
-@pytest.mark.parametrize("name", ["shown", "verdict", "tried"])
+@pytest.mark.parametrize("name", ["overview", "verdict", "tried"])
 def test_a_document_of_somebody_else_is_refused_in_one_line(copied: Studio, name: str) -> None:
-    kinds = {"shown": StepShown, "verdict": VerdictShown, "tried": TriedShown}
+    kinds = {"overview": StepOverview, "verdict": VerdictOverview, "tried": ValuesAnswer}
     (copied.session.step(0) / f"{name}.json").write_text('{"sentence": "<script>"}')
     with pytest.raises(SessionError, match=rf"{name}\.json") as caught:
         copied.answer(0, name, kinds[name])

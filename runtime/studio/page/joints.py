@@ -11,7 +11,7 @@ from runtime.wording import MORE_THAN_NOISE, number, percent
 
 def motion(view: PageView) -> None:
     """The arm in motion. A click on a joint shows that joint."""
-    arm = view.shown.arm
+    arm = view.overview.arm
     put("h2", "The arm in motion")
     if arm is None:
         put("p", "There is no picture: the rigid-body torque comes from your own model.", "of")

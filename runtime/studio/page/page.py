@@ -81,7 +81,7 @@ def _sections(view: PageView) -> list[PageSection]:
         "ask", lambda: view.here and step(view.tried_effect, view.hidden_effect, questions.answers(view)), questions.ask
     )
     section("change", lambda: step(view.against), steps.change)
-    section("beside", lambda: view.verdict and joint(), verdict.beside)
+    section("details", lambda: view.verdict and view.here, verdict.details)
     section("recordings", lambda: _recordings(view), start.recordings)
     section("plans", lambda: (view.busy, repr(studio.plans())), start.plans)
     return made

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from runtime.studio.documents import EffectShown, ExperimentShown, HiddenShown, TriedShown
+from runtime.studio.documents import EffectOverview, HiddenEffectAnswer, MotionAnswer, ValuesAnswer
 from runtime.studio.page.steps import chosen_effect, offers
 from runtime.studio.page.view import PageView, button, put, signals
 from runtime.studio.session import PlacedEffect
@@ -18,7 +18,7 @@ STEPS = 100
 
 def answers(view: PageView) -> tuple[object, ...]:
     """The answers at the current step, None where a question was not asked."""
-    kinds = {"tried": TriedShown, "hidden": HiddenShown, "experiment": ExperimentShown}
+    kinds = {"tried": ValuesAnswer, "hidden": HiddenEffectAnswer, "experiment": MotionAnswer}
     return tuple(view.studio.answer(view.step.number, name, kind) for name, kind in kinds.items())
 
 
@@ -26,7 +26,7 @@ def ask(view: PageView) -> None:
     """The questions that need no diagnosis, and the answers."""
     put("h2", "Ask the model")
     put("h3", "How large is the error with other values?")
-    active = {str(e.placed): e for e in view.shown.active if any(r.movable for r in e.ranges)}
+    active = {str(e.placed): e for e in view.overview.active if any(r.movable for r in e.ranges)}
     if not active:
         put("p", "The model has no effect with values to try; add one.", "of")
     else:
@@ -45,12 +45,12 @@ def ask(view: PageView) -> None:
     _motion(view)
 
 
-def sliders(view: PageView, effect: EffectShown, prefix: str = "") -> None:
+def sliders(view: PageView, effect: EffectOverview, prefix: str = "") -> None:
     """A slider for each value of an effect, and the error with the values that were tried.
 
     prefix   of the sliders' names: an effect of a finding and of the model may both have them
     """
-    answer = view.studio.answer(view.step.number, "tried", TriedShown)
+    answer = view.studio.answer(view.step.number, "tried", ValuesAnswer)
     if answer is not None and answer.placed != effect.placed:
         answer = None
     tried = {} if answer is None else answer.values
@@ -98,7 +98,7 @@ def _hiding(view: PageView) -> None:
         view.effect_choice("hidden_effect", texts, places, effect)
         ask_it = partial(view.act, view.studio.hide, effect, {})
         button(f"Hide {effect}", ask_it, disabled=view.busy, data_do="hide")
-    answer = view.studio.answer(view.step.number, "hidden", HiddenShown)
+    answer = view.studio.answer(view.step.number, "hidden", HiddenEffectAnswer)
     if answer is not None:
         values = ", ".join(f"{name} {number(value)}" for name, value in answer.values.items())
         with put("p", role="status"):
@@ -117,7 +117,7 @@ def design_button(view: PageView, effects: Sequence[PlacedEffect]) -> None:
 
 def _motion(view: PageView) -> None:
     """The motion that was designed."""
-    answer = view.studio.answer(view.step.number, "experiment", ExperimentShown)
+    answer = view.studio.answer(view.step.number, "experiment", MotionAnswer)
     if answer is None:
         return
     put("h3", "The designed motion")

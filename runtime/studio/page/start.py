@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from runtime.studio.documents import Cure, RecordingShown
+from runtime.studio.documents import Cure, RecordingOverview
 from runtime.studio.page.view import PageView, button, folded, put, signals
 from runtime.studio.session import GivenRecording
 from runtime.wording import number
@@ -70,7 +70,7 @@ def recordings(view: PageView) -> None:
             put("file-drop", as_="held_out", label="Another recording to hold out")
 
 
-def _recording(view: PageView, place: int, given: GivenRecording, shown: RecordingShown | None) -> None:
+def _recording(view: PageView, place: int, given: GivenRecording, shown: RecordingOverview | None) -> None:
     studio, disabled = view.studio, view.busy
     put("h3", given.given.name)
     with put("div", classes="acts"):

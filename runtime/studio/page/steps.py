@@ -34,8 +34,8 @@ def history(view: PageView) -> None:
 
 def model(view: PageView) -> None:
     """The effects in the model with their values, each with a button that leaves it out."""
-    joint, several = view.joint, len(view.shown.joints) > 1
-    active = [effect for effect in view.shown.active if effect.placed.joint in (None, joint.joint)]
+    joint, several = view.joint, len(view.overview.joints) > 1
+    active = [effect for effect in view.overview.active if effect.placed.joint in (None, joint.joint)]
     put("h2", "Effects in the model" + (f", joint {joint.called} and the whole arm" if several else ""))
     if not active:
         put("p", "None: only rigid bodies.", "of")

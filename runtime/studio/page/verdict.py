@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 
-from runtime.studio.documents import VerdictShown
 from runtime.studio.page import questions
 from runtime.studio.page.start import cure_button, cures
-from runtime.studio.page.view import TAGS, PageView, button, folded, put, report_sections
+from runtime.studio.page.view import TAGS, PageView, button, put, report_sections
 from runtime.studio.session import PlacedEffect
 from runtime.wording import percent
 
@@ -27,13 +26,13 @@ def banner(view: PageView) -> None:
     if found is not None and found.more:
         put("p", found.more)
     elif found is None and step.parent is not None:
-        at_floor = all(joint.at_floor for joint in view.shown.joints)
-        put("p", "The residual of every joint is at its noise floor." if at_floor else view.shown.sentence)
+        at_floor = all(joint.at_floor for joint in view.overview.joints)
+        put("p", "The residual of every joint is at its noise floor." if at_floor else view.overview.sentence)
     _facts(view)
     if kind != "refused":
-        cures(view, view.shown.cures)
+        cures(view, view.overview.cures)
     with put("div", classes="acts"):
-        for cure in view.shown.cures if kind == "refused" else ():
+        for cure in view.overview.cures if kind == "refused" else ():
             cure_button(view, cure)  # the sentence says what is wrong
         _next(view)
 
@@ -44,7 +43,7 @@ def _sentence(view: PageView) -> str:
     if view.verdict is not None:
         return view.verdict.sentence
     if step.parent is None:
-        return view.shown.sentence
+        return view.overview.sentence
     pairs = zip(view.studio.history.step(step.parent).joints, step.joints, strict=True)
     old, new = max(pairs, key=lambda pair: abs(pair[0].relative - pair[1].relative))
     how = "falls" if new.relative < old.relative else "rises"
@@ -61,7 +60,7 @@ def _facts(view: PageView) -> None:
         return percent(after) if step.number == 0 else f"{percent(before)} → {percent(after)}"
 
     facts = {"error": fall(given.relative, here.relative), "noise floor": percent(here.relative_floor)}
-    if view.verdict is not None and view.verdict.left_over:
+    if view.verdict is not None and view.verdict.unexplained:
         facts["sensor noise alone"] = percent(view.joint.instruments)
     if here.held is not None and given.held is not None:
         facts["error, held out"] = fall(given.held, here.held)
@@ -87,16 +86,12 @@ def _next(view: PageView) -> None:
         text = f"Add {names} and fit again" if len(names) < 70 else f"Add all {len(found.findings)} and fit again"
         effects = [finding.placed for finding in found.findings]
         button(text, lambda: view.act(studio.add, *effects), "first", disabled=busy, data_do="add")
-    links = {
-        "#findings": ("See the evidence", found.findings),
-        "#left-over": ("What is left unexplained", found.left_over),
-        "#record": ("What to record", found.to_record),
-        "#limits": ("Detection limits", found.limits),
-        "#ask": ("Would an effect be named in this motion?", not found.findings and found.kind != "refused"),
-    }
-    for href, (text, there) in links.items():
-        if there:
-            put("a", text, href=href)
+    if found.findings:
+        put("a", "See the evidence", href="#findings")
+    elif found.kind != "refused":
+        put("a", "Would an effect be named in this motion?", href="#ask")
+    for group in found.details:
+        put("a", group.title, href=f"#{group.name}")
 
 
 def findings(view: PageView) -> None:
@@ -125,37 +120,7 @@ def _add(view: PageView, effect: PlacedEffect, text: str, classes: str = "") -> 
     button(text, lambda: view.act(view.studio.add, effect), classes, disabled=view.busy, data_do="add-one")
 
 
-def beside(view: PageView) -> None:
-    """What is left unexplained, what to record, the candidates that were not named, and the detection limits."""
-    found = view.verdict
-    assert found is not None
-    if found.left_over:
-        put("h2", "What is left unexplained", id_="left-over")
-        report_sections(found.left_over)
-    if found.to_record:
-        put("h2", "What to record", id_="record")
-        report_sections(found.to_record)
-    if found.experiments:
-        put("h2", "The experiment that would decide", id_="experiment")
-        report_sections(found.experiments)
-    _not_found(found)
-    if found.kind != "effect" and found.commands:
-        put("h2", "Continue in a terminal", id_="terminal")
-        for command in found.commands:
-            put("p", f"This {command.what}:", "of")
-            put("pre", command.command)
-    if found.warnings:
-        put("h2", "Warnings")
-        for warning in found.warnings:
-            put("p", warning, "warning")
-
-
-def _not_found(found: VerdictShown) -> None:
-    if found.ruled_out:
-        put("h2", "Candidates that were not named")
-        with folded("Candidates, and what each of them lacks"):
-            report_sections(found.ruled_out)
-    if found.limits:
-        put("h2", "Detection limits", id_="limits")
-        put("p", "An effect of this size would have been named; a smaller one may be present.", "of")
-        report_sections(found.limits)
+def details(view: PageView) -> None:
+    """The rest of the diagnosis: what is unexplained, what to record, candidates that were not named, limits."""
+    assert view.verdict is not None
+    report_sections(view.verdict.details, level=2)

@@ -19,7 +19,7 @@ from nicegui.events import GenericEventArguments
 from runtime.report.page.html import embedded, fragment, part, script, stylesheet
 from runtime.report.sections import Section
 from runtime.report.signals import SCRIPTS
-from runtime.studio.documents import JointShown, Row, StepShown, VerdictShown
+from runtime.studio.documents import JointOverview, Row, StepOverview, VerdictOverview
 from runtime.studio.session import PlacedEffect, SessionStep
 from runtime.studio.studio import Studio
 
@@ -54,9 +54,9 @@ def button(text: str, act: Callable[[], Any], classes: str = "", **attributes: A
     return put("button", text, classes, type="button", disabled=disabled, **attributes).on("click", lambda _: act())
 
 
-def report_sections(sections: Sequence[Section]) -> None:
-    """Sections of the report."""
-    _markup(fragment(sections))
+def report_sections(sections: Sequence[Section], level: int = 4) -> None:
+    """Sections of the report; level: of their headings."""
+    _markup(fragment(sections, level))
 
 
 def arm_in_motion(arm: Row) -> Element:
@@ -162,22 +162,22 @@ class PageView:
         return work is not None and work.state == "running"
 
     @property
-    def shown(self) -> StepShown:
+    def overview(self) -> StepOverview:
         """The current step's model."""
-        found = self.studio.answer(self.step.number, "shown", StepShown)
+        found = self.studio.answer(self.step.number, "overview", StepOverview)
         if found is None:
-            raise LookupError(f"step {self.step.number} has no shown.json")
+            raise LookupError(f"step {self.step.number} has no overview.json")
         return found
 
     @property
-    def verdict(self) -> VerdictShown | None:
+    def verdict(self) -> VerdictOverview | None:
         """The current step's diagnosis; None before it."""
-        return None if self.here is None else self.studio.answer(self.here.number, "verdict", VerdictShown)
+        return None if self.here is None else self.studio.answer(self.here.number, "verdict", VerdictOverview)
 
     @property
-    def joint(self) -> JointShown:
+    def joint(self) -> JointOverview:
         """The joint that is shown."""
-        joints = self.shown.joints
+        joints = self.overview.joints
         chosen = next((joint for joint in joints if joint.joint == self.chosen), None)
         return chosen or max(joints, key=lambda joint: joint.floors or 0.0)
 
