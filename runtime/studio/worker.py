@@ -15,7 +15,7 @@ import threading
 import traceback
 from pathlib import Path
 from queue import SimpleQueue
-from typing import get_type_hints
+from typing import TextIO, get_type_hints
 
 import msgspec
 
@@ -29,8 +29,10 @@ def main(folder: str, effects: str | None = None) -> None:
     # What libraries print must not mix with the messages.
     report = Reporter(os.fdopen(os.dup(1), "w"))
     os.dup2(2, 1)
+    # A forked process closes sys.stdin, and would wait forever for the lock that the reading thread holds.
+    asked_from, sys.stdin = os.fdopen(os.dup(0)), open(os.devnull)  # noqa: SIM115
     lines: SimpleQueue[str] = SimpleQueue()
-    threading.Thread(target=_read, args=(lines,), daemon=True).start()
+    threading.Thread(target=_read, args=(asked_from, lines), daemon=True).start()
     loaded: LoadedSession | None = None
     while True:
         asked = json.loads(lines.get())
@@ -48,9 +50,9 @@ def main(folder: str, effects: str | None = None) -> None:
             report.message(error=_line(error, Path(folder).resolve()))
 
 
-def _read(lines: SimpleQueue[str]) -> None:
+def _read(tasks: TextIO, lines: SimpleQueue[str]) -> None:
     """Queue the tasks. Once the server has gone nobody needs the result of the current one."""
-    for line in sys.stdin:
+    for line in tasks:
         lines.put(line)
     os.killpg(0, signal.SIGKILL)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from runtime.studio.studio import Studio
 
-PATIENCE = 120.0
+PATIENCE = 240.0
 """s after which a condition will not come true any more."""
 
 
