@@ -176,14 +176,14 @@ class ResultSummary:
 
     @property
     def diagnosis(self) -> Diagnosis | None:
-        """What was found in the model as given."""
+        """The diagnosis of the model as given."""
         if isinstance(self.result, Improvement):
             return self.result.found
         return self.result if isinstance(self.result, Diagnosis) else None
 
     @property
     def left(self) -> Diagnosis | None:
-        """What is said of the model at the end."""
+        """The diagnosis of the last model."""
         return self.result.left if isinstance(self.result, Improvement) else self.diagnosis
 
     @property
@@ -198,7 +198,7 @@ class ResultSummary:
 
     @cached_property
     def peaks(self) -> list[list[float]]:
-        """Of every joint the frequencies, Hz, that stand out of what is left at the end, whatever little they hold."""
+        """Frequencies of the peaks in the spectrum of each joint's last residual, Hz."""
         found = self.last.identification
         motion, left = found.motion, found.fit.residual
         return [spectrum.peaks(residual, motion.row_rate(i), motion.cutoff(i)) for i, residual in enumerate(left)]

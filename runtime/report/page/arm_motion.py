@@ -1,6 +1,6 @@
-"""The arm as a moving picture: where its joints are at every frame, what is left of the torque there, springs, plate.
+"""The animated picture of the arm: its joints, their residual, springs and the plate at every frame.
 
-What a page needs of it is worked out here, in whole numbers on a drawing; the script in the page only shows it.
+All coordinates are computed here, as whole numbers on a drawing; the script in the page only shows them.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 MOST_FRAMES = 400
-"""Of a moving picture; between them it is drawn through."""
+"""Frames of a picture; the script interpolates between them."""
 LEVELS = (MORE_THAN_NOISE, 2 * MORE_THAN_NOISE)
-"""Noise floors from which a mark has its second colour and size, and its third."""
+"""Residuals, in noise floors, above which a mark has its second and its third colour."""
 _POINTER = 0.3
-"""Part of the arm's reach; length that stands for a last link without any, so that it is seen to turn."""
+"""Drawn length of a last link that has none, relative to the arm's reach, so that its rotation is visible."""
 _TURNED = 80
-"""Per cent of a turn; how far the arc of a spring reaches at the largest torque of spring or motor."""
+"""Arc of a spring at the largest torque of spring or motor, per cent of a turn."""
 _DIGITS, _MOST_DECIMALS = 4, 6
 """Of a figure beside the picture: digits of its largest value; decimals at most."""
 _AXES = 0.18
@@ -38,7 +38,7 @@ pressed of it."""
 
 @dataclass(frozen=True)
 class Course:
-    """An arm that is drawn: its name, and its joints' positions at the frames (n, F)."""
+    """A motion that is drawn: its name, and the joints' positions at the frames (n, F), rad or m."""
 
     name: str
     q: Array
@@ -46,10 +46,7 @@ class Course:
 
 @dataclass(frozen=True)
 class JointMarks:
-    """What is said of the joints at the frames: a torque that is not explained, in noise floors (n, F).
-
-    NaN where nothing is said, for a joint at rest.
-    """
+    """Residual torque of the joints at the frames, in noise floors (n, F); NaN while a joint is at rest."""
 
     name: str
     ratio: Array
@@ -57,10 +54,7 @@ class JointMarks:
 
 @dataclass(frozen=True)
 class JointReadings:
-    """A figure of every joint at the frames, to be read beside the picture (n, F), with its unit of each joint.
-
-    NaN where there is none.
-    """
+    """Values of every joint at the frames for the table beside the picture (n, F), with units; NaN where unknown."""
 
     name: str
     values: Array
@@ -69,9 +63,9 @@ class JointReadings:
 
 @dataclass(frozen=True)
 class SpringTorque:
-    """What a spring pushes its joint (1-based) forward with, at the frames (F,).
+    """Torque of a spring on its joint (1-based) at the frames (F,), positive forwards.
 
-    motor   the largest torque of the motor beside it, against which it is drawn
+    motor   largest torque of the motor, which sets the scale of the arc
     """
 
     joint: int
@@ -81,7 +75,7 @@ class SpringTorque:
 
 @dataclass(frozen=True)
 class ArmMotion:
-    """Something that an arm did, or is to do.
+    """A motion of an arm, recorded or planned.
 
     t         (F,) s, of the frames
     courses   one or two: a second is drawn over the first, which is then dashed
@@ -102,12 +96,12 @@ class ArmMotion:
 
 
 def frames(count: int, most: int = MOST_FRAMES) -> NDArray[np.intp]:
-    """At most so many of `count` samples, evenly spread, the first among them."""
+    """Indices of at most `most` of `count` samples, evenly spaced from the first."""
     return np.arange(0, count, max(1, -(-count // most)))
 
 
 def picture(motion: ArmMotion, what: str) -> dict[str, Any]:
-    """What the page's template draws; `what` says in words what is shown."""
+    """Variables of the page's template; `what` is the caption."""
     return _Picture(motion).page(what)
 
 
@@ -355,9 +349,9 @@ IN_THE_PLANE = View(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 
 def in_space(p: Array) -> View:
-    """From above, and aside from where the places (3, N) spread least: z is up.
+    """A view of the points (3, N) from above and from the side on which they spread most; z is up.
 
-    An arm that moves in a plane is not seen edge on so.
+    So the plane of a planar motion is never seen edge-on.
     """
     level = p[:2] - p[:2].mean(axis=1, keepdims=True)
     (xx, xy), (_, yy) = level @ level.T

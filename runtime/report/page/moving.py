@@ -39,13 +39,13 @@ Rows = NDArray[np.intp]
 _STEP = 0.01
 """Time from one frame of a plan to the next, s, unless that makes too many frames."""
 LONGEST = 12.0
-"""s of a recording that are shown: with it, frames are at most a twentieth of a second apart."""
+"""Length of the part of a recording that is shown, s; frames are then at most 0.05 s apart."""
 
 
 def of_result(summary: ResultSummary) -> dict[str, Any] | None:
-    """For the page: the arm as it was measured, and at its joints what the model leaves unexplained.
+    """Variables of the template for the measured motion, with the residual at the joints.
 
-    None where the rigid arm is the user's own model's: the model file does not say how that one looks.
+    None if the recording has `tau_rigid`: the model file then does not describe the arm's links.
     """
     if summary.first.identification.motion.rigid_given:
         return None
@@ -97,7 +97,7 @@ def _demanded(step: Step, shown: Rows) -> Array | None:
 
 
 def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
-    """Measured in the band and predicted; NaN where a joint rests, and nobody knows what its friction holds."""
+    """Measured and predicted torque in the band; NaN at standstill, where dry friction is indeterminate."""
     found = step.identification
     measured = np.full((found.motion.n, len(shown)), np.nan)
     predicted = measured.copy()

@@ -1,4 +1,4 @@
-"""Which figures a result asks for: rows of its joints, handed to report/plots, back as SVG for a page."""
+"""The figures of a result: which plots are drawn for its joints and findings, as SVG elements for a page."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> li
 
 
 def most_telling(series: JointSeries, curve: Array) -> str:
-    """The signal over which the running mean of a torque varies most."""
+    """The signal over which the running mean of a torque (M,) varies most."""
     size = {}
     for signal in signals(series):
         axis = axis_of(series, signal)

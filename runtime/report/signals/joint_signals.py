@@ -1,4 +1,4 @@
-"""Which signals of a joint are shown, and over what: the same numbers as the figures of report/plots, to look into."""
+"""The signals of a joint that canvases show, with the same numbers as the figures of report/plots."""
 
 from __future__ import annotations
 
