@@ -84,7 +84,7 @@ class Composition:
 
     def lever(self, q: Array) -> float:
         """By how much a coordinate of the contact moves a joint at q (n,): without bound where the arm is stretched."""
-        return float(np.abs(np.linalg.inv(self.model.contact_jacobian(q))).sum(axis=1).max())
+        return float(np.abs(np.linalg.inv(self.model.call("contact_jacobian", {"q": q}))).sum(axis=1).max())
 
     def measured(self, counts: Array) -> tuple[Array, Array]:
         """Positions, and rates by a first-order low-pass on the backward difference (n, N)."""

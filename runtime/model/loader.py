@@ -204,26 +204,9 @@ class Model:
         """Derivative of the tip by q, (3, n, N); of a spatial arm (6, n, N), along x, y, z and about them."""
         return self.call("tip_jacobian", {"q": q})
 
-    def tip_load(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Torque of each joint for a unit mass at the tip, (n, N); of a spatial arm (n, 10, N), the coefficients of
-        1, x, y, z, x², y², z², xy, xz, yz for a mass at (x, y, z) in the tip's frame."""
-        return self.call("tip_load", {"q": q, "qd": qd, "qdd": qdd})
-
-    def moment_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of the first mass moment in base axes by q, (2, n, N), spatial (3, n, N)."""
-        return self.call("moment_jacobian", {"q": q})
-
     def contact_coordinates(self, q: ArrayLike) -> Array:
         """w = phi(q), (4, N)."""
         return self.call("contact_coordinates", {"q": q})
-
-    def contact_jacobian(self, q: ArrayLike) -> Array:
-        """J_w(q), (4, 4, N)."""
-        return self.call("contact_jacobian", {"q": q})
-
-    def contact_bias(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """b_w(q, qd), the part of wdd that is independent of qdd, (4, N)."""
-        return self.call("contact_bias", {"q": q, "qd": qd})
 
     def contact_inverse(self, w: ArrayLike, elbow: ArrayLike) -> Array:
         """q of contact coordinates w; elbow: the sign of sin q2, a number or (N,). (4, N)."""

@@ -35,12 +35,16 @@ def test_shapes(model: Model, motion: tuple[np.ndarray, ...]) -> None:
     assert model.inverse_dynamics(q, qd, qdd).shape == (n, samples)
     assert model.regressor(q, qd, qdd).shape == (n, p, samples)
     assert model.inertia(q).shape == model.coriolis(q, qd).shape == (n, n, samples)
-    assert model.call("gravity", {"q": q}).shape == model.tip_load(q, qd, qdd).shape == (n, samples)
+    assert (
+        model.call("gravity", {"q": q}).shape
+        == model.call("tip_load", {"q": q, "qd": qd, "qdd": qdd}).shape
+        == (n, samples)
+    )
     assert model.tip(q).shape == (3, samples)
     assert model.tip_jacobian(q).shape == (3, n, samples)
-    assert model.moment_jacobian(q).shape == (2, n, samples)
-    assert model.contact_coordinates(q).shape == model.contact_bias(q, qd).shape == (4, samples)
-    assert model.contact_jacobian(q).shape == (4, 4, samples)
+    assert model.call("moment_jacobian", {"q": q}).shape == (2, n, samples)
+    assert model.contact_coordinates(q).shape == model.call("contact_bias", {"q": q, "qd": qd}).shape == (4, samples)
+    assert model.call("contact_jacobian", {"q": q}).shape == (4, 4, samples)
     assert model.inverse_dynamics(q, qd, qdd).flags.c_contiguous
 
 
@@ -58,7 +62,9 @@ def test_contact_and_back(model: Model, motion: tuple[np.ndarray, ...]) -> None:
     q = 0.9 * np.tanh(q) + np.array([[0.0], [1.2], [0.0], [0.0]])  # away from the stretched arm
     w = model.contact_coordinates(q)
     np.testing.assert_allclose(model.contact_inverse(w, 1.0), q, rtol=1e-9, atol=1e-9)
-    wdd = np.einsum("ijn,jn->in", model.contact_jacobian(q), qdd) + model.contact_bias(q, qd)
+    wdd = np.einsum("ijn,jn->in", model.call("contact_jacobian", {"q": q}), qdd) + model.call(
+        "contact_bias", {"q": q, "qd": qd}
+    )
     np.testing.assert_allclose(model.contact_acceleration(q, qd, wdd), qdd, rtol=1e-9, atol=1e-9)
 
 

@@ -118,7 +118,7 @@ def test_smooth_effects_move_as_another_integrator_has_them(hanging: Model) -> N
 
     def rate(state: np.ndarray, torque: np.ndarray) -> np.ndarray:
         q, qd = state[:2], state[2:]
-        moments = hanging.moment_jacobian(q)
+        moments = hanging.call("moment_jacobian", {"q": q})
         total = torque.copy()
         for term, values in SMOOTH.items():
             for joint in (0, 1) if term.joint is None else (term.joint - 1,):
