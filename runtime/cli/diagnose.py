@@ -70,7 +70,7 @@ def diagnose(
         from runtime.report.summary import reading
 
         options = reading(maps or (), allow_gaps)
-        document = replace(document, **_drafted(source, result, draft, invocation, options))
+        document = replace(document, **_drafted(source, result, draft, invocation, reading=options))
     emit(json, document, terminal.printer(loop.sections))
     write_page(report, summary, json)
     if result.verdict in ("unexplained", "refused"):
@@ -100,6 +100,6 @@ def _drafted(
     beside = None if own is None else os.path.relpath(own.resolve(), target.resolve().parent)
     notes = law_proposal.notes(found, source.path.name, [path.name for path in invocation.recordings])
     files.replace(target, python_source(wider.library[found.term.effect], notes, beside).encode())
-    following = law_proposal.next_steps(found, invocation.model, invocation.recordings, reading, target)
+    following = law_proposal.next_steps(found, invocation.model, invocation.recordings, reading, target=target)
     following = [invocation.copy(), *following] if invocation.like else following
     return {"draft": found.document().as_part_of(DraftEntry, file=str(target), next=following)}

@@ -79,7 +79,9 @@ def import_arm(
 
     if out.exists():
         raise UsageError(f"{out}: already exists; choose another name")
-    made = imported(file, effects_described(effects, space=True), chain.base, chain.tip, chain.locked(), friction)
+    made = imported(
+        file, effects_described(effects, space=True), chain.base, chain.tip, locked=chain.locked(), friction=friction
+    )
     files.replace(out, made.text.encode())
     emit(json, _document(out, made), terminal.printer(models.imported))
 

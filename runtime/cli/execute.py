@@ -96,7 +96,7 @@ def execute(
     from runtime.recordings import recording
     from runtime.report import motions, terminal
 
-    asked = _Asked(on, settings, hide or (), change or (), arm, json != "-")
+    asked = _Asked(on, settings, hide=hide or (), change=change or (), arm=arm, talks=json != "-")
     is_real = _is_real(asked)
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())

@@ -192,7 +192,15 @@ def render_all(source: Source, out: Path | None, effects: Path | None) -> Render
         effect_files = render.effect_files(tuple(library.values()))
     places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
     keep([source.path, *([effects] if effects else [])], places)
-    return Rendered(arm.name, source, _origin(source, directory), directory, beside, files, effect_files)
+    return Rendered(
+        name=arm.name,
+        source=source,
+        made_from=_origin(source, directory),
+        directory=directory,
+        beside=beside,
+        files=files,
+        effect_files=effect_files,
+    )
 
 
 def own_directory(source: Source, name: str) -> Path:

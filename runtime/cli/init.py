@@ -121,14 +121,14 @@ def init(
         library = effects_described(effects, space=True)
         called = importing.arm_name("arm" if out is None else out.stem, Path("arm"))
         if urdf is not None:
-            arm = importing.imported(urdf, library, chain.base, chain.tip, chain.locked(), friction)
+            arm = importing.imported(urdf, library, chain.base, chain.tip, locked=chain.locked(), friction=friction)
             keys, write = _MOTOR, partial(_with_motors, arm)
         else:
             assumed = [effect.name for effect in library.values() if effect.assumed and friction]
             keys, write = tuple(_QUESTIONS)[:-1], partial(_new_arm, called, assumed)
-        made = _interview(keys, stated, write, library, called) if questions else write(stated)
+        made = _interview(keys, stated, write, library=library, called=called) if questions else write(stated)
         made = f"#:schema ./{schemas.MODEL}\n{made}" if schema else made
-    _write(made, out, effects, schema, like, json)
+    _write(made, out, effects, schema=schema, like=like, json=json)
 
 
 def _check_new(path: Path) -> None:

@@ -85,7 +85,7 @@ def check_hidden(source: Source, option: str, texts: Sequence[str]) -> None:
 
     arm = source.arm()
     for text in texts:
-        hidden_in(text, source.effects, [joint.name for joint in arm.joints], arm.name, option)
+        hidden_in(text, source.effects, [joint.name for joint in arm.joints], arm.name, option=option)
 
 
 def check_own(model: Path) -> None:

@@ -71,7 +71,7 @@ def studio(
         made = Studio(opened or _new(session), effects)
         if opened is None:
             with _kept_whole(made):
-                _give(made, model, recordings or [], held_out or [], demo)
+                _give(made, model, recordings or [], held_out or [], demo=demo)
                 if maps or allow_gaps:
                     made.read_as(maps or (), allow_gaps)
                 if plans:

@@ -90,7 +90,7 @@ def sweep(
         model = source.compiled.model()
     case = scenario_file.fitted(asked, model, str(path))
     code = Code(model.directory, model.library.directory)
-    jobs = grid.jobs(case, axes, model, code, starts)
+    jobs = grid.jobs(case, axes, model, code, starts=starts)
     names = [axis.name for axis in axes]
     began = time.monotonic()
     with (

@@ -48,10 +48,10 @@ def left(identification: Identification, recordings: Sequence[Recording]) -> Hel
     """Residuals of a fit on one or more recordings."""
     model, fit = identification.model, identification.fit
     motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
-    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
+    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, ahead=fit.ahead)
     found, residuals = repeats.find(motion), residuals_elsewhere(identification, motion)
     floors = []
     for i, residual in enumerate(residuals):
         noise, fixed_noise = problem.noise_rows(i, fit.shapes)
-        floors.append(floor(motion, found[i], i, residual, fit.coefficients @ noise + fixed_noise))
+        floors.append(floor(motion, found[i], i, residual, read=fit.coefficients @ noise + fixed_noise))
     return HeldOut(motion, tuple(residuals), laid_open(identification, motion, residuals, floors))

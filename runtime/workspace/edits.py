@@ -36,20 +36,22 @@ class ModelEdits:
         """Add an effect at a joint (from 1), or of the arm or the contact; its unknown values are left out."""
         from symbolic.model_file import editor
 
-        text = editor.add_effect(self.text, str(self.path), self.effects, effect, joint, values)
+        text = editor.add_effect(self.text, str(self.path), self.effects, effect=effect, joint=joint, values=values)
         return replace(self, text=text)
 
     def remove(self, effect: str, joint: int | None = None) -> ModelEdits:
         """Remove an effect."""
         from symbolic.model_file import editor
 
-        return replace(self, text=editor.remove_effect(self.text, str(self.path), self.effects, effect, joint))
+        return replace(
+            self, text=editor.remove_effect(self.text, str(self.path), self.effects, effect=effect, joint=joint)
+        )
 
     def name_of_next(self, effect: str, joint: int | None = None) -> str:
         """The name under which `add` would add an effect: several of one kind are numbered."""
         from symbolic.model_file import editor
 
-        return editor.name_of_next(self.text, str(self.path), self.effects, effect, joint)
+        return editor.name_of_next(self.text, str(self.path), self.effects, effect=effect, joint=joint)
 
     def set(self, fit: FitDocument | JudgedFitDocument) -> ModelEdits:
         """Set the values that a fit determines: base parameters, rotor inertias and parameters of effects."""
@@ -67,9 +69,9 @@ class ModelEdits:
             self.text,
             str(self.path),
             self.effects,
-            values,
-            known({entry.name: entry.fit for entry in fit.inertial if entry.name != ROTOR}),
-            {entry.joint: entry.fit for entry in fit.inertial if entry.name == ROTOR and entry.fit is not None},
+            effects=values,
+            inertial=known({entry.name: entry.fit for entry in fit.inertial if entry.name != ROTOR}),
+            rotors={entry.joint: entry.fit for entry in fit.inertial if entry.name == ROTOR and entry.fit is not None},
         )
         return replace(self, text=text)
 
@@ -89,7 +91,7 @@ class ModelEdits:
         places |= {(trajectory.effects.get(j, springs[0]), j): dict(v) for j, v in trajectory.springs.items()}
         text = self.text
         for (effect, joint), values in places.items():
-            text = place_effect(text, where, self.effects, effect, joint, values)
+            text = place_effect(text, where, self.effects, effect=effect, joint=joint, values=values)
         return replace(self, text=text)
 
     def write(self) -> None:

@@ -74,7 +74,7 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
     missing = 0.0
     if not stated or not all(is_possible(np.array(exporting.parameters(body))) for body in bodies):
         bodies, rotors, missing = _possible(compiled, bodies, rotors)
-    return exporting.exported(arm, compiled.library, language, bodies, rotors), missing
+    return exporting.exported(arm, compiled.library, language, bodies=bodies, rotors=rotors), missing
 
 
 def _possible(
@@ -90,15 +90,15 @@ def _possible(
     model, arm = compiled.model(), compiled.arm
     axes = np.array([joint.axis for joint in arm.joints])
     chain = ChainGeometry(
-        np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
-        np.array([joint.origin.xyz for joint in arm.joints]),
-        axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        np.array([joint.type == "revolute" for joint in arm.joints]),
-        np.array(arm.gravity),
+        turned=np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
+        place=np.array([joint.origin.xyz for joint in arm.joints]),
+        axis=axes / np.linalg.norm(axes, axis=1, keepdims=True),
+        revolute=np.array([joint.type == "revolute" for joint in arm.joints]),
+        gravity=np.array(arm.gravity),
     )
     near = np.array([exporting.parameters(body) for body in bodies])
     B, W = base_map(chain, model.regressor)
     guessed = np.array([joint.rotor_inertia is None for joint in arm.joints])
-    asked = rotors_asked(B, W, model.lump_values, near, np.array(rotors), guessed)
+    asked = rotors_asked(B, W, model.lump_values, near, likely=np.array(rotors), guessed=guessed)
     found = project(B, W, model.lump_values, near, asked)
     return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch
