@@ -390,7 +390,7 @@ def test_identify_says_what_was_assumed_stated_and_written(run, here, recorded):
     assert status == 0
     assert "Skew between torque and motion: " in out
     assert " samples (given)" not in out
-    assert re.search(r"viscous: coefficient +1\.5 +[\d.]+", out)
+    assert re.search(r"viscous: coefficient +1\.5 \(contradicts\) +[\d.]+", out)
     assert re.search(r"coulomb_asymmetric: positive +– +[\d.]+", out)
     assert out.splitlines()[-1] == "Written to drive.toml: J1, coulomb_asymmetric@1, viscous@1."
     _, out, _ = run("identify", "drive.toml", recorded, "--skew", "0.5")
