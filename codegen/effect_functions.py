@@ -18,9 +18,9 @@ from symbolic.functions import Argument, Output, SymbolicFunction
 
 @functools.cache
 def _inputs(effect: Effect, passes_time: bool) -> tuple[Argument, ...]:
-    inputs = [Argument(s.name, (s.symbol,), (), s.unit.text(), s.meaning) for s in effect.signals]
+    inputs = [Argument(s.name, (s.symbol,), (), unit=s.unit.text(), meaning=s.meaning) for s in effect.signals]
     if passes_time:
-        inputs.append(Argument("dt", (DT,), (), "s", "step"))
+        inputs.append(Argument("dt", (DT,), (), unit="s", meaning="step"))
     p = tuple(p.symbol for p in effect.parameters)
     x = tuple(s.symbol for s in effect.states)
     inputs.append(Argument("p", p, (len(p),), *_listed(effect.parameters, "parameters")))
@@ -34,18 +34,22 @@ def _listed(quantities: Sequence[Parameter | State], what: str) -> tuple[str, st
 
 
 def _function(effect: Effect, suffix: str, doc: str, output: Output, passes_time: bool = False) -> SymbolicFunction:
-    return SymbolicFunction(f"{effect.name}_{suffix}", _inputs(effect, passes_time), (output,), doc, effect.source)
+    return SymbolicFunction(
+        f"{effect.name}_{suffix}", _inputs(effect, passes_time), (output,), doc=doc, source=effect.source
+    )
 
 
 def _states(effect: Effect, expressions: Sequence[sp.Expr], meaning: str) -> Output:
     units, _ = _listed(effect.states, "memory")
-    return Output("x_next", tuple(sp.sympify(e) for e in expressions), (len(expressions),), units, meaning)
+    return Output("x_next", tuple(sp.sympify(e) for e in expressions), (len(expressions),), unit=units, meaning=meaning)
 
 
 @functools.cache
 def torque(effect: Effect) -> SymbolicFunction:
     """signals, p, x -> torque."""
-    output = Output("torque", (sp.sympify(effect.torque),), (), u.FORCE.text(), "added to the motor torque")
+    output = Output(
+        "torque", (sp.sympify(effect.torque),), (), unit=u.FORCE.text(), meaning="added to the motor torque"
+    )
     return _function(effect, "torque", f"{effect.summary} {effect.equation}", output)
 
 
@@ -53,14 +57,18 @@ def torque(effect: Effect) -> SymbolicFunction:
 def columns(effect: Effect) -> SymbolicFunction:
     """signals, p, x -> fixed part, then the derivative by each linear parameter: (1 + k,)."""
     expressions = (sp.sympify(effect.fixed), *effect.columns)
-    output = Output("columns", expressions, (len(expressions),), "as declared", "fixed part, then a column a parameter")
+    output = Output(
+        "columns", expressions, (len(expressions),), unit="as declared", meaning="fixed part, then a column a parameter"
+    )
     return _function(effect, "columns", f"Regressor: {effect.summary} {effect.equation}", output)
 
 
 @functools.cache
 def states(effect: Effect) -> SymbolicFunction:
     """signals, p, x -> x: what the batch gives of the memory along the samples."""
-    output = Output("states", tuple(s.symbol for s in effect.states), (len(effect.states),), "as declared", "states")
+    output = Output(
+        "states", tuple(s.symbol for s in effect.states), (len(effect.states),), unit="as declared", meaning="states"
+    )
     names = ", ".join(s.name for s in effect.states)
     return _function(effect, "states", f"States of {effect.name}: {names}.", output)
 

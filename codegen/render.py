@@ -74,7 +74,7 @@ def arm_files(model: ArmModel) -> dict[str, str]:
             if precision is F64:
                 routines += _batches(name, function, tape, function.name in begun)
         types = [c_code.comment(c_code.HEAD), c_code.struct_type(name, model.struct, precision)]
-        files |= _c_files(name, origin, precision, types, routines, lanes=precision is F64)
+        files |= _c_files(name, origin, precision, types=types, routines=routines, lanes=precision is F64)
     files["tendon_lanes_f64.h"] = page("c/lanes_f64.h.j2", banner=f"/* {BANNER} */")
     builders = [casadi_code.builder(function, tape=tapes[function.name]) for function in model.functions]
     files[f"{name}_casadi.py"] = page(
@@ -129,10 +129,10 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
     files: dict[str, str] = {}
     for precision in (F32, F64):
         routines = [routine for effect in effects for routine in c_effects.routines(effect, precision)]
-        files |= _c_files("effects", origin, precision, c_effects.types(effects, precision), routines)
+        files |= _c_files("effects", origin, precision, types=c_effects.types(effects, precision), routines=routines)
     batches = [routine for effect in effects for routine in c_effects.batches(effect, F64)]
     types = [c_effects.signals_type(F64), c_effects.columns_type(F64)]
-    files |= _c_files("effects_batch", origin, F64, types, [*batches, *c_effects.filters()])
+    files |= _c_files("effects_batch", origin, F64, types=types, routines=[*batches, *c_effects.filters()])
     builders = [
         casadi_code.builder(function, widths=True)
         for effect in effects

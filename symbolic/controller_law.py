@@ -153,9 +153,12 @@ def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation
         springs,
         touched,
         effects,
-        compensated,
-        tuple(site for site in sites if site.obstacle is not None),
-        (_joints(model, effects, springs, touched, compensated), _contact(model, effects, touched, compensated)),
+        compensated=compensated,
+        uncompensated=tuple(site for site in sites if site.obstacle is not None),
+        functions=(
+            _joints(model, effects, springs, touched=touched, sites=compensated),
+            _contact(model, effects, touched, compensated),
+        ),
     )
 
 
@@ -181,7 +184,7 @@ def _struct(model: ArmModel, sites: Sequence[Site], values: Mapping[str, Mapping
             value = values[str(site)].get(p.name, p.default)
             fields.append((site.symbol(p), p.unit.text(kind), p.meaning, value))
     symbols, units, meanings, defaults = zip(*fields, strict=True)
-    return Struct("effects", symbols, units, meanings, defaults)
+    return Struct("effects", symbols, units, meanings=meanings, defaults=defaults)
 
 
 def _coordinates(model: ArmModel) -> Coordinates:
@@ -230,10 +233,10 @@ def _joints(
         model,
         "joint_compensation",
         [_effects(effects), _brought("springs", springs, f"a row a joint: {columns}")],
-        torques,
-        recorder,
-        "Torques of friction, springs and the other static effects of joints and arm at the measured motion.",
-        "Equations (2), (4) and (7); the effects' own sources are in the library",
+        torques=torques,
+        recorder=recorder,
+        doc="Torques of friction, springs and the other static effects of joints and arm at the measured motion.",
+        source="Equations (2), (4) and (7); the effects' own sources are in the library",
     )
 
 
@@ -247,10 +250,10 @@ def _contact(model: ArmModel, effects: Struct, touched: Sequence[Site], sites: S
         model,
         "contact_compensation",
         [_effects(effects), _brought("contact", touched, names)],
-        torques,
-        recorder,
-        "Torques of the plate, and of other effects of the contact, at the measured motion.",
-        "Equation (3)",
+        torques=torques,
+        recorder=recorder,
+        doc="Torques of the plate, and of other effects of the contact, at the measured motion.",
+        source="Equation (3)",
     )
 
 
@@ -303,12 +306,14 @@ def _inputs(model: ArmModel, effects: Struct, *sites: Site | Spring) -> list[sp.
 
 
 def _effects(struct: Struct) -> Argument:
-    return Argument(struct.name, struct.symbols, (len(struct.symbols),), "as named", "c_u, c_e and parameters")
+    return Argument(
+        struct.name, struct.symbols, (len(struct.symbols),), unit="as named", meaning="c_u, c_e and parameters"
+    )
 
 
 def _brought(name: str, sites: Sequence[Site | Spring], meaning: str) -> Argument:
     symbols = tuple(s for site in sites for s in site.symbols)
-    return Argument(name, symbols, (len(symbols),), "as declared", meaning)
+    return Argument(name, symbols, (len(symbols),), unit="as declared", meaning=meaning)
 
 
 def _function(
@@ -321,7 +326,7 @@ def _function(
     source: str,
 ) -> SymbolicFunction:
     coordinates, fields = _coordinates(model), model.struct.symbols
-    parameters = Argument("parameters", fields, (len(fields),), "as named", "of the arm")
+    parameters = Argument("parameters", fields, (len(fields),), unit="as named", meaning="of the arm")
     inputs = (parameters, *arguments, coordinates.argument("q"), coordinates.argument("qd"))
-    output = Output("tau", tuple(torques), (len(torques),), coordinates.force, "added to the motor torque")
-    return SymbolicFunction(name, inputs, (output,), doc, source, recorder.live(torques))
+    output = Output("tau", tuple(torques), (len(torques),), unit=coordinates.force, meaning="added to the motor torque")
+    return SymbolicFunction(name, inputs, (output,), doc=doc, source=source, definitions=recorder.live(torques))

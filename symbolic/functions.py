@@ -265,7 +265,7 @@ class SymbolicFunction:
             return self.inputs
         symbols = self.struct.symbols
         return (
-            Argument(self.struct.name, symbols, (len(symbols),), "", ", ".join(s.name for s in symbols)),
+            Argument(self.struct.name, symbols, (len(symbols),), unit="", meaning=", ".join(s.name for s in symbols)),
             *self.inputs,
         )
 
@@ -293,7 +293,7 @@ class Coordinates:
             "qdd": (self.unit("rad/s^2", "m/s^2"), "joint accelerations"),
             "tau": (self.unit("N m", "N"), "joint torques"),
         }[name]
-        return Argument(name, tuple(self.symbols(name)), (len(self.types),), unit, meaning)
+        return Argument(name, tuple(self.symbols(name)), (len(self.types),), unit=unit, meaning=meaning)
 
     @property
     def force(self) -> str:

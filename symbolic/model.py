@@ -126,6 +126,6 @@ def _struct(lumps: tuple[Lump, ...], fields: tuple[LayoutConstant, ...]) -> Stru
         "parameters",
         tuple(sp.Symbol(lump.name, real=True) for lump in lumps) + tuple(f.symbol for f in fields),
         tuple(lump.unit for lump in lumps) + tuple(f.unit for f in fields),
-        tuple(lump.meaning for lump in lumps) + tuple(f.meaning for f in fields),
-        (*(lump.value for lump in lumps), *(float(f.value) for f in fields)),
+        meanings=tuple(lump.meaning for lump in lumps) + tuple(f.meaning for f in fields),
+        defaults=(*(lump.value for lump in lumps), *(float(f.value) for f in fields)),
     )

@@ -259,7 +259,7 @@ def defaults(prefix: str, struct: Struct, precision: Precision) -> Routine:
 def call(prefix: str, function: SymbolicFunction, tape: Tape, precision: Precision) -> Routine:
     """One sample per call: inputs first, outputs last, matrices row by row. Outputs may not overlap inputs."""
     if function.continues is not None:
-        return _continued_call(prefix, function, function.continues, tape, precision)
+        return _continued_call(prefix, function, function.continues, tape=tape, precision=precision)
     kind, name = precision.kind, f"{prefix}_{function.name}_{precision.suffix}"
     arguments = struct_argument(prefix, function, precision)
     leaves = struct_leaves(function)

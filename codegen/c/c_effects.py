@@ -65,11 +65,13 @@ def signature(effect: Effect, function: SymbolicFunction, tape: Tape) -> Signatu
 
 def _scalars(effect: Effect) -> list[Argument]:
     """Signals, step and parameters; a parameter with the name of another one gets the suffix _parameter."""
-    signals = [Argument(s.name, (s.symbol,), (), s.unit.text(), s.meaning) for s in effect.signals]
-    signals.append(Argument("dt", (DT,), (), "s", "step"))
+    signals = [Argument(s.name, (s.symbol,), (), unit=s.unit.text(), meaning=s.meaning) for s in effect.signals]
+    signals.append(Argument("dt", (DT,), (), unit="s", meaning="step"))
     taken = {a.name for a in signals} | {"state"}
     names = {p.name: f"{p.name}_parameter" if p.name in taken else p.name for p in effect.parameters}
-    return signals + [Argument(names[p.name], (p.symbol,), (), p.unit.text(), p.meaning) for p in effect.parameters]
+    return signals + [
+        Argument(names[p.name], (p.symbol,), (), unit=p.unit.text(), meaning=p.meaning) for p in effect.parameters
+    ]
 
 
 def _state_type(effect: Effect, precision: Precision) -> str:
@@ -123,7 +125,7 @@ def _stored(effect: Effect, texts: list[str], together: bool, precision: Precisi
 def _comment(effect: Effect, function: SymbolicFunction, takes: Signature, tape: Tape) -> str:
     """The comment of a function, with the arguments that its C has."""
     names, units = ", ".join(s.name for s in effect.states), ", ".join(s.unit.text() for s in effect.states)
-    memory = Argument("state", tuple(s.symbol for s in effect.states), (), units, names)
+    memory = Argument("state", tuple(s.symbol for s in effect.states), (), unit=units, meaning=names)
     inputs = takes.inputs + ((memory,) if takes.reads_state else ())
     outputs = function.outputs
     if takes.writes_state:
@@ -219,7 +221,7 @@ class _AlongSamples:
     def _both(self) -> Tape:
         """Outputs and steps of the states on one tape, with shared operations."""
         steps = tuple(sp.sympify(s.step) for s in self.effect.states)
-        outputs = (*self.function.outputs, Output("x_next", steps, (len(steps),), "", ""))
+        outputs = (*self.function.outputs, Output("x_next", steps, (len(steps),), unit="", meaning=""))
         return Tape.of(replace(ef.step(self.effect), outputs=outputs, definitions=()))
 
     @cached_property

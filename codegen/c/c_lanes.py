@@ -87,7 +87,7 @@ def batch(prefix: str, function: SymbolicFunction, tape: Tape) -> Routine:
         declaration(
             f"void {prefix}_{function.name}_batch_{F64.suffix}", ["size_t count", *_arguments(prefix, function)]
         ),
-        _body(f"{prefix}_{function.name}", function, tape, "0U", "count"),
+        _body(f"{prefix}_{function.name}", function, tape, first="0U", last="count"),
         batch_attribute(function),
     )
 
@@ -101,7 +101,7 @@ def range_and_batch(prefix: str, function: SymbolicFunction, tape: Tape) -> list
         Routine(
             comment(f"{function.name} of samples `first` to before `last` of `count`, as the batch has them."),
             declaration(f"void {name}_range_{F64.suffix}", [*(f"size_t {n}" for n in _RANGE), *arguments]),
-            _body(name, function, tape, "first", "last"),
+            _body(name, function, tape, first="first", last="last"),
         ),
         Routine(
             comment(f"{function.name} of `count` samples; element j of sample k at [j * count + k]; no overlap."),

@@ -172,9 +172,9 @@ def controller_records(model: ArmModel, found: Compensation) -> tuple[Record, ..
                 field,
                 kind.removesuffix("[n]").removesuffix(" *").format(**words),
                 unit(*text.split("|")) if "|" in text else text,
-                what.format(**words),
-                n if kind.endswith("[n]") else None,
-                kind.endswith("*"),
+                meaning=what.format(**words),
+                count=n if kind.endswith("[n]") else None,
+                pointer=kind.endswith("*"),
             )
             for field, kind, text, what in rows
         ]

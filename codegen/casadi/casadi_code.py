@@ -57,8 +57,8 @@ WIDTH = Argument(
     "width",
     WIDTHS,
     (len(WIDTHS),),
-    ", ".join(unit.text() for unit in WIDTH_UNITS.values()),
-    f"half widths of the switches in {', '.join(WIDTH_UNITS)}",
+    unit=", ".join(unit.text() for unit in WIDTH_UNITS.values()),
+    meaning=f"half widths of the switches in {', '.join(WIDTH_UNITS)}",
 )
 
 

@@ -180,7 +180,9 @@ def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) 
     # In the Makefile's order, so that it links the same image.
     sources = [*_library(there), _MAIN, *(path for path in there if path.startswith(BOARD))]
     small = [path for path in sources if not _is_hot(path)]
-    image = cross.compile_image(directory, sources, f"{BOARD}/mps2.ld", target, tools, output=name, small=small)
+    image = cross.compile_image(
+        directory, sources, f"{BOARD}/mps2.ld", target=target, toolchain=tools, output=name, small=small
+    )
     shutil.rmtree(directory / "objects")
     fits = not image.stack.unknown and image.stack.worst <= STACK and not image.forbidden
     return {**image.to_json(), "outputs": [image.elf.name, image.binary.name], "stack_size": STACK, "fits": fits}

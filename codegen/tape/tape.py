@@ -48,7 +48,7 @@ def _scaled(op: str, a: Pair, b: Pair = (0.0, 0.0), c: Pair = (0.0, 0.0)) -> Pai
         return b if x > 0 else c if x < 0 else (0.0, 0.0)
     if op == "ramp":
         return max(x, 0.0), mx if x > 0 else 0.0
-    return _transcendental(op, x, mx, y, my)
+    return _transcendental(op, x, mx, y=y, my=my)
 
 
 def _transcendental(op: str, x: float, mx: float, y: float, my: float) -> Pair:
@@ -91,7 +91,7 @@ class Tape:
             leaves |= set(function.struct.symbols)
         if lowering == "smooth":
             leaves |= set(primitives.WIDTHS)
-        return cls.from_expressions(expressions, function.definitions, leaves, lowering, function.name)
+        return cls.from_expressions(expressions, function.definitions, leaves, lowering=lowering, where=function.name)
 
     @classmethod
     def from_expressions(
@@ -103,7 +103,7 @@ class Tape:
         where: str = "expression",
     ) -> Tape:
         """The same for expressions. Raises ValueError for a symbol or operation that no target can evaluate."""
-        return _shorter(tuple(expressions), tuple(definitions), frozenset(leaves), lowering, where)
+        return _shorter(tuple(expressions), tuple(definitions), frozenset(leaves), lowering=lowering, where=where)
 
     def count(self) -> dict[str, int]:
         """Operations by kind; "arithmetic" is the sum of add, sub, mul, div and neg; "sincos" counts angles."""
@@ -234,7 +234,7 @@ def _shared(program: NumberedProgram, opened: Collection[int]) -> NumberedProgra
     multiplied = _extracted(products, size + len(joined))
     if not joined and not multiplied:
         return program
-    return _Rebuilding(program, sums, products, joined, multiplied).program()
+    return _Rebuilding(program, sums, products, joined=joined, multiplied=multiplied).program()
 
 
 def _operands(

@@ -61,8 +61,8 @@ class Elf:
                 symbol.name,
                 symbol["st_value"],
                 symbol["st_size"],
-                symbol["st_info"]["type"] == "STT_FUNC",
-                symbol["st_shndx"] if isinstance(symbol["st_shndx"], int) else 0,
+                function=symbol["st_info"]["type"] == "STT_FUNC",
+                section=symbol["st_shndx"] if isinstance(symbol["st_shndx"], int) else 0,
             )
             for table in self.sections
             if isinstance(table, SymbolTableSection)

@@ -100,5 +100,5 @@ def _possible(
     B, W = base_map(chain, model.regressor)
     guessed = np.array([joint.rotor_inertia is None for joint in arm.joints])
     asked = rotors_asked(B, W, model.lump_values, near, likely=np.array(rotors), guessed=guessed)
-    found = project(B, W, model.lump_values, near, asked)
+    found = project(B, W, model.lump_values, bodies=near, rotors=asked)
     return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch

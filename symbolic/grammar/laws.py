@@ -74,20 +74,26 @@ class Modulation:
 
 
 def _sole(text: str, expr: sp.Expr, unit: u.Unit = u.ONE) -> tuple[ModulationPart, ...]:
-    return (ModulationPart("coefficient", "size of the term", text, expr, unit),)
+    return (ModulationPart("coefficient", "size of the term", text, expr=expr, unit=unit),)
 
 
 def _shape(name: str, unit: u.Unit, meaning: str, grid: Grid, bounds: tuple[float, float] = POSITIVE) -> Parameter:
-    return Parameter(name, unit, meaning, "shape", bounds, grid)
+    return Parameter(name, unit, meaning, role="shape", bounds=bounds, grid=grid)
 
 
-_PLACE = _shape("place", u.POSITION, "where it happens", Grid(0.04, 0.96, 12, "position", "linear"), (-inf, inf))
+_PLACE = _shape(
+    "place",
+    u.POSITION,
+    "where it happens",
+    grid=Grid(0.04, 0.96, 12, of="position", spacing="linear"),
+    bounds=(-inf, inf),
+)
 _WIDTH = _shape("width", u.POSITION, "from its middle to 1/e of it", Grid(0.06, 0.36, 3, "range"))
 _WAVELENGTH = _shape("wavelength", u.POSITION, "distance after which it repeats", Grid(0.08, 3.2, 44, "range"))
 _SPEED = _shape("speed", u.RATE, "at which it changes", Grid(0.01, 0.9, 12, "rate"))
-_BEND = _shape("speed", u.RATE, "from which on it acts", Grid(0.04, 0.88, 12, "rate", "linear"))
+_BEND = _shape("speed", u.RATE, "from which on it acts", Grid(0.04, 0.88, 12, of="rate", spacing="linear"))
 _LASTING = _shape("time_constant", u.SECOND, "of its decay", Grid(0.03, 1.5, 7, "duration"))
-_MOMENT = _shape("moment", u.SECOND, "from which on it acts", Grid(0.04, 0.96, 12, "duration", "linear"))
+_MOMENT = _shape("moment", u.SECOND, "from which on it acts", Grid(0.04, 0.96, 12, of="duration", spacing="linear"))
 _LAG = _shape("time_constant", u.SECOND, "by which it follows late", Grid(0.003, 1.0, 10))
 
 _AT, _PHASE = Q - parameter("place"), 2 * sp.pi * Q / parameter("wavelength")
@@ -97,11 +103,11 @@ WAVE = Modulation(
     "wave",
     "position",
     "in a wave over the position",
-    (
+    parts=(
         ModulationPart("cosine", "size of the part largest at q = 0", "cos(2 pi q/wavelength)", sp.cos(_PHASE)),
         ModulationPart("sine", "size of the part that is zero at q = 0", "sin(2 pi q/wavelength)", sp.sin(_PHASE)),
     ),
-    (_WAVELENGTH,),
+    shape=(_WAVELENGTH,),
 )
 SLOPE = Modulation("slope", "position", "in proportion to the position", _sole("q", Q, u.POSITION))
 PARABOLA = Modulation(
@@ -109,8 +115,8 @@ PARABOLA = Modulation(
     "position",
     "in a parabola over the position",
     (
-        ModulationPart("slope", "part in proportion to the position", "q", Q, u.POSITION),
-        ModulationPart("curvature", "part in proportion to its square", "q^2", Q**2, u.POSITION**2),
+        ModulationPart("slope", "part in proportion to the position", "q", expr=Q, unit=u.POSITION),
+        ModulationPart("curvature", "part in proportion to its square", "q^2", expr=Q**2, unit=u.POSITION**2),
     ),
 )
 CUBIC = Modulation(
@@ -119,128 +125,146 @@ CUBIC = Modulation(
     "in a cubic over the position",
     (
         *PARABOLA.parts,
-        ModulationPart("bend", "part in proportion to its cube", "q^3", Q**3, u.POSITION**3),
+        ModulationPart("bend", "part in proportion to its cube", "q^3", expr=Q**3, unit=u.POSITION**3),
     ),
 )
 BUMP = Modulation(
     "bump",
     "position",
     "around one place",
-    _sole("exp(-((q - place)/width)^2)", sp.exp(-((_AT / parameter("width")) ** 2))),
-    (_PLACE, _WIDTH),
+    parts=_sole("exp(-((q - place)/width)^2)", sp.exp(-((_AT / parameter("width")) ** 2))),
+    shape=(_PLACE, _WIDTH),
 )
 SIDE = Modulation(
     "side",
     "position",
     "on one side of a place only",
-    _sole("[q > place]", step(_AT, WIDTH_POSITION)),
-    (_PLACE,),
+    parts=_sole("[q > place]", step(_AT, WIDTH_POSITION)),
+    shape=(_PLACE,),
     smooth=False,
 )
 ABOVE = Modulation(
     "above",
     "position",
     "with the distance beyond a place",
-    _sole("(q - place)+", ramp(_AT, WIDTH_POSITION), u.POSITION),
-    (_PLACE,),
+    parts=_sole("(q - place)+", ramp(_AT, WIDTH_POSITION), u.POSITION),
+    shape=(_PLACE,),
     smooth=False,
 )
 BELOW = Modulation(
     "below",
     "position",
     "with the distance short of a place",
-    _sole("(place - q)+", ramp(-_AT, WIDTH_POSITION), u.POSITION),
-    (_PLACE,),
+    parts=_sole("(place - q)+", ramp(-_AT, WIDTH_POSITION), u.POSITION),
+    shape=(_PLACE,),
     smooth=False,
 )
 POSITIONS = (WAVE, SLOPE, PARABOLA, CUBIC, BUMP, SIDE, ABOVE, BELOW)
 
 _RELATIVE = QD / parameter("speed")
-SLOW = Modulation("slow", "speed", "at low speed only", _sole("exp(-(qd/speed)^2)", sp.exp(-(_RELATIVE**2))), (_SPEED,))
+SLOW = Modulation(
+    "slow", "speed", "at low speed only", parts=_sole("exp(-(qd/speed)^2)", sp.exp(-(_RELATIVE**2))), shape=(_SPEED,)
+)
 FADING = Modulation(
     "fading",
     "speed",
     "less the faster it moves",
-    _sole("exp(-|qd|/speed)", sp.exp(-SPEED / parameter("speed"))),
-    (_SPEED,),
+    parts=_sole("exp(-|qd|/speed)", sp.exp(-SPEED / parameter("speed"))),
+    shape=(_SPEED,),
 )
 PEAK = Modulation(
     "peak",
     "speed",
     "about a speed more than beyond it",
-    _sole("1/(1 + (qd/speed)^2)", 1 / (1 + _RELATIVE**2)),
-    (_SPEED,),
+    parts=_sole("1/(1 + (qd/speed)^2)", 1 / (1 + _RELATIVE**2)),
+    shape=(_SPEED,),
 )
 FROM = Modulation(
     "from",
     "speed",
     "from a speed on",
-    _sole("[|qd| > speed]", step(SPEED - parameter("speed"), WIDTH_RATE)),
-    (_BEND,),
+    parts=_sole("[|qd| > speed]", step(SPEED - parameter("speed"), WIDTH_RATE)),
+    shape=(_BEND,),
     smooth=False,
 )
 BEYOND = Modulation(
     "beyond",
     "speed",
     "with the speed beyond a limit",
-    _sole("(|qd| - speed)+", ramp(SPEED - parameter("speed"), WIDTH_RATE), u.RATE),
-    (_BEND,),
+    parts=_sole("(|qd| - speed)+", ramp(SPEED - parameter("speed"), WIDTH_RATE), u.RATE),
+    shape=(_BEND,),
     smooth=False,
 )
 SPEEDS = (SLOW, FADING, PEAK, FROM, BEYOND)
 
 DRIFT = Modulation("drift", "time", "in proportion to the time", _sole("t", T, u.SECOND))
 DECAY = Modulation(
-    "decay", "time", "dying away", _sole("exp(-t/time_constant)", sp.exp(-T / parameter("time_constant"))), (_LASTING,)
+    "decay",
+    "time",
+    "dying away",
+    parts=_sole("exp(-t/time_constant)", sp.exp(-T / parameter("time_constant"))),
+    shape=(_LASTING,),
 )
 AFTER = Modulation(
     "after",
     "time",
     "from a moment on",
-    _sole("[t > moment]", step(T - parameter("moment"), WIDTH_TIME)),
-    (_MOMENT,),
+    parts=_sole("[t > moment]", step(T - parameter("moment"), WIDTH_TIME)),
+    shape=(_MOMENT,),
     smooth=False,
 )
 TIMES = (DRIFT, DECAY, AFTER)
-LATE = Modulation("late", "time", "following late", _sole("", sp.S.One), (_LAG,), lag=True)
+LATE = Modulation("late", "time", "following late", parts=_sole("", sp.S.One), shape=(_LAG,), lag=True)
 
-TORQUE = Carrier("torque", "A torque whatever the motion", "", sp.S.One, u.ONE)
-DRY = Carrier("dry", "Dry friction", "sgn(qd)", sgn(QD, WIDTH_RATE), u.ONE)
-FORWARDS = Carrier("forwards", "A torque in forward motion", "[qd > 0]", step(QD, WIDTH_RATE), u.ONE)
-BACKWARDS = Carrier("backwards", "A torque in backward motion", "[qd < 0]", step(-QD, WIDTH_RATE), u.ONE)
+TORQUE = Carrier("torque", "A torque whatever the motion", "", expr=sp.S.One, unit=u.ONE)
+DRY = Carrier("dry", "Dry friction", "sgn(qd)", expr=sgn(QD, WIDTH_RATE), unit=u.ONE)
+FORWARDS = Carrier("forwards", "A torque in forward motion", "[qd > 0]", expr=step(QD, WIDTH_RATE), unit=u.ONE)
+BACKWARDS = Carrier("backwards", "A torque in backward motion", "[qd < 0]", expr=step(-QD, WIDTH_RATE), unit=u.ONE)
 FORWARDS_VISCOUS = Carrier(
-    "forwards_viscous", "Viscous friction in forward motion", "qd+", ramp(QD, WIDTH_RATE), u.RATE
+    "forwards_viscous", "Viscous friction in forward motion", "qd+", expr=ramp(QD, WIDTH_RATE), unit=u.RATE
 )
 BACKWARDS_VISCOUS = Carrier(
-    "backwards_viscous", "Viscous friction in backward motion", "(-qd)+", ramp(-QD, WIDTH_RATE), u.RATE
+    "backwards_viscous", "Viscous friction in backward motion", "(-qd)+", expr=ramp(-QD, WIDTH_RATE), unit=u.RATE
 )
-VISCOUS = Carrier("viscous", "Viscous friction", "qd", QD, u.RATE)
-EVEN = Carrier("even", "A torque with the speed, whatever its direction", "|qd|", SPEED, u.RATE)
-DRAG = Carrier("drag", "Drag with the square of the speed", "|qd| qd", SPEED * QD, u.RATE**2)
-INERTIA = Carrier("inertia", "An inertia", "qdd", QDD, u.ACCELERATION, inertial=True)
-CARRIED = Carrier("load", "A part of the load", "load", LOAD, u.FORCE)
+VISCOUS = Carrier("viscous", "Viscous friction", "qd", expr=QD, unit=u.RATE)
+EVEN = Carrier("even", "A torque with the speed, whatever its direction", "|qd|", expr=SPEED, unit=u.RATE)
+DRAG = Carrier("drag", "Drag with the square of the speed", "|qd| qd", expr=SPEED * QD, unit=u.RATE**2)
+INERTIA = Carrier("inertia", "An inertia", "qdd", expr=QDD, unit=u.ACCELERATION, inertial=True)
+CARRIED = Carrier("load", "A part of the load", "load", expr=LOAD, unit=u.FORCE)
 LOAD_DRY = Carrier(
-    "load_dry", "Friction under load", "|load| sgn(qd)", absolute(LOAD, WIDTH_FORCE) * sgn(QD, WIDTH_RATE), u.FORCE
+    "load_dry",
+    "Friction under load",
+    "|load| sgn(qd)",
+    expr=absolute(LOAD, WIDTH_FORCE) * sgn(QD, WIDTH_RATE),
+    unit=u.FORCE,
 )
-EFFORT = Carrier("effort", "A part of the motor torque", "predicted", PREDICTED, u.FORCE)
+EFFORT = Carrier("effort", "A part of the motor torque", "predicted", expr=PREDICTED, unit=u.FORCE)
 
 ALONE = (
     Carrier(
         "load_viscous",
         "Viscous friction under load",
         "|load| qd",
-        absolute(LOAD, WIDTH_FORCE) * QD,
-        u.FORCE * u.RATE,
+        expr=absolute(LOAD, WIDTH_FORCE) * QD,
+        unit=u.FORCE * u.RATE,
     ),
-    Carrier("load_square", "Friction with the square of the load", "load^2 sgn(qd)", LOAD**2 * DRY.expr, u.FORCE**2),
+    Carrier(
+        "load_square",
+        "Friction with the square of the load",
+        "load^2 sgn(qd)",
+        expr=LOAD**2 * DRY.expr,
+        unit=u.FORCE**2,
+    ),
     Carrier(
         "effort_dry",
         "Friction with the motor torque",
         "|predicted| sgn(qd)",
-        absolute(PREDICTED, WIDTH_FORCE) * DRY.expr,
-        u.FORCE,
+        expr=absolute(PREDICTED, WIDTH_FORCE) * DRY.expr,
+        unit=u.FORCE,
     ),
-    Carrier("load_even", "The load's magnitude, whatever its sign", "|load|", absolute(LOAD, WIDTH_FORCE), u.FORCE),
+    Carrier(
+        "load_even", "The load's magnitude, whatever its sign", "|load|", expr=absolute(LOAD, WIDTH_FORCE), unit=u.FORCE
+    ),
 )
 """Carriers that are only used without a modulation."""
 
@@ -248,26 +272,32 @@ ALONE = (
 def _neighbours() -> Iterable[Carrier]:
     for name, where, other in (("next", "next", QD_NEXT), ("previous", "previous", QD_PREVIOUS)):
         way = sgn(other, WIDTH_RATE)
-        yield Carrier(f"{name}_viscous", f"Drag of the {where} joint", f"qd_{name}", other, u.RATE)
-        yield Carrier(f"{name}_dry", f"Dry friction of the {where} joint", f"sgn(qd_{name})", way, u.ONE)
+        yield Carrier(f"{name}_viscous", f"Drag of the {where} joint", f"qd_{name}", expr=other, unit=u.RATE)
+        yield Carrier(f"{name}_dry", f"Dry friction of the {where} joint", f"sgn(qd_{name})", expr=way, unit=u.ONE)
         yield Carrier(
             f"{name}_against",
             f"Dry friction against the {where} joint",
             f"sgn(qd - qd_{name})",
-            sgn(QD - other, WIDTH_RATE),
-            u.ONE,
+            expr=sgn(QD - other, WIDTH_RATE),
+            unit=u.ONE,
         )
         yield Carrier(
             f"{name}_rubs",
             f"Dry friction with the speed of the {where} joint",
             f"|qd_{name}| sgn(qd)",
-            absolute(other, WIDTH_RATE) * DRY.expr,
-            u.RATE,
+            expr=absolute(other, WIDTH_RATE) * DRY.expr,
+            unit=u.RATE,
         )
         yield Carrier(
-            f"{name}_product", f"A product of this rate and the {where} one's", f"qd qd_{name}", QD * other, u.RATE**2
+            f"{name}_product",
+            f"A product of this rate and the {where} one's",
+            f"qd qd_{name}",
+            expr=QD * other,
+            unit=u.RATE**2,
         )
-        yield Carrier(f"{name}_square", f"The square of the {where} joint's rate", f"qd_{name}^2", other**2, u.RATE**2)
+        yield Carrier(
+            f"{name}_square", f"The square of the {where} joint's rate", f"qd_{name}^2", expr=other**2, unit=u.RATE**2
+        )
 
 
 NEIGHBOURS = tuple(_neighbours())

@@ -174,7 +174,7 @@ def number(
     positive: bool = False,
 ) -> float:
     """As `real`, within the magnitudes that the controller's floats can represent."""
-    x = real(place, key, value, unit, low, high, positive)
+    x = real(place, key, value, unit=unit, low=low, high=high, positive=positive)
     if abs(x) > LARGEST or 0 < abs(x) < SMALLEST:
         place.fail(f"{key} is {x:.6g}; expected 0 or a magnitude between {SMALLEST:g} and {LARGEST:g}")
     return x

@@ -49,7 +49,7 @@ def add_effect(
     """
     arm = parse(text, where, library)
     place = Place(printable(where))
-    owner = _owner(place, arm, library, effect, joint)
+    owner = _owner(place, arm, library, effect=effect, joint=joint)
     active = _active(arm, owner)
     effect = _free_name(library, effect, active)
     if effect in active:
@@ -73,7 +73,7 @@ def name_of_next(text: str, where: str, library: Mapping[str, AnyEffect], effect
     Raises ModelError: not a model file, unknown effect, no such joint, wrong scope.
     """
     arm = parse(text, where, library)
-    owner = _owner(Place(printable(where)), arm, library, effect, joint)
+    owner = _owner(Place(printable(where)), arm, library, effect=effect, joint=joint)
     return _free_name(library, effect, _active(arm, owner))
 
 
@@ -93,7 +93,7 @@ def remove_effect(
     """
     arm = parse(text, where, library)
     place = Place(printable(where))
-    owner = _owner(place, arm, library, effect, joint)
+    owner = _owner(place, arm, library, effect=effect, joint=joint)
     if effect not in _active(arm, owner):
         place.fail(f'effect "{effect}" is not there{at_joint(joint)}; nothing to remove')
 
@@ -116,12 +116,12 @@ def place_effect(
 ) -> str:
     """Add the effect, or set its values if it is active; values None: remove it. Raises ModelError."""
     arm = parse(text, where, library)
-    there = effect in _active(arm, _owner(Place(printable(where)), arm, library, effect, joint))
+    there = effect in _active(arm, _owner(Place(printable(where)), arm, library, effect=effect, joint=joint))
     if values is None:
-        return remove_effect(text, where, library, effect, joint) if there else text
+        return remove_effect(text, where, library, effect=effect, joint=joint) if there else text
     if there:
         return set_values(text, where, library, {(effect, joint): values})
-    return add_effect(text, where, library, effect, joint, values)
+    return add_effect(text, where, library, effect=effect, joint=joint, values=values)
 
 
 def set_values(
@@ -143,7 +143,7 @@ def set_values(
     place = Place(printable(where))
     changes: list[tuple[tuple[str, ...], int | None, dict[str, float]]] = []
     for (effect, joint), values in effects.items():
-        owner = _owner(place, arm, library, effect, joint)
+        owner = _owner(place, arm, library, effect=effect, joint=joint)
         if effect not in _active(arm, owner):
             place.fail(f'effect "{effect}" is not in the file; add it first')
         path = ("effects", effect) if owner[0] == "arm" else (owner[0], "effects", effect)

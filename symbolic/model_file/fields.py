@@ -166,7 +166,9 @@ class Real(SingleField):
     positive: bool = False
 
     def read(self, place: Place, value: Any, joint: JointType) -> float:
-        return real(place, self.key, value, self.unit_of(joint), self.low, self.high, self.positive)
+        return real(
+            place, self.key, value, unit=self.unit_of(joint), low=self.low, high=self.high, positive=self.positive
+        )
 
     def schema(self) -> Schema:
         low = "exclusiveMinimum" if self.positive else "minimum"
@@ -179,7 +181,9 @@ class Number(Real):
     """As Real, within the magnitudes that the controller's floats can represent."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> float:
-        return number(place, self.key, value, self.unit_of(joint), self.low, self.high, self.positive)
+        return number(
+            place, self.key, value, unit=self.unit_of(joint), low=self.low, high=self.high, positive=self.positive
+        )
 
 
 @dataclass(frozen=True)
@@ -296,7 +300,9 @@ class NumberRow(SingleField):
     tiny: bool = False
 
     def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, ...]:
-        return vector(place, self.key, value, self.unit_of(joint), self.names, real if self.tiny else number)
+        return vector(
+            place, self.key, value, unit=self.unit_of(joint), names=self.names, one=real if self.tiny else number
+        )
 
     def schema(self) -> Schema:
         return _row_schema(len(self.names))

@@ -183,7 +183,7 @@ def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffec
         "type": said["type"],
         "rotor_inertia": said["rotor_inertia"],
         "gear_ratio": said["gear_ratio"],
-        "effects": _effects(place, said["effects"], "joint", effects, said["type"], last),
+        "effects": _effects(place, said["effects"], "joint", library=effects, kind=said["type"], last=last),
         "torque_constant": said["torque_constant"],
         "limits": Limits(**said["limits"]),
         "gains": said["controller"] and Gains(**said["controller"]),
@@ -227,13 +227,16 @@ def _effects(
     last: bool = False,
 ) -> dict[str, Values]:
     """The active effects of a table, in the file's order. last: the joint is the outermost one."""
-    return {name: _effect(place, name, values, scope, library, kind, last) for name, values in table.items()}
+    return {
+        name: _effect(place, name, values, scope=scope, library=library, kind=kind, last=last)
+        for name, values in table.items()
+    }
 
 
 def _effect(
     place: Place, name: str, value: Any, scope: str, library: Mapping[str, AnyEffect], kind: str, last: bool
 ) -> Values:
-    check_effect(place, name, scope, library, last)
+    check_effect(place, name, scope, library=library, last=last)
     effect = declared(name, library)
     place = place.inside(name)
     known = {p.name: p for p in effect.parameters}
@@ -330,8 +333,8 @@ def _moments_seen(joints: Sequence[Joint]) -> Iterator[float | None]:
             yield None
         else:
             centre = added(origin, applied(turned, com or (0.0, 0.0, 0.0)))
-            moment = _moment(first.axis, turned, centre, mass or 0.0, inertia)
-            heavier = _moment(first.axis, turned, centre, 1.0, inertia)
+            moment = _moment(first.axis, turned, centre, mass=mass or 0.0, inertia=inertia)
+            heavier = _moment(first.axis, turned, centre, mass=1.0, inertia=inertia)
             yield None if mass is None and heavier > moment else moment
 
 

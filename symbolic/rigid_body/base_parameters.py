@@ -175,7 +175,7 @@ def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Colum
     for _ in range(points):
         q = [random_turn(rng) if r else rng.randrange(PRIME) for r in chain.revolute]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
-        moving = motion(chain, 0, q, qd, qdd, notes)
+        moving = motion(chain, 0, q, qd=qd, qdd=qdd, notes=notes)
         for column in columns:
             tau = torques(chain, unit_lumps(n, column), moving, qdd, notes)
             result[column] += [t % PRIME for t in tau]
@@ -253,7 +253,7 @@ def _cost(arm: Arm, layout: RecursionLayout, base: BaseParameters) -> int:
     coordinates, recorder = Coordinates(tuple(j.type for j in arm.joints)), Recorder()
     lumps = lumps_of({c: sp.Symbol(f"{c[0]}{c[1]}", real=True) for c in base.values}, len(arm.joints))
     q, qd, qdd = (coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    tau = inverse_dynamics(layout.scaled, lumps, layout.frame, q, qd, qdd, recorder)
+    tau = inverse_dynamics(layout.scaled, lumps, layout.frame, q=q, qd=qd, qdd=qdd, notes=recorder)
     return count(recorder.live(tau), tau).cost
 
 
@@ -285,8 +285,8 @@ def _layout(arm: Arm, frame: int, reference: int | None) -> RecursionLayout:
         frame,
         reference,
         Chain(revolute, scaled, gravity),
-        Chain(revolute, metric, in_metres),
-        ratios + constants + metres,
+        metric=Chain(revolute, metric, in_metres),
+        fields=ratios + constants + metres,
     )
 
 
@@ -347,7 +347,7 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tupl
         also = ", rotor included" if kind != "I" and any(c == ("I", i) for c, _ in base.merged[kind, i]) else ""
         stated = None if value is None else float(value * scale**power)
         text = _meaning(kind, i + 1, sliding, len(arm.joints)) + also + note
-        lumps.append(Lump(name, unit, text, i + 1, stated))
+        lumps.append(Lump(name, unit, text, joint=i + 1, value=stated))
     return overridden(arm, lumps)
 
 

@@ -90,7 +90,7 @@ def functions(
     """
     lumps = lumps_of(symbols, chain.n)
     return [
-        *_inverse_dynamics(author, chain, lumps, frame, rotors),
+        *_inverse_dynamics(author, chain, lumps, frame=frame, rotors=rotors),
         *_closed_forms(author, chain, lumps, rotors),
         _forward_dynamics(author, chain, lumps, frame),
         _regressor(author, chain, tuple(symbols), frame),
@@ -102,7 +102,7 @@ def _inverse_dynamics(
 ) -> list[SymbolicFunction]:
     recorder = author.recorder()
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    tau = inverse_dynamics(chain, lumps, frame, q, qd, qdd, recorder)
+    tau = inverse_dynamics(chain, lumps, frame, q=q, qd=qd, qdd=qdd, notes=recorder)
     whole = [recorder.let(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
     load = [torque - rotor * a for torque, rotor, a in zip(whole, rotors, qdd, strict=True)]
     made = partial(equation, author, recorder)
@@ -124,7 +124,7 @@ def _inverse_dynamics(
 
 def _mechanics(author: Author, chain: Chain, lumps: Lumps, recorder: Recorder) -> Mechanics:
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
-    return mechanics(chain, lumped_bodies(lumps, chain, q), list(lumps.I), q, qd, recorder)
+    return mechanics(chain, lumped_bodies(lumps, chain, q), list(lumps.I), q=q, qd=qd, notes=recorder)
 
 
 def _closed_forms(author: Author, chain: Chain, lumps: Lumps, rotors: Sequence[sp.Expr]) -> list[SymbolicFunction]:
@@ -151,7 +151,7 @@ def _closed_forms(author: Author, chain: Chain, lumps: Lumps, rotors: Sequence[s
 def _forward_dynamics(author: Author, chain: Chain, lumps: Lumps, frame: int) -> SymbolicFunction:
     recorder, n = author.recorder(), chain.n
     q, qd, tau = (author.coordinates.symbols(name) for name in ("q", "qd", "tau"))
-    bias = inverse_dynamics(chain, lumps, frame, q, qd, [0] * n, recorder)
+    bias = inverse_dynamics(chain, lumps, frame, q=q, qd=qd, qdd=[0] * n, notes=recorder)
     D = _mechanics(author, chain, lumps, recorder).D
     qdd = solve_symmetric(D, [t - b for t, b in zip(tau, bias, strict=True)], recorder)
     return equation(
@@ -189,7 +189,7 @@ def solve_symmetric(D: list[list[Any]], right: list[Any], recorder: Recorder) ->
 def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame: int) -> SymbolicFunction:
     recorder, n = author.recorder(), chain.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    moving = motion(chain, frame, q, qd, qdd, recorder)
+    moving = motion(chain, frame, q, qd=qd, qdd=qdd, notes=recorder)
     parts = [
         torques(chain, unit_lumps(n, column), moving, qdd, Suffixed(recorder, f"_{column[0]}{column[1] + 1}"))
         for column in columns

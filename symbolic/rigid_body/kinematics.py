@@ -126,7 +126,7 @@ def _columns(
 def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
     recorder, n = author.recorder(), chain.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    moving = motion(chain, frame, q, qd, qdd, recorder)
+    moving = motion(chain, frame, q, qd=qd, qdd=qdd, notes=recorder)
     load = torques(chain, unit_lumps(n, ("mu", n - 1)), moving, qdd, recorder)
     return author.function(
         "tip_load",
@@ -156,7 +156,7 @@ def _moment(author: Author, arm: Arm) -> SymbolicFunction:
         for frame, (x, y) in centre.items():
             total = moved(total, frame, masses[i] * x, masses[i] * y)
     outer = [sum(masses[i:], sp.Integer(0)) for i in range(chain.n)]
-    columns = _columns(total, chain, directions(chain.revolute, q, recorder), recorder, outer)
+    columns = _columns(total, chain, directions(chain.revolute, q, recorder), recorder=recorder, weights=outer)
     rows = [*(x for x, _ in columns), *(y for _, y in columns)]
     return author.function(
         "moment_jacobian",
@@ -195,7 +195,9 @@ def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
 
 
 def _w(name: str, unit: str, meaning: str) -> Argument:
-    return Argument(name, tuple(sp.Symbol(f"{name}{i}", real=True) for i in range(1, 5)), (4,), unit, meaning)
+    return Argument(
+        name, tuple(sp.Symbol(f"{name}{i}", real=True) for i in range(1, 5)), (4,), unit=unit, meaning=meaning
+    )
 
 
 def _links(author: Author, lengths: tuple[Any, ...], recorder: Recorder) -> tuple[list[Any], list[Any], list[Any]]:
@@ -273,7 +275,7 @@ def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     recorder = author.recorder()
     let = recorder.let
     w = _w("w", W_UNIT, "p_4x, p_2y, absolute angle of link 3, q_4")
-    elbow = Argument("elbow", (sp.Symbol("elbow", real=True),), (), "1", "sign of sin q_2: 1 or -1")
+    elbow = Argument("elbow", (sp.Symbol("elbow", real=True),), (), unit="1", meaning="sign of sin q_2: 1 or -1")
     w1, w2, w3, w4 = w.symbols
     l1, l2, l3, l4 = lengths
     c3, _ = recorder.sincos(w3)

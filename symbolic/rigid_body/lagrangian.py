@@ -86,8 +86,8 @@ def lumped_bodies(lumps: Lumps, chain: Chain, q: list[Any]) -> list[Body]:
             lumps.mu[i],
             points[i + 1],
             (lumps.h[i], lumps.hy[i]),
-            points[i] if chain.revolute[i] else points[i + 1],
-            lumps.J[i],
+            about=points[i] if chain.revolute[i] else points[i + 1],
+            inertia=lumps.J[i],
         )
         for i in range(chain.n)
     ]
@@ -130,10 +130,10 @@ def mechanics(
     V = _potential(chain, bodies)
     g = [sp.diff(V, x) for x in coordinates]
     back = _relative_angles(chain, q, A, C, g, V)
-    D = relative(chain, _replaced(A, back, notes, "A"), notes, "AS", "D")
+    D = relative(chain, _replaced(A, back, notes, "A"), notes, half="AS", name="D")
     for i in range(n):
         D[i][i] = D[i][i] + rotors[i]
-    C = relative(chain, _replaced(C, back, notes, "B"), notes, "BS", "C")
+    C = relative(chain, _replaced(C, back, notes, "B"), notes, half="BS", name="C")
     g = relative_vector(chain, [_replace(e, back, notes, f"V{i + 1}") for i, e in enumerate(g)], notes, "g{}")
     return Mechanics(D, C, g, _replace(V, back, Exact(), "V"))
 

@@ -109,7 +109,7 @@ def inverse_dynamics(
     chain: Chain, lumps: Lumps, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes
 ) -> list[Any]:
     """Joint torques or forces (n,); vectors are in the frame of revolute joint `frame` (0: the base)."""
-    return torques(chain, lumps, motion(chain, frame, q, qd, qdd, notes), qdd, notes)
+    return torques(chain, lumps, motion(chain, frame, q, qd=qd, qdd=qdd, notes=notes), qdd, notes)
 
 
 def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes) -> LinkMotion:
@@ -117,7 +117,7 @@ def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any]
     let = notes.let
     direction, orientation = _directions(chain, frame, q, notes)
     b0, y0 = _base_acceleration(chain.gravity, orientation, notes)
-    m = LinkMotion([], [], [], [], [b0], [y0])
+    m = LinkMotion([], [], [], reach=[], b=[b0], y=[y0])
     w: Any = 0
     al: Any = 0
     for i in range(chain.n):

@@ -83,8 +83,10 @@ def exported(
     missing = _Unsaid(len(arm.joints))
     joints = []
     for k, (joint, body, rotor) in enumerate(zip(arm.joints, bodies, rotors, strict=True), 1):
-        said, unknown = _dynamics(joint.effects, library, language, k, missing)
-        joints.append(ExportedJoint(joint.name or f"joint{k}", joint, body, rotor, said, unknown))
+        said, unknown = _dynamics(joint.effects, library, language, joint=k, unsaid=missing)
+        joints.append(
+            ExportedJoint(joint.name or f"joint{k}", joint, body, rotor=rotor, dynamics=said, unknown=unknown)
+        )
     made, of_arm = _with_gravity(arm, library)
     unsaid = [*missing.lines(), *of_arm]
     if arm.contact is not None:

@@ -164,7 +164,7 @@ def compiled(path: Path, root: XmlNode) -> CompiledMjcf:
         notes.append("gravity is disabled by a flag of the file: set to 0")
         x, y, z = 0.0, 0.0, 0.0
     said = (f"MuJoCo warns: {printable(' '.join(text.split()))}" for text in warned)
-    return CompiledMjcf(model, spec.modelname, frozenset(unknown), (x, y, z), (*said, *notes))
+    return CompiledMjcf(model, spec.modelname, frozenset(unknown), gravity=(x, y, z), notes=(*said, *notes))
 
 
 def _package(file: str) -> Any:
@@ -298,7 +298,9 @@ def mjcf_tree(path: Path, root: XmlNode) -> Tree:
     for what, name in (("damping", "dof_dampingpoly"), ("stiffness", "jnt_stiffnesspoly")):
         if hasattr(made.model, name) and getattr(made.model, name).any():
             notes.append(f"{what} is a polynomial: its linear coefficient is used, the others are left out")
-    return Tree(printable(str(path)), "MJCF", made.name, links, joints, made.gravity, tuple(notes))
+    return Tree(
+        printable(str(path)), "MJCF", made.name, links=links, joints=joints, gravity=made.gravity, notes=tuple(notes)
+    )
 
 
 class _Bodies:
@@ -324,7 +326,7 @@ class _Bodies:
                 parent, frame = self.frames[int(self.model.site_bodyid[k])]
                 at = composed(frame, _frame(self.model.site_pos[k], self.model.site_quat[k]))
                 links[site] = TreeLink(site, None, False)
-                joints[f"site {site}"] = TreeJoint(f"site {site}", "fixed", parent, site, at)
+                joints[f"site {site}"] = TreeJoint(f"site {site}", "fixed", parent, child=site, origin=at)
         return links, joints
 
     def joints(self, body: int) -> Iterator[TreeJoint]:
@@ -335,7 +337,7 @@ class _Bodies:
         origin = composed(before, _frame(model.body_pos[body], model.body_quat[body]))
         if count == 0:
             self.frames[body] = (name, Frame())
-            yield TreeJoint(f"weld {name}", "fixed", parent, name, origin)
+            yield TreeJoint(f"weld {name}", "fixed", parent, child=name, origin=origin)
         at: Vector = (0.0, 0.0, 0.0)
         for k in range(first, first + count):
             child = name if k == first + count - 1 else f"{name} before joint {k + 1 - first}"
@@ -351,7 +353,7 @@ class _Bodies:
         kind, axis = KINDS[int(model.jnt_type[k])], _vector(model.jnt_axis[k])
         name = model.joint(k).name or f"joint{k + 1}"
         if kind in ("free", "ball"):
-            return TreeJoint(name, kind, parent, child, origin)
+            return TreeJoint(name, kind, parent, child=child, origin=origin)
         at = int(model.jnt_qposadr[k])
         zero = -float(model.qpos0[at])
         shift = Frame(scaled(zero, axis)) if kind == "prismatic" else Frame(rpy=angles(about(axis, zero)))
@@ -367,15 +369,15 @@ class _Bodies:
             name,
             kind,
             parent,
-            child,
-            composed(origin, shift) if zero else origin,
-            axis,
-            (low, high) if model.jnt_limited[k] and low < high and max(-low, high) < LARGEST else None,
-            None,
-            drive.torque,
-            {word: value for word, value in stated.items() if value},
-            float(model.dof_armature[dof]) + drive.rotor or None,
-            drive.gears,
+            child=child,
+            origin=composed(origin, shift) if zero else origin,
+            axis=axis,
+            position=(low, high) if model.jnt_limited[k] and low < high and max(-low, high) < LARGEST else None,
+            speed=None,
+            torque=drive.torque,
+            dynamics={word: value for word, value in stated.items() if value},
+            rotor=float(model.dof_armature[dof]) + drive.rotor or None,
+            gears=drive.gears,
         )
 
     def body(self, k: int, shift: Vector) -> StatedBody | None:

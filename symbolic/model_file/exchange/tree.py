@@ -290,7 +290,7 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
     snapped = {joint.name: _snapped(tree, joint, snapping) for joint in tree.joints.values()}
     way = [snapped[joint.name] for joint in way]
     below = {link: [snapped[joint.name] for joint in joints] for link, joints in below.items()}
-    made = _assembled(tree, root, end, way, below, locked)
+    made = _assembled(tree, root, end, way=way, below=below, locked=locked)
     before = [snapped[joint.name] for joint in path_to(root, above)]
     used = {joint.name for joint in (*before, *way)}
     used |= {above[link].name for joint in made.joints for link in joint.links}
@@ -477,10 +477,10 @@ def _assembled(
         origin = composed(origin, _origin(joint, locked))
         if joint.kind == "fixed" or joint.name in locked:
             continue
-        carried = list(_carried(joint.child, below, locked, on_the_way, held))
+        carried = list(_carried(joint.child, below, locked, on_the_way=on_the_way, held=held))
         made.append(_chain_joint(tree, joint, origin, carried))
         origin = Frame()
-    return TreeChain(tree, base, tip, tuple(made), origin, tuple(held))
+    return TreeChain(tree, base, tip, joints=tuple(made), tip=origin, held=tuple(held))
 
 
 def _origin(joint: TreeJoint, locked: Mapping[str, float]) -> Frame:

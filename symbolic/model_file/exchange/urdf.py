@@ -75,7 +75,7 @@ def urdf_tree(root: XmlNode) -> Tree:
     if not links:
         root.fail("the robot has no <link>; expected links and joints")
     joints = _named(root, "joint", lambda node: _joint(node, gears, doubted))
-    return Tree(root.file, "URDF", root.attributes.get("name", ""), links, joints)
+    return Tree(root.file, "URDF", root.attributes.get("name", ""), links=links, joints=joints)
 
 
 def _named(root: XmlNode, tag: str, made: Callable[[XmlNode], Made]) -> dict[str, Made]:
@@ -127,13 +127,13 @@ def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Map
         name,
         kind,
         parent,
-        child,
-        _frame(node),
-        (x, y, z),
-        position,
-        speed,
-        torque,
-        {key: value for key, value in stated.items() if value},
+        child=child,
+        origin=_frame(node),
+        axis=(x, y, z),
+        position=position,
+        speed=speed,
+        torque=torque,
+        dynamics={key: value for key, value in stated.items() if value},
         gears=tuple((one.by, one.ratio) for one in gears.get(name, ())),
         mimics=None if mimic is None else mimic.word("joint"),
         doubts=(*(() if limit is None else _doubts(limit)), *doubted.get(name, ())),

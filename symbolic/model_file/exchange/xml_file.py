@@ -164,7 +164,9 @@ class _Builder:
             self.fail(f"more than {MAX_ELEMENTS:,} elements; expected the description of a robot")
         if len(self.open) > MAX_DEPTH:
             self.fail(f"elements within more than {MAX_DEPTH} others; expected the description of a robot")
-        node = XmlNode(tag, attributes, self.file, self.parser.CurrentLineNumber, self.parser.CurrentByteIndex)
+        node = XmlNode(
+            tag, attributes, self.file, line=self.parser.CurrentLineNumber, start=self.parser.CurrentByteIndex
+        )
         self.open[-1].children.append(node)
         self.open.append(node)
 

@@ -209,7 +209,7 @@ def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
     for _ in range(-(-len(kept) // n) + 2):
         q = [random_turn(rng) if link.revolute else rng.randrange(PRIME) for link in g.links]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
-        moving = motion(chain, range(n), q, qd, qdd, notes)
+        moving = motion(chain, range(n), q, qd=qd, qdd=qdd, notes=notes)
         for column, tau in columns(chain, kept, moving, qdd, notes).items():
             found[column] += [t % PRIME for t in tau]
     return found
@@ -222,7 +222,10 @@ def columns(
     found: dict[Column, list[Any]] = {c: [0] * g.n for c in kept}
     axes: list[tuple[Vector, Vector]] = []
     for i, m in enumerate(moving):
-        axes = [_outwards(z, v, g, moving, i, f"{j + 1}_{i + 1}", notes) for j, (z, v) in enumerate(axes)]
+        axes = [
+            _outwards(z, v, g, moving=moving, i=i, name=f"{j + 1}_{i + 1}", notes=notes)
+            for j, (z, v) in enumerate(axes)
+        ]
         unit = scaled(g.links[i].sign, m.axis)
         nothing: Vector = (0, 0, 0)
         axes.append((unit, nothing) if g.links[i].revolute else (nothing, unit))
@@ -324,8 +327,8 @@ def _cost(g: Geometry, layout: SpatialLayout) -> int:
 
     qdd = leaves("qdd")
     moments, rotors = moments_of({c: counter.leaf(str(c)) for c in layout.merged.kept}, g.n)
-    moving = motion(chain, layout.axes, leaves("q"), leaves("qd"), qdd, counter)
-    return counter.count(torques(chain, moments, rotors, moving, qdd, counter)).cost
+    moving = motion(chain, layout.axes, leaves("q"), qd=leaves("qd"), qdd=qdd, notes=counter)
+    return counter.count(torques(chain, moments, rotors, moving=moving, qdd=qdd, notes=counter)).cost
 
 
 NAMES = {"xx": "YY", "yy": "XX", "xy": "XY", "xz": "XZ", "yz": "YZ", "x": "MX", "y": "MY", "z": "MZ", "m": "M"}
@@ -350,9 +353,9 @@ def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, 
                 f"{name}{i + 1}",
                 {"I": "kg" if sliding else "kg m^2", "M": "kg"}.get(name, "kg m" if name[0] == "M" else "kg m^2"),
                 _meaning(name, i + 1) + (", with what merges into it" if len(parts) > 1 else ""),
-                i + 1,
-                None if value is None else float(value),
-                tuple((j + 1, own, factor) for (own, j), factor in parts),
+                joint=i + 1,
+                value=None if value is None else float(value),
+                parts=tuple((j + 1, own, factor) for (own, j), factor in parts),
             )
         )
     return overridden(arm, lumps)

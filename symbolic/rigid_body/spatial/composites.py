@@ -103,12 +103,12 @@ class JointStep:
                 x, y, lift = link.a, 0, notes.let(f"r{i + 1}", link.reach(q[i]))
                 axis: Vector = (0, 0, 1)
                 if i == group[0]:
-                    c, s = direction_along(geometry, i - 1, group[-1], q, notes)
+                    c, s = direction_along(geometry, i - 1, group[-1], q=q, notes=notes)
                 else:
-                    along = direction_along(geometry, group[-1], i - 1, q, notes)
+                    along = direction_along(geometry, group[-1], i - 1, q=q, notes=notes)
                     way, axis = notes.let(f"x{i + 1}", link.across(q[i])), link.axis(along)
                     x, y = (notes.let(f"l{e}{i + 1}", way * part) for e, part in zip("cs", along, strict=True))
-                own = direction_along(geometry, group[-1], i, q, notes)
+                own = direction_along(geometry, group[-1], i, q=q, notes=notes)
                 steps.append(cls(i + 1, own, (c, s), (x, y, lift), axis, link.twist.pair, notes))
         return steps
 
@@ -167,9 +167,9 @@ class JointStep:
 
     def _turned_moments(self, b: Moments, direction: Direction, name: str) -> Moments:
         x, y, z = self._turned(b.first, direction, f"{name}h")
-        xx, xy, _, yy = self._turned_block(b.xx, b.xy, b.xy, b.yy, direction, name)
+        xx, xy, _, yy = self._turned_block(b.xx, b.xy, b.xy, yy=b.yy, direction=direction, name=name)
         xz, yz, zz = self._turned((b.xz, b.yz, b.zz), direction, f"{name}z")
-        return Moments(b.m, x, y, z, xx, yy, zz, xy, xz, yz)
+        return Moments(b.m, x, y, z=z, xx=xx, yy=yy, zz=zz, xy=xy, xz=xz, yz=yz)
 
     def carried_moments(self, b: Composite) -> Moments:
         """The body about the previous origin, in its axes."""
@@ -179,7 +179,7 @@ class JointStep:
         xy, xz, yz = b.xy + rx * b.y + ry * h[0], b.xz + rx * b.z + rz * h[0], b.yz + ry * b.z + rz * h[1]
         c, s = self.twist
         names = ("hx", "hy", "hz", "xx", "yy", "zz", "xy", "xz", "yz")
-        yy, yz, _, zz = self._turned_block(yy, yz, yz, zz, self.twist, "t")
+        yy, yz, _, zz = self._turned_block(yy, yz, yz, yy=zz, direction=self.twist, name="t")
         moments = (*self.twisted(h), xx, yy, zz, c * xy - s * xz, s * xy + c * xz, yz)
         return Moments(b.m, *self.named([f"{name}_" for name in names], moments))
 
@@ -357,7 +357,7 @@ def _flows(
     ):
         flow = step.turned_flow(carried)
         result.append(flow)
-        carried = step.carried_flow(_with_joint(link, step, b, flow, rate))
+        carried = step.carried_flow(_with_joint(link, step, b, flow=flow, rate=rate))
     return result[::-1]
 
 
@@ -403,7 +403,7 @@ def _rates_along_axes(
             if i < j:
                 now, rate = step.turned_wrench(now, f"{j + 1}_"), step.turned_wrench(rate, f"d{j + 1}_")
                 result[i][j] = own.sign * link.sign * _along(own, step, rate)
-            rate = _seen_from_before(own, step, now, rate, rates[i])
+            rate = _seen_from_before(own, step, now, rate=rate, joint_rate=rates[i])
             now, rate = step.carried(now, f"{j + 1}_"), step.carried(rate, f"d{j + 1}_")
     return result
 

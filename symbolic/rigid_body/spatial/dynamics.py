@@ -84,7 +84,7 @@ def functions(
     """
     recorder, n = author.recorder(), g.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    moving = motion(g, layout.axes, q, qd, qdd, recorder)
+    moving = motion(g, layout.axes, q, qd=qd, qdd=qdd, notes=recorder)
     tau = torques(g, *bodies(symbols, n), moving, qdd, recorder)
     whole = [recorder.symbol(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
     load = [torque - rotor * a for torque, rotor, a in zip(whole, own, qdd, strict=True)]
@@ -110,7 +110,7 @@ def functions(
 def _regressor(author: Author, g: Geometry, kept: Sequence[Column]) -> SymbolicFunction:
     recorder, n = author.recorder(), g.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    moving = motion(g, range(n), q, qd, qdd, recorder)
+    moving = motion(g, range(n), q, qd=qd, qdd=qdd, notes=recorder)
     found = columns(g, kept, moving, qdd, recorder)
     Y = [-found[c][i] if c[0] in MIRRORED else found[c][i] for i in range(n) for c in kept]
     return equation(
@@ -207,9 +207,13 @@ def _motions(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any
             if len(group) == 1 and turns:
                 tilt = step.named(("tx", "ty", "tz"), _spun(NOWHERE, w, half))
                 level = (w[0], w[1], step.notes.let(f"m{i + 1}", w[2] + half))
-                result.append(_Motion(level, step.named(("mx", "my", "mz"), added(al, tilt)), 0, twice, a, U))
+                result.append(_Motion(level, step.named(("mx", "my", "mz"), added(al, tilt)), 0, twice=twice, a=a, U=U))
             else:
-                result.append(_Motion(w, al, spin + half, twice, a, U) if turns else _Motion(now, al, 0, twice, a, U))
+                result.append(
+                    _Motion(w, al, spin + half, twice=twice, a=a, U=U)
+                    if turns
+                    else _Motion(now, al, 0, twice=twice, a=a, U=U)
+                )
             a = a if turns else added(a, cross(now, scaled(twice, step.axis)))
             spin = step.notes.let(f"wz{i + 1}", spin + rate) if turns else spin
             if i == group[0]:

@@ -394,7 +394,9 @@ def _link(revolute: bool, axis: Vector, frame: Standing, before: Standing, file:
     if revolute and 0 not in offset.pair:
         offset, rest = UPRIGHT, offset
     a, d = exact_length(reach[0]), exact_length(dot(reach, (0.0, -float(twist.sin), float(twist.cos))))
-    return LinkFrame(revolute, sign, twist, a, offset, rest, d, tilt, _placement(file.inside(frame)))
+    return LinkFrame(
+        revolute, sign, twist, a=a, offset=offset, rest=rest, d=d, tilt=tilt, body=_placement(file.inside(frame))
+    )
 
 
 def _still_axes(links: Sequence[LinkFrame]) -> list[Vector]:

@@ -135,7 +135,7 @@ def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
             ("q", "qd"),
             output(
                 "v",
-                _rates(geometry, axes, tip, qd, recorder),
+                _rates(geometry, axes, tip, qd=qd, recorder=recorder),
                 (6,),
                 unit="m/s, rad/s",
                 meaning="velocity, angular velocity",
@@ -199,7 +199,7 @@ def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     steps = JointStep.all(geometry, q, recorder)
     axes, pull = _from_tip(geometry, steps, recorder)
-    a, U = _acceleration(geometry, steps, axes, pull, qd, qdd)
+    a, U = _acceleration(geometry, steps, axes, pull=pull, qd=qd, qdd=qdd)
     wrenches = _unit_loads(a, U)
     rows = [
         [dot(column[:3], f) + dot(column[3:], m) for f, m in wrenches] for column in _columns(geometry, axes, NOWHERE)

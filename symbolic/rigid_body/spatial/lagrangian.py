@@ -73,8 +73,8 @@ def exact_file_chain(geometry: Geometry) -> ExactFileChain:
         tuple(link.revolute for link in geometry.links),
         tuple(placements),
         tuple(_axis(link) for link in geometry.links),
-        _joined(before, geometry.tip),
-        applied(geometry.base.turn, geometry.gravity),
+        tip=_joined(before, geometry.tip),
+        gravity=applied(geometry.base.turn, geometry.gravity),
     )
 
 
@@ -198,7 +198,7 @@ class ExactChain:
             T = times(T, steps[-1])
             places.append(T)
         axes = [times(times(T, Q), inverse(T)) for T, Q in zip(places, self.generators, strict=True)]
-        return ExactPosture(self, tuple(bodies), steps, places, axes)
+        return ExactPosture(self, tuple(bodies), steps, places=places, axes=axes)
 
 
 @dataclass(frozen=True)

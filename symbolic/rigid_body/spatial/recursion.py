@@ -191,21 +191,30 @@ def motion(
             link, k = g.links[i], i + 1
             reach: tuple[Any, Any] = (0, 0)
             if i > group[0]:
-                c, s = direction_along(g, at, i - 1, q, notes)
+                c, s = direction_along(g, at, i - 1, q=q, notes=notes)
                 reach = _along_x(link.across(q[i]), (c, s), k, notes)
                 state = state.moved(found[-1].U.along(*reach, 0), k, notes)
-            before = direction_along(g, axes[i], at, q, notes)
+            before = direction_along(g, axes[i], at, q=q, notes=notes)
             state, at = _turned_state(state, before, k, notes), axes[i]
             lift = notes.let(f"r{k}", link.reach(q[i]))
             state = state.moved([e * lift for e in state.column], k, notes)
-            axis = (0, 0, 1) if i == group[0] else link.axis(direction_along(g, at, i - 1, q, notes))
-            state = _jointed(state, link, axis, qd[i], qdd[i], k, notes)
+            axis = (0, 0, 1) if i == group[0] else link.axis(direction_along(g, at, i - 1, q=q, notes=notes))
+            state = _jointed(state, link, axis, qd=qd[i], qdd=qdd[i], k=k, notes=notes)
             U = _gradient(state, at == group[-1] and i < g.n - 1, k, notes)
             found.append(
-                SpatialMotion(i == group[0], direction_along(g, at, i, q, notes), before, reach, lift, axis, U, state.a)
+                SpatialMotion(
+                    i == group[0],
+                    direction_along(g, at, i, q=q, notes=notes),
+                    before,
+                    reach=reach,
+                    lift=lift,
+                    axis=axis,
+                    U=U,
+                    a=state.a,
+                )
             )
         if group[-1] < g.n - 1:
-            state = _turned_state(state, direction_along(g, group[-1], at, q, notes), group[-1] + 1, notes)
+            state = _turned_state(state, direction_along(g, group[-1], at, q=q, notes=notes), group[-1] + 1, notes)
             state = _twisted_state(state, g.links[group[-1] + 1], group[-1] + 2, notes)
     return found
 
@@ -353,7 +362,7 @@ def torques(
             F, N = (named(name, k, turned(v, back), notes) for name, v in (("F", F), ("N", N)))
             x, y = m.reach
             N = named("N", k, _sum(N, (y * F[2], -x * F[2], x * F[1] - y * F[0])), notes)
-        F, N = _inwards(F, N, g.links[group[0]], group[0] + 1, notes)
+        F, N = _inwards(F, N, g.links[group[0]], k=group[0] + 1, notes=notes)
     return tau
 
 
