@@ -246,7 +246,7 @@ def test_even_steps_are_called_so(tmp_path, capsys):
     )
     rng = np.random.default_rng(0)
     late = m | {"t": m["t"] + 1e-4 * rng.uniform(size=len(m["t"]))}
-    assert "jitter 4.1·10⁻⁵ s" in run(capsys, "inspect", write(tmp_path / "b.csv", late))[1]
+    assert "jitter 4.1e-05 s" in run(capsys, "inspect", write(tmp_path / "b.csv", late))[1]
 
 
 def test_other_names_are_guessed_and_not_believed(tmp_path, capsys):
