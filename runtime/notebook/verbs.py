@@ -108,7 +108,7 @@ def simulate(
         if motion is None or isinstance(motion, np.ndarray)
         else simulation.read_motion(Path(motion), arm.model.n)
     )
-    settings = SimulationSettings(seed, seconds, repeats, noise, signals)
+    settings = SimulationSettings(seed, seconds, repeats, noise=noise, signals=signals)
     made, _ = simulation.simulate(arm.model, hidden, settings, path)
     return made
 
@@ -129,7 +129,7 @@ def import_(
     Raises ValueError.
     """
     own = None if effects is None else Path(effects)
-    made = imported(Path(path), effects_described(own, space=True), base, tip, lock, friction)
+    made = imported(Path(path), effects_described(own, space=True), base, tip=tip, locked=lock, friction=friction)
     library = effects_library(own, space=True) if own else None
     return LoadedArm(Source(Path(f"{made.arm.name}.toml"), made.text, library), made.notes)
 

@@ -148,7 +148,7 @@ def assemble(blocks: Sequence[ProgramBlock]) -> Sum:
     counts = [block.expression.rows.numel() * block.count for block in blocks]
     scale, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", sum(counts))
     each = ca.vertsplit(multipliers, np.cumsum([0, *counts]).tolist())
-    parts = [_block_functions(block, x, p, scale, y) for block, y in zip(blocks, each, strict=True)]
+    parts = [_block_functions(block, x, p, scale=scale, y=y) for block, y in zip(blocks, each, strict=True)]
     cost, rows, gradient, jacobian, hessian = zip(*parts, strict=True)
     f, g = sum(cost), ca.vertcat(*rows)
     functions = {
@@ -400,7 +400,7 @@ class Kernels:
         total = np.zeros((self.size, self.size))
         for block, here, place in zip(self.blocks, slopes, self._ends, strict=True):
             G, own = here.rows, here.rows.shape[:2]
-            m = block.hessian(x, p, here, scale, y[place].reshape(own))
+            m = block.hessian(x, p, here, scale=scale, y=y[place].reshape(own))
             m += G.transpose(0, 2, 1) @ (sigma[place].reshape(own)[:, :, None] * G)
             block.add_hessian(total, m)
         return total

@@ -67,7 +67,7 @@ class Effort:
         """(n, N) torque with which the springs push the joints forward, τ_s of (2)."""
         m = self.motion
         bare = {term: values for term, values in self.terms.items() if not is_spring(self.model.library[term.effect])}
-        return torque_along(self.model, m.q, m.qd, m.qdd, self.rate, bare) - self.tau
+        return torque_along(self.model, m.q, m.qd, qdd=m.qdd, rate=self.rate, values=bare) - self.tau
 
     @cached_property
     def cost(self) -> Array:
@@ -101,8 +101,10 @@ def at_times(
         if rubs or not model.library[term.effect].rubs
     }
     step = float(np.mean(np.diff(t))) if len(t) > 1 else trajectory.duration
-    tau = torque_along(model, m.q, m.qd, m.qdd, 1 / step, terms)
-    return Effort(model, m, terms, 1 / step, np.full(len(t), step) if weights is None else weights, tau)
+    tau = torque_along(model, m.q, m.qd, qdd=m.qdd, rate=1 / step, values=terms)
+    return Effort(
+        model, m, terms, rate=1 / step, weights=np.full(len(t), step) if weights is None else weights, tau=tau
+    )
 
 
 def objective(scenario: Scenario, found: Effort) -> float:
@@ -164,9 +166,13 @@ def limited(seen: Effort) -> Iterator[Along]:
         if joint.position_limits is not None:
             yield Along("position", i, m.q[i], *joint.position_limits, joint.position_unit)
         if joint.speed_limit is not None:
-            yield Along("speed", i, m.qd[i], -joint.speed_limit, joint.speed_limit, f"{joint.position_unit}/s")
+            yield Along(
+                "speed", i, m.qd[i], low=-joint.speed_limit, high=joint.speed_limit, unit=f"{joint.position_unit}/s"
+            )
         if joint.torque_limit is not None:
-            yield Along("torque", i, seen.tau[i], -joint.torque_limit, joint.torque_limit, joint.force_unit)
+            yield Along(
+                "torque", i, seen.tau[i], low=-joint.torque_limit, high=joint.torque_limit, unit=joint.force_unit
+            )
 
 
 def tightened(program: Program, bounds: Bounds, t: Array, beyond: Sequence[Along]) -> Bounds:

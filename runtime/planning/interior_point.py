@@ -178,7 +178,7 @@ class _Search:
         cost, rows = self._values(x)
         if not (np.isfinite(cost) and np.isfinite(rows).all() and np.isfinite(self._slopes(x).gradient).all()):
             # Beyond the arm's reach: no step leads back.
-            return Minimum(x, cost, rows, STUCK, 0)
+            return Minimum(x, cost, rows, status=STUCK, iterations=0)
         at, slopes = self._begin(x)
         self.filter = _Filter(1e4 * max(1.0, self._infeasibility(at)))
         for iteration in range(self.manner.iterations):
@@ -194,7 +194,7 @@ class _Search:
         return self._ended(at, LIMIT, self.manner.iterations)
 
     def _ended(self, at: _Iterate, status: str, iterations: int) -> Minimum:
-        return Minimum(at.x, float(at.cost / self.scale), at.rows, status, iterations)
+        return Minimum(at.x, float(at.cost / self.scale), at.rows, status=status, iterations=iterations)
 
     # --- the iterate ---
 
@@ -219,7 +219,7 @@ class _Search:
             squares = np.asarray(-np.linalg.lstsq(slopes.equalities[:, free].T, dual, rcond=None)[0])
             if np.abs(squares).max() <= _LARGEST_START:
                 y = squares
-        return _Iterate(x, cost, rows, s, y, zl, zu), slopes
+        return _Iterate(x, cost, rows, s=s, y=y, zl=zl, zu=zu), slopes
 
     def _values(self, x: Array) -> tuple[float, Array]:
         cost, rows = self.program.kernels.value(x, self.program.p)

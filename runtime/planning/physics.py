@@ -146,7 +146,9 @@ class PlanInstant:
         """Torque of a spring or an effect at a joint (0-based)."""
         values = self.springs[term] if term in self.springs else self.p(str(term))
         read = self._signals.reader(term, joint)
-        return casadi_functions.effect_torque(self.physics.model, term.effect, read, values, self.p("width"))
+        return casadi_functions.effect_torque(
+            self.physics.model, term.effect, read, values=values, width=self.p("width")
+        )
 
 
 class _Signals(SignalContext):

@@ -225,7 +225,14 @@ class Solver:
         if found.status != SOLVED:
             found = self._by_ipopt(manner, x, whole)
         seconds = time.perf_counter() - began
-        return Attempt(found.x, found.cost, found.status, found.iterations, seconds, self._missed(found.rows))
+        return Attempt(
+            found.x,
+            found.cost,
+            found.status,
+            iterations=found.iterations,
+            seconds=seconds,
+            missed=self._missed(found.rows),
+        )
 
     @cached_property
     def _sum(self) -> Sum:
@@ -244,7 +251,9 @@ class Solver:
         if stats["return_status"] in _INTERRUPTED:
             # After Ctrl-C IPOPT returns its last iterate, which is not a solution.
             raise KeyboardInterrupt
-        return Minimum(x, float(found["f"]), rows, str(stats["return_status"]), int(stats["iter_count"]))
+        return Minimum(
+            x, float(found["f"]), rows, status=str(stats["return_status"]), iterations=int(stats["iter_count"])
+        )
 
     def bounds(self, sizes: Mapping[int, float]) -> Bounds:
         """Of the unknowns, (nx,) each: only springs have bounds, the motion has constraints."""

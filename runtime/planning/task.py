@@ -184,13 +184,13 @@ class Task:
         at = self._coordinates(phase, ca.vertsplit(c[0]))
         v, a = self._rates(phase, c[1] / T), self._rates(phase, c[2] / T**2)
         if self.scenario.phases[phase].kind == "free":
-            return PlanInstant(self.physics, at, v, a, springs, self.p, apart=self._kept_off)
+            return PlanInstant(self.physics, at, v, qdd=a, springs=springs, p=self.p, apart=self._kept_off)
         struct = self.p("struct")
         q = casadi_functions.arm_function(self.model, "contact_inverse")(struct, at, self.scenario.elbow)
         solve = casadi_functions.arm_function(self.model, "contact_acceleration")
         # b_w is zero without rates, so that accelerations and rates have the same map.
         qd = solve(struct, q, ca.SX.zeros(self.model.n), v)
-        return PlanInstant(self.physics, q, qd, solve(struct, q, qd, a), springs, self.p, apart=False)
+        return PlanInstant(self.physics, q, qd, qdd=solve(struct, q, qd, a), springs=springs, p=self.p, apart=False)
 
     # --- along a phase ---
 

@@ -199,7 +199,7 @@ def _candidates(finding: FindingEntry, context: Context) -> list[Section]:
     named = RankedCandidate(effect=finding.effect, joint=finding.joint, evidence=finding.evidence)
     also = {k for k in context.also if k != key(finding)}
     rivals = {key(r): r for r in finding.rivals}
-    rows = [_row(named, "named", "Named: it passes every gate.", context.at(named, finding), context)]
+    rows = [_row(named, "named", "Named: it passes every gate.", place=context.at(named, finding), context=context)]
     rest = []
     for e in finding.ranking:
         if key(e) == key(finding):
@@ -208,7 +208,7 @@ def _candidates(finding: FindingEntry, context: Context) -> list[Section]:
             rest.append(e)
             continue
         why = _as_reason(in_place_of(e, finding, context))
-        rows.append(_row(e, "rival" if key(e) in rivals else "", why, context.at(e, finding), context))
+        rows.append(_row(e, "rival" if key(e) in rivals else "", why, place=context.at(e, finding), context=context))
     weighed = {key(e) for e in finding.ranking}
     pair = (
         f"Not ruled out: in place of {finding.effect}, beside the other findings, it fits about as well; "
@@ -228,7 +228,9 @@ def not_named(ranked: Iterable[RankedCandidate], held_out: bool, context: Contex
         if _group(e, context.at(e)):
             rest.append(e)
         else:
-            rows.append(_row(e, "", _as_reason(why_not_named(e, context, held_out)), context.at(e), context))
+            rows.append(
+                _row(e, "", _as_reason(why_not_named(e, context, held_out)), place=context.at(e), context=context)
+            )
     table_ = [_table(rows, "left", "Candidates for what is left")] if rows else []
     return [*table_, *_rest(rest, context, None)]
 

@@ -309,7 +309,9 @@ def _pairs(after: Fit, before: Fit | None, meanings: Meanings) -> list[_Fitted]:
         joint, effect, name = key
         entry, stated = new.get(key, (None, None))
         label = f"{effect}: {name}" if effect else name
-        made.append(_Fitted(joint, label, stated, old.get(key), entry, meanings.get((effect, name), "")))
+        made.append(
+            _Fitted(joint, label, stated, before=old.get(key), after=entry, meaning=meanings.get((effect, name), ""))
+        )
     return made
 
 

@@ -28,10 +28,10 @@ class Friction:
 PRECISION = 0.005
 """Half a unit of the last digit that Table I prints."""
 TABLE_1 = (
-    Friction((1.0, 2.0), 1.46, 0.83, 2.53, -0.21),
-    Friction((1.0, 2.0), 1.14, 0.91, 2.18, -0.19),
-    Friction((1.0, 2.5), 1.01, 1.14, 1.93, -0.12),
-    Friction((1.0, 3.0, 5.0), 1.72, 1.05, 1.14, -0.01),
+    Friction((1.0, 2.0), 1.46, 0.83, viscous=2.53, cubic=-0.21),
+    Friction((1.0, 2.0), 1.14, 0.91, viscous=2.18, cubic=-0.19),
+    Friction((1.0, 2.5), 1.01, 1.14, viscous=1.93, cubic=-0.12),
+    Friction((1.0, 3.0, 5.0), 1.72, 1.05, viscous=1.14, cubic=-0.01),
 )
 
 

@@ -166,7 +166,7 @@ def _varied(scenario: Scenario, model: Model, setting: Mapping[str, Value]) -> t
             if not scenario.springs and "case" in setting:
                 columns[name] = None
                 continue
-            scenario = _sprung(scenario, model, name, spring[1], spring[2], float(value))
+            scenario = _sprung(scenario, model, name, what=spring[1], joint=spring[2], value=float(value))
         elif contact := _CONTACT.fullmatch(name):
             effect, key = contact.groups()
             own = {**scenario.contact.get(effect, {}), key: float(value)}

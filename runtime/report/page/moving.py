@@ -328,11 +328,11 @@ class ExecutedCycles:
                 self.t - self.t[0],
                 self.planned.motion.q[i],
                 q[i],
-                self.planned.tau[i],
-                tau[i],
-                self._springs.get(i + 1),
-                joint.position_unit,
-                joint.force_unit,
+                torque_planned=self.planned.tau[i],
+                torque=tau[i],
+                spring=self._springs.get(i + 1),
+                position_unit=joint.position_unit,
+                force_unit=joint.force_unit,
             )
             for i, joint in enumerate(self.result.plan.model.joints)
         ]

@@ -88,9 +88,9 @@ def error(steps: Sequence[Step], joint: int, held_out_floor: float | None = None
         [label(s) for s in steps],
         [s.fitted.relative[joint] for s in steps],
         held if len(held) == len(steps) else None,
-        relative_floor(series),
-        title,
-        held_out_floor,
+        floor=relative_floor(series),
+        title=title,
+        held_out_floor=held_out_floor,
     )
 
 
@@ -138,7 +138,11 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
     name = name if len(name) <= _LONGEST_NAME else "all that was added"
     share = structure_shares(before)
     for signal in sorted(signals(before), key=lambda s: -share[s]):
-        found.append(_residual(before, after, signal, curve, name, f"residual{number}{signal}", share[signal]))
+        found.append(
+            _residual(
+                before, after, signal, curve=curve, label=name, name=f"residual{number}{signal}", share=share[signal]
+            )
+        )
     # What follows no signal may be a disturbance, and then its frequency says more.
     place = len(found) if max(share.values()) > _FOLLOWS else 2
     found.insert(place, _spectrum(first, last, joint))
@@ -158,11 +162,11 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
         frequency,
         before_density,
         None if last is first else density(last, joint)[1],
-        before.floor.spectrum / np.sqrt(cutoff),
-        cutoff,
-        before.force_unit,
-        "Residual over frequency",
-        peaks,
+        noise=before.floor.spectrum / np.sqrt(cutoff),
+        cutoff=cutoff,
+        unit=before.force_unit,
+        title="Residual over frequency",
+        lines=peaks,
     )
     caption = "Residual over frequency; grey: the noise of the instruments alone, if it is white."
     if line is not None:
@@ -192,7 +196,17 @@ def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> li
     found = []
     if not alone:
         signal = most_telling(before, curve)
-        found.append(_residual(before, after, signal, curve, effect, f"{name}over", structure_shares(before)[signal]))
+        found.append(
+            _residual(
+                before,
+                after,
+                signal,
+                curve=curve,
+                label=effect,
+                name=f"{name}over",
+                share=structure_shares(before)[signal],
+            )
+        )
     if info.states:
         trace, _ = _trace(before, after)
         closely = trace.cut(*_most(trace, curve**2))
@@ -230,11 +244,11 @@ def _residual(
         axis_of(before, signal),
         before.residual,
         None if after is None else after.residual,
-        before.floor.value,
-        before.force_unit,
-        curve,
-        label,
-        f"Residual over {signal}",
+        floor=before.floor.value,
+        unit=before.force_unit,
+        curve=curve,
+        curve_label=label,
+        title=f"Residual over {signal}",
     )
     when = "" if after is None else " before"
     caption = f"Residual over {signal}, which explains {100 * share:.0f} % of its variance{when}."
@@ -271,7 +285,13 @@ def _trace(before: JointSeries, after: JointSeries | None) -> tuple[joint_plots.
     t, end_to_end = clock(before)
     predicted = None if after is None else after.predicted
     trace = joint_plots.Trace(
-        t, before.piece, before.tau, before.predicted, predicted, before.floor.value, before.force_unit
+        t,
+        before.piece,
+        before.tau,
+        before=before.predicted,
+        after=predicted,
+        floor=before.floor.value,
+        unit=before.force_unit,
     )
     return trace, end_to_end
 

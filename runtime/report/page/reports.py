@@ -457,10 +457,10 @@ def _parameters(summary: ResultSummary) -> Group:
     made: list[Section] = [
         Paragraph("Value ± half of the 95 % interval, which accounts for correlated residuals.", "note")
     ]
-    made += fits.parameters_by_joint(after, before, names, meanings, quiet)
+    made += fits.parameters_by_joint(after, before, names, meanings=meanings, quiet=quiet)
     if after.uncorrected is not None:
         earlier = None if before is None else before.uncorrected
-        inside = tuple(fits.parameters_by_joint(after.uncorrected, earlier, names, meanings, quiet))
+        inside = tuple(fits.parameters_by_joint(after.uncorrected, earlier, names, meanings=meanings, quiet=quiet))
         made.append(Group("Without skew correction, standstill included", inside, folded=True))
     if summary.left is not None:
         alone = fits.recordings_alone(summary.left.document())

@@ -86,9 +86,27 @@ def error_fall(
     colours = [BEFORE if k == 0 else AFTER for k in range(count)]
     height = 0.36 if held_out is not None else 0.56
     shift = 0.2 if held_out is not None else 0.0
-    _bars(ax, rows - shift, fitted, height, colours, 0.9, "fitted " if held_out is not None else "", floor)
+    _bars(
+        ax,
+        rows - shift,
+        fitted,
+        height=height,
+        colours=colours,
+        alpha=0.9,
+        what="fitted " if held_out is not None else "",
+        floor=floor,
+    )
     if held_out is not None:
-        _bars(ax, rows + shift, held_out, height, colours, 0.4, "held out ", held_out_floor)
+        _bars(
+            ax,
+            rows + shift,
+            held_out,
+            height=height,
+            colours=colours,
+            alpha=0.4,
+            what="held out ",
+            floor=held_out_floor,
+        )
     longest = max([*fitted, *(held_out or ()), floor, held_out_floor or 0.0, 1e-6])
     ax.text(100 * floor, -0.62, "noise floor", color=FAINT, ha="center", va="bottom", fontsize=8)
     ax.set(ylim=(count - 0.45, -0.6), xlim=(0, 134 * longest), xlabel="error, % of the torque")
@@ -328,7 +346,15 @@ class Trace:
         """The samples of one piece from start to stop, s."""
         use = (self.t >= start) & (self.t <= stop) & (self.piece == piece)
         after = None if self.after is None else self.after[use]
-        return Trace(self.t[use], self.piece[use], self.tau[use], self.before[use], after, self.floor, self.unit)
+        return Trace(
+            self.t[use],
+            self.piece[use],
+            self.tau[use],
+            before=self.before[use],
+            after=after,
+            floor=self.floor,
+            unit=self.unit,
+        )
 
     def models(self) -> list[tuple[str, Array, str]]:
         """Name, predicted torque and colour of what there is."""

@@ -80,10 +80,10 @@ def of_series(
             "time",
             "Residual over time",
             "time",
-            ("time, s", f"residual, {before.force_unit}"),
-            -reach,
-            reach,
-            residuals,
+            labels=("time, s", f"residual, {before.force_unit}"),
+            low=-reach,
+            high=reach,
+            lines=residuals,
             band=floor,
         ),
     ]
@@ -93,15 +93,19 @@ def of_series(
     for name in _SHOWN:
         if name not in axes:
             continue
-        panels.append(_over(name, axes[name], models, residuals, reach, floor, added, share[name]))
+        panels.append(
+            _over(
+                name, axes[name], models, residuals=residuals, reach=reach, floor=floor, added=added, share=share[name]
+            )
+        )
     return SignalSet(
         f"Joint {numbered(before.joint, before.name)}",
         figures.clock(before)[0],
         lines,
-        {name: axis.values for name, axis in axes.items()},
-        (*panels, *more),
-        floor,
-        before.force_unit,
+        axes={name: axis.values for name, axis in axes.items()},
+        panels=(*panels, *more),
+        floor=floor,
+        unit=before.force_unit,
     )
 
 
@@ -130,7 +134,9 @@ def of_recording(recording: Recording, joint: int) -> SignalSet:
     lines = {name: values for name, (values, _) in rows.items()}
     t = figures.running_clock(recording.t, recording.run)[0]
     units = {name: unit for name, (_, unit) in rows.items()}
-    return SignalSet(f"Joint {joint + 1} as recorded", t, lines, {}, panels, 0.0, force, units)
+    return SignalSet(
+        f"Joint {joint + 1} as recorded", t, lines, axes={}, panels=panels, floor=0.0, unit=force, units=units
+    )
 
 
 def _over(
@@ -154,13 +160,13 @@ def _over(
         "over",
         f"Residual over {name}",
         name,
-        (axis.label, f"residual, {models[0][2].force_unit}"),
-        -reach,
-        reach,
-        residuals,
-        tuple(curves),
-        floor,
-        axis.width if axis.creep else 0.0,
+        labels=(axis.label, f"residual, {models[0][2].force_unit}"),
+        low=-reach,
+        high=reach,
+        lines=residuals,
+        curves=tuple(curves),
+        band=floor,
+        stretch=axis.width if axis.creep else 0.0,
         note=f"{name.capitalize()} explains {percent(share, 0)} of the residual's variance{when}.",
     )
 
@@ -170,7 +176,7 @@ def _means(axis: PlotAxis, y: Array, name: str, colour: Colour, dashed: bool = F
     found = []
     for side in axis.sides():
         x, mean = running_mean(axis.stretched()[side], y[side])
-        found.append(curve(name, colour, axis.unstretched(x), mean, dashed))
+        found.append(curve(name, colour, axis.unstretched(x), y=mean, dashed=dashed))
     return found
 
 
@@ -196,12 +202,12 @@ def _spectrum(before: JointSeries, residuals: Sequence[Array], motion: Motion) -
         "curves",
         "Residual over frequency",
         "frequency",
-        ("frequency, Hz", f"residual, {before.force_unit}/√Hz"),
-        0.7 * min(low, noise or low),
-        1.6 * high,
-        (),
-        tuple(curves),
-        noise,
+        labels=("frequency, Hz", f"residual, {before.force_unit}/√Hz"),
+        low=0.7 * min(low, noise or low),
+        high=1.6 * high,
+        lines=(),
+        curves=tuple(curves),
+        band=noise,
         log=True,
         marks=tuple(float(f) for f in peaks),
         note="Grey: the noise of the instruments alone, if it is white.",

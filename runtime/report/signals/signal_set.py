@@ -97,7 +97,7 @@ def curve(name: str, colour: Colour, x: Array, y: Array, dashed: bool = False) -
     points = [
         (float(a), float(b)) if np.isfinite(a) and np.isfinite(b) else (None, None) for a, b in zip(x, y, strict=True)
     ]
-    return DrawnCurve(name, colour, [a for a, _ in points], [b for _, b in points], dashed)
+    return DrawnCurve(name, colour, [a for a, _ in points], y=[b for _, b in points], dashed=dashed)
 
 
 def around(values: Sequence[Array], least: float = 0.0) -> tuple[float, float]:
