@@ -332,7 +332,7 @@ def test_cores_only_save_time(model: Model, monkeypatch: pytest.MonkeyPatch) -> 
     for count in (1, 2):
         forked.clear()
         with on_cores(count):
-            motions.append(optimize(model, scenario))
+            plans.append(optimize(model, scenario))
         # Two for each of: motions that springs are chosen for, springs, ways, neighbours.
         assert len(forked) == (0 if count == 1 else 8)
     one, two = plans
