@@ -413,8 +413,8 @@ class CanDrive:
             if self._optional(Entry(0x1800 + number - 1, 1, "I", f"TPDO {number}")) is not None:
                 self._write(Entry(0x1800 + number - 1, 1, "I", f"TPDO {number}"), _PDO_OFF)
         answer, command = (STATUSWORD, POSITION), (CONTROLWORD, TARGET_TORQUE)
-        self._map_one("TPDO 1", 0x1800, 0x1A00, 0x180, _EVERY_SYNC, answer)
-        self._map_one("RPDO 1", 0x1400, 0x1600, 0x200, _AT_ONCE, command)
+        self._map_one("TPDO 1", 0x1800, 0x1A00, base=0x180, kind=_EVERY_SYNC, entries=answer)
+        self._map_one("RPDO 1", 0x1400, 0x1600, base=0x200, kind=_AT_ONCE, entries=command)
 
     def _map_one(self, name: str, at: int, mapping: int, base: int, kind: int, entries: tuple[Entry, ...]) -> None:
         identifier = Entry(at, 1, "I", f"{name}, identifier")

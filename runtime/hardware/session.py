@@ -374,7 +374,7 @@ class Session(Conversation):
         detail = self.link.fault if reason == "drive" else None
         if reason == "drive" and state["code"] == self.codec.document["not_ready"]:
             detail = detail or "a drive that was ready is not any more"
-        return Ended(reason, state["joint"] or None, state["period"], detail, state["code"])
+        return Ended(reason, state["joint"] or None, state["period"], detail=detail, code=state["code"])
 
     @property
     def _stopped(self) -> bool:

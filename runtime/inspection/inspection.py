@@ -88,7 +88,7 @@ def _by_names(recording: Recording) -> list[Suspicion]:
             cure = _in_unit(recording, signal, unit)
             said = f"{signal} is read in SI, and the name of its field, {quote(cell)}, ends in the unit {unit}"
             kind = "degrees" if unit == "deg" else "unit"
-            found.append(Suspicion(int(known[2]), kind, said, f"if so, pass {cure}", (cure,)))
+            found.append(Suspicion(int(known[2]), kind, said, cure=f"if so, pass {cure}", maps=(cure,)))
     return found
 
 
@@ -111,7 +111,9 @@ def of_rates(recording: Recording) -> list[Suspicion]:
         if best is not None and others[best] > FOLLOWS:
             cure = map_option(f"qd{i + 1}", _cell(recording, f"qd{best + 1}"))
             said = f"qd{best + 1} is the derivative of q{i + 1}, and qd{i + 1} is not"
-            found.append(Suspicion(i + 1, "exchanged", said, f"expected both under one number: pass {cure}", (cure,)))
+            found.append(
+                Suspicion(i + 1, "exchanged", said, cure=f"expected both under one number: pass {cure}", maps=(cure,))
+            )
         elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
             found.append(_unrelated(i + 1, explained))
     return found
@@ -125,7 +127,7 @@ def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspic
         if joint not in wrong:
             cure = _in_unit(recording, f"qd{joint}", "deg/s")
             said = f"qd{joint} is read in the unit of q{joint} a second"
-            found.append(Suspicion(joint, "unit", said, f"if that is deg/s, pass {cure}", (cure,)))
+            found.append(Suspicion(joint, "unit", said, cure=f"if that is deg/s, pass {cure}", maps=(cure,)))
     return found
 
 
@@ -145,12 +147,14 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
     said = f"{qd} is {factor:.3g} times the derivative of {q}"
     if abs(abs(factor) - 1) < SCALE_OFF:
         cure, other = (map_option(name, negated(_cell(recording, name))) for name in (qd, q))
-        return [Suspicion(joint + 1, "sign", said, f"expected the same sign: pass {cure}, or {other}", (cure,))]
+        return [
+            Suspicion(joint + 1, "sign", said, cure=f"expected the same sign: pass {cure}, or {other}", maps=(cure,))
+        ]
     units = _units_of(abs(factor))
     if units is None:
         return [Suspicion(joint + 1, "unit", said, f"check the units of {qd}, {q} and t, and state them with --map")]
     cures = tuple(_in_unit(recording, signal, unit) for signal, unit in zip((q, qd), units, strict=True) if unit)
-    return [Suspicion(joint + 1, "unit", said, f"expected rad and rad/s: pass {' '.join(cures)}", cures)]
+    return [Suspicion(joint + 1, "unit", said, cure=f"expected rad and rad/s: pass {' '.join(cures)}", maps=cures)]
 
 
 def _units_of(factor: float) -> tuple[str, str] | None:
@@ -183,7 +187,7 @@ def over_turns(recording: Recording) -> list[Suspicion]:
         turns = float(np.ptp(q)) / (2 * pi)
         if recording.types[i] == "revolute" and turns > MANY_TURNS and f"q{i + 1}" not in recording.units:
             cure, said = _in_unit(recording, f"q{i + 1}", "deg"), f"its position covers {turns:.3g} turns"
-            found.append(Suspicion(i + 1, "degrees", said, f"if it is in degrees, pass {cure}", (cure,)))
+            found.append(Suspicion(i + 1, "degrees", said, cure=f"if it is in degrees, pass {cure}", maps=(cure,)))
     return found
 
 
@@ -202,7 +206,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
             said = f"{said} (work of {work[i, i]:.3g} J)"
         if len(recording.q) == 1:
             expected = f"expected positive torque towards positive positions: pass {cure}"
-            found.append(Suspicion(joint, "sign", said, expected, (cure,)))
+            found.append(Suspicion(joint, "sign", said, cure=expected, maps=(cure,)))
             continue
         others = " or ".join(_exchange(recording, int(i), j) for j in _drivers(part, int(i)))
         other = others or "name them in the order of the joints"
@@ -311,13 +315,13 @@ def inspect(path: Path, arm: RecordedArm | None, mapping: Mapping[str, str], all
     names = tuple(joint.name for joint in arm.joints) if arm else ()
     problem: str | None = None
     try:
-        return Inspection(path, contents, read(path, arm, mapping, allow_gaps), None, names)
+        return Inspection(path, contents, read(path, arm, mapping, allow_gaps), problem=None, names=names)
     except RecordingError as error:
         problem = str(error)
     try:
-        return Inspection(path, contents, read(path, arm, mapping, True), problem, names)
+        return Inspection(path, contents, read(path, arm, mapping, True), problem=problem, names=names)
     except RecordingError:
-        return Inspection(path, contents, None, problem, names)
+        return Inspection(path, contents, None, problem=problem, names=names)
 
 
 def with_model(inspection: Inspection, model: Model) -> Inspection:

@@ -255,7 +255,7 @@ class Library:
         parameters   the shape parameters     dt   s, only for effects with states
         """
         info = self[effect]
-        return self._call(info, "columns", 1 + len(info.coefficients), signals, parameters, dt)
+        return self._call(info, "columns", 1 + len(info.coefficients), signals=signals, parameters=parameters, dt=dt)
 
     def torque(
         self,
@@ -265,7 +265,7 @@ class Library:
         dt: float = 0.0,
     ) -> Array:
         """The effect's torque, (N,), from all its parameters."""
-        return self._call(self[effect], "torque", 1, signals, parameters, dt)[0]
+        return self._call(self[effect], "torque", 1, signals=signals, parameters=parameters, dt=dt)[0]
 
     def states(
         self,
@@ -278,7 +278,7 @@ class Library:
         info = self[effect]
         if not info.states:
             return {}
-        rows = self._call(info, "states", len(info.states), signals, parameters, dt)
+        rows = self._call(info, "states", len(info.states), signals=signals, parameters=parameters, dt=dt)
         return dict(zip(info.states, rows, strict=True))
 
     def recover(self, effect: str, coefficients: ArrayLike, shape: Mapping[str, float]) -> dict[str, float]:
@@ -330,7 +330,9 @@ class Library:
         joints, rows = len(signals), 1 + len(info.coefficients)
         lanes = self._lanes if info.states and len(choices) > 1 else 1
         if joints > 1 and joints * rows * count * lanes > _MOST_AT_ONCE:
-            each = [self.columns_in_band(effect, [one], choices, dt, kernel, factor) for one in signals]
+            each = [
+                self.columns_in_band(effect, [one], choices, dt=dt, kernel=kernel, factor=factor) for one in signals
+            ]
             return np.concatenate(each, axis=1)
         values = np.array([self._values(info, choice, False) for choice in choices])
         padded = np.concatenate([values, np.repeat(values[-1:], -len(values) % lanes, axis=0)])

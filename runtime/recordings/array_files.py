@@ -183,7 +183,15 @@ def open_hdf5(path: Path, refuse: Refusal) -> ArrayContents:
     def visit(name: str, node: Any) -> bool | None:
         if isinstance(node, h5py.Dataset) and _is_plain(node) and not name.startswith("#"):
             shown = name.replace("/", ".") if matlab else name
-            _add(variables, shown, node, partial(_load_hdf5, path, name, None, refuse), path, name, refuse)
+            _add(
+                variables,
+                shown,
+                node,
+                load=partial(_load_hdf5, path, name, None, refuse),
+                path=path,
+                name=name,
+                refuse=refuse,
+            )
         return True if len(variables) > MOST_FIELDS else None
 
     with refuse.on(_HDF5_ERRORS, "the HDF5 file is damaged or cut off", "copy it again"), h5py.File(path, "r") as file:
@@ -311,7 +319,7 @@ def _of_archive(path: Path, refuse: Refusal) -> list[Variable]:
             name = member.filename.removesuffix(".npy")
             with archive.open(member) as file:
                 again = partial(_open_member, path, member.filename)
-                found += _variables(name, file, again, refuse, member.file_size)
+                found += _variables(name, file, again, refuse=refuse, length=member.file_size)
         return found
 
 

@@ -172,14 +172,14 @@ def on_one(
         other = _ascending(found, clock, allow_gaps, refuse)
         if np.array_equal(other.signals["t"], positions.signals["t"]):
             # Topics of one node, with equal stamps.
-            table = _joined(table, other, clock, allow_gaps, refuse)
+            table = _joined(table, other, clock, allow_gaps=allow_gaps, refuse=refuse)
             continue
         shift = None if "run" in table.signals else _shift(positions, other)
         apart = CLOCK_SHIFT_LEAST / min(_rate(positions), _rate(other))
         corrected = shift is not None and shift.significant and abs(shift.value) > apart
         if shift is not None and corrected:
             other = replace(other, signals=other.signals | {"t": other.signals["t"] - shift.value})
-        table = _joined(table, other, clock, allow_gaps, refuse)
+        table = _joined(table, other, clock, allow_gaps=allow_gaps, refuse=refuse)
         rates = _rate(other), _rate(positions)
         brought.append(BroughtClock(clock, home, tuple(groups[clock]), *rates, shift, corrected))
     return table, tuple(brought)

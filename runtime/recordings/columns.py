@@ -227,10 +227,10 @@ def columns(
         name = raw_name.strip().replace("dq", "qd", 1) if raw_name.strip().startswith("dq") else raw_name.strip()
         if _kind(name, len(joints)) is None:
             fail(f"--map {name}: no such signal; {_signals(len(joints), space)}")
-        index, unit, sign = _mapped(wanted, header, split, name, fail)
+        index, unit, sign = _mapped(wanted, header, split, name=name, fail=fail)
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped to two signals; expected one")
-        column = _column(name, index, unit, joints, fail)
+        column = _column(name, index, unit, joints=joints, fail=fail)
         column = replace(column, cell=wanted.strip(), unit=unit or None)
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
             fail(f"--map {name}: {quote(wanted)} has a minus; only positions, rates and torques can change sign")
@@ -245,7 +245,7 @@ def columns(
             fail(f"two columns are {name}: {quote(header[found[name].index])} and {quote(header[index])}; drop one")
         bare, stated = split[index]
         cell = bare if stated or not unit else f"{bare} [{unit}]"
-        found[name] = replace(_column(name, index, unit, joints, fail), cell=cell, unit=unit or None)
+        found[name] = replace(_column(name, index, unit, joints=joints, fail=fail), cell=cell, unit=unit or None)
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
         if name not in found:

@@ -130,7 +130,9 @@ class JointStates:
         numbers = first + np.arange(len(batch.starts))
         for length in np.unique(batch.lengths):
             alike = batch.lengths == length
-            self._of_one_length(batch, int(length), batch.starts[alike], batch.times[alike], numbers[alike])
+            self._of_one_length(
+                batch, int(length), batch.starts[alike], times=batch.times[alike], numbers=numbers[alike]
+            )
 
     def _of_one_length(
         self,
@@ -147,7 +149,7 @@ class JointStates:
             layout = self._layout(rows[0].tobytes(), batch.topic, int(numbers[0]))
             same = np.all(rows[:, layout.fixed] == rows[0, layout.fixed], axis=1)
             whole = bool(same.all())
-            self._keep(batch.topic, layout, rows if whole else rows[same], times[same], numbers[same])
+            self._keep(batch.topic, layout, rows if whole else rows[same], times=times[same], numbers=numbers[same])
             if whole:
                 return
             rows, times, numbers = rows[~same], times[~same], numbers[~same]
@@ -241,9 +243,14 @@ def _stream(clock: str, topic: str, parts: Sequence[_Part]) -> JointStream:
     numbers = np.concatenate([part.numbers for part in parts])
     order = np.argsort(numbers, kind="stable")
     if np.array_equal(order, np.arange(len(order))):
-        return JointStream(clock, topic, joints, stamps, numbers, values)
+        return JointStream(clock, topic, joints, stamps=stamps, numbers=numbers, values=values)
     return JointStream(
-        clock, topic, joints, stamps[order], numbers[order], {name: x[:, order] for name, x in values.items()}
+        clock,
+        topic,
+        joints,
+        stamps=stamps[order],
+        numbers=numbers[order],
+        values={name: x[:, order] for name, x in values.items()},
     )
 
 
@@ -277,7 +284,9 @@ class JointStateContents:
             else:
                 joint = stream.joints[k]
                 found.append(
-                    RecordedField(f"{stream.clock}.{name}.{joint}", stream.clock, place, _SIGNALS[name], joint)
+                    RecordedField(
+                        f"{stream.clock}.{name}.{joint}", stream.clock, place, signal=_SIGNALS[name], joint=joint
+                    )
                 )
         return tuple(found)
 

@@ -46,8 +46,8 @@ KNOWN_LOGS = (
             "actual_current_{}": "tau{} [A]",
             "joint_temperatures_{}": "temperature{} [degC]",
         },
-        0,
-        "tau is actual_current in A; the joints' torque_constant converts it to a torque",
+        first=0,
+        note="tau is actual_current in A; the joints' torque_constant converts it to a torque",
     ),
     KnownLog(
         "libfranka's log",
@@ -60,8 +60,8 @@ KNOWN_LOGS = (
             "q_d[{}]": "q{}_desired [rad]",
             "tau_J[{}]": "tau{} [N m]",
         },
-        0,
-        "tau is tau_J, measured behind the gears, so it lacks the friction of motors and gears",
+        first=0,
+        note="tau is tau_J, measured behind the gears, so it lacks the friction of motors and gears",
     ),
 )
 """Source: RTDE client library, example record.py; libfranka, logToCSV."""

@@ -196,7 +196,7 @@ def _recording(
     signals, t, n = table.signals, table.signals["t"], len(arm.joints)
     check_length(t, allow_gaps, refuse)
     run = run_numbers(table, refuse)
-    segments = gap_free_segments(table, run, cells["t"].split(" [")[0], allow_gaps, refuse)
+    segments = gap_free_segments(table, run, cells["t"].split(" [")[0], allow_gaps=allow_gaps, refuse=refuse)
 
     def rows(pattern: str) -> Array | None:
         names = [pattern.format(i) for i in range(1, n + 1)]

@@ -111,7 +111,7 @@ def _listed(data: memoryview, messages: list[tuple[int, int, int]], log: _Log) -
     """Messages of each channel, given as (channel, place, length)."""
     for channel in dict.fromkeys(c for c, _, _ in messages):
         places = np.array([(start, size) for c, start, size in messages if c == channel])
-        yield from _of_channel(np.frombuffer(data, np.uint8), channel, places[:, 0], places[:, 1], log)
+        yield from _of_channel(np.frombuffer(data, np.uint8), channel, places[:, 0], lengths=places[:, 1], log=log)
 
 
 def _record(data: memoryview, place: int, refuse: Refusal) -> tuple[int, memoryview, int]:
@@ -201,7 +201,7 @@ def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[Mess
     if len(starts) and (starts.min() < 0 or int(starts.max()) + _RECORD.size + _MESSAGE_HEAD.itemsize > len(buffer)):
         raise ValueError("an index points outside its chunk")
     lengths = _gathered(buffer, starts + 1, 8).view("<u8")[:, 0].astype(np.int64)
-    yield from _of_channel(buffer, channel, starts + _RECORD.size, lengths, log)
+    yield from _of_channel(buffer, channel, starts + _RECORD.size, lengths=lengths, log=log)
 
 
 def _of_channel(
@@ -221,7 +221,9 @@ def _of_channel(
         raise ValueError("an index names messages of another channel")
     topic = log.channels[channel][0]
     times = heads["logged"].astype(np.int64)
-    yield MessageBatch(topic, buffer, starts + _MESSAGE_HEAD.itemsize, lengths - _MESSAGE_HEAD.itemsize, times)
+    yield MessageBatch(
+        topic, buffer, starts + _MESSAGE_HEAD.itemsize, lengths=lengths - _MESSAGE_HEAD.itemsize, times=times
+    )
 
 
 def _gathered(buffer: NDArray[np.uint8], starts: NDArray[np.int64], size: int) -> NDArray[np.uint8]:
@@ -268,4 +270,4 @@ def _bag_batches(
             lengths = np.array([len(data) for _, data in some])
             buffer = np.frombuffer(b"".join(data for _, data in some), np.uint8)
             times = np.array([time for time, _ in some], dtype=np.int64)
-            yield MessageBatch(topic, buffer, np.cumsum(lengths) - lengths, lengths, times)
+            yield MessageBatch(topic, buffer, np.cumsum(lengths) - lengths, lengths=lengths, times=times)

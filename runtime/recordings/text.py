@@ -243,7 +243,7 @@ def open_text(path: Path, refuse: Refusal) -> TextContents:
         header, following, line = named, [(header, line)] if header else [], line - 1
     if not header.strip():
         refuse("is empty; expected a header such as t [s],q1 [rad],tau1 [N m] and one line a sample")
-    return _contents(path, header, line, following, refuse)
+    return _contents(path, header, line, following=following, refuse=refuse)
 
 
 def _beginning(path: Path, refuse: Refusal) -> tuple[str, list[tuple[str, int]]] | None:
@@ -289,10 +289,21 @@ def _contents(
     kind = "text" if delimiter == _BLANK else "CSV"
     if nameless:
         names = tuple(NUMBERED.format(k) for k in range(1, len(cells) + 1))
-        return TextContents(path, kind, "", names, line, delimiter, comma, refuse)
+        return TextContents(
+            path, kind, "", names=names, first_line=line, delimiter=delimiter, decimal_comma=comma, refuse=refuse
+        )
     if not following:
         refuse("has a header but no samples")
-    return TextContents(path, kind, f"line {line}", tuple(cells), below + 1, delimiter, comma, refuse)
+    return TextContents(
+        path,
+        kind,
+        f"line {line}",
+        names=tuple(cells),
+        first_line=below + 1,
+        delimiter=delimiter,
+        decimal_comma=comma,
+        refuse=refuse,
+    )
 
 
 def _is_nameless(line: str) -> bool:

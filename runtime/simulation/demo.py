@@ -151,7 +151,14 @@ def record_files(directory: Path) -> list[Path]:
         t, q, tau = record(seed)
         run = np.zeros(len(t), dtype=np.int64)
         whole = recording.Recording(
-            path, t, run, q[None], tau[None], types=("revolute",), segments=(slice(0, len(t)),), temperature=(None,)
+            path,
+            t,
+            run,
+            q=q[None],
+            tau=tau[None],
+            types=("revolute",),
+            segments=(slice(0, len(t)),),
+            temperature=(None,),
         )
         recording.write(path, whole)
         paths.append(path)

@@ -65,7 +65,9 @@ class Hidden:
 
 def parse_hidden(text: str, model: Model, option: str = "--hide") -> Hidden:
     """As `hidden_in`, for a loaded model."""
-    hidden = hidden_in(text, model.library.effects, [joint.name for joint in model.joints], model.name, option)
+    hidden = hidden_in(
+        text, model.library.effects, [joint.name for joint in model.joints], arm=model.name, option=option
+    )
     name = hidden.term.effect
     if model.spatial and model.library[name].scope == "contact":
         raise SimulationError(
@@ -190,7 +192,7 @@ def complete(model: Model, path: Array, terms: Structure) -> Structure:
 
 def torque_along(model: Model, q: Array, qd: Array, qdd: Array, rate: float, values: Structure) -> Array:
     """Motor torques (n, N) along a motion, each (n, N) at `rate` Hz. values: of all parameters."""
-    piece = _prescribed(model.library, q, qd, qdd, rate, warm=False)
+    piece = _prescribed(model.library, q, qd, qdd=qdd, rate=rate, warm=False)
     return _torque(Signals(model, piece, Prediction(model.lump_values, values)), values)
 
 
@@ -272,7 +274,7 @@ def _piece(library: Library, path: Array, warm: bool) -> Piece:
     t = np.arange(path.shape[1]) / RATE
     spline = make_interp_spline(t, path, k=5, axis=1)
     q, qd, qdd = (np.ascontiguousarray(spline(t, nu)) for nu in range(3))
-    return _prescribed(library, q, qd, qdd, RATE, warm)
+    return _prescribed(library, q, qd, qdd=qdd, rate=RATE, warm=warm)
 
 
 def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, warm: bool) -> Piece:
@@ -296,7 +298,7 @@ def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
         info = model.library.effects[term.effect]
         given = {**dict.fromkeys(_zero(info, terms[term]), 0.0), **terms[term]}
         if any(p.name not in given for p in info.parameters if p.role != "given"):
-            given = {**_moderate(model, piece, term, given, done), **given}
+            given = {**_moderate(model, piece, term, stated=given, others=done), **given}
         for p in info.parameters:
             _check_value(term, p, given)
         done[term] = given
@@ -323,7 +325,7 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     """Values that give the term a moderate part of the torque: shape from the middle of its grid, size by SHARE."""
     info = model.library.effects[term.effect]
     silent = np.zeros(model.n)
-    band = Band(silent + SIZING_CUTOFF, "simulated", silent, silent, silent)
+    band = Band(silent + SIZING_CUTOFF, "simulated", silent, position_density=silent, resolution=silent)
     motion = Motion(band, (BandView(tuple(range(model.n)), (piece,)),), silent, silent)
     regressors = Regressors(model, motion, Prediction(model.lump_values, others))
     with np.errstate(divide="ignore", invalid="ignore"):

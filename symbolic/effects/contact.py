@@ -32,7 +32,7 @@ PLATE = Effect(
             u.METRE,
             "base y of the plate when it is not touched, y_p",
             "shape",
-            grid=Grid(0, 1, 48, "tip", "linear"),
+            grid=Grid(0, 1, 48, of="tip", spacing="linear"),
             gives="plate_y",
         ),
     ),

@@ -25,9 +25,9 @@ TORQUE_RIPPLE = Effect(
             u.ONE,
             "periods per revolution of the motor, k / N for k periods per revolution of the joint; 2 is the wave "
             "generator of a harmonic drive",
-            "shape",
-            (0.0, inf),
-            Grid(-1.0, 1.0, 3, "line", "linear"),
+            role="shape",
+            bounds=(0.0, inf),
+            grid=Grid(-1.0, 1.0, 3, of="line", spacing="linear"),
         ),
         Parameter("amplitude", u.FORCE, "at the joint", bounds=(0.0, inf)),
         Parameter("phase", u.ONE, "at q = 0, in rad", bounds=(-float(sp.pi), float(sp.pi))),

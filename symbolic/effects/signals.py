@@ -213,8 +213,8 @@ SIGNALS: tuple[Signal, ...] = (
         "link_inertia",
         u.INERTIA,
         "inertia of the link side as this joint sees it, without the own rotor",
-        "arm",
-        ArmOutput("link_inertia", ("joint", "joint")),
+        needs="arm",
+        source=ArmOutput("link_inertia", ("joint", "joint")),
         seen_over="acceleration",
         span=(0.01, 3.0),
     ),
@@ -223,8 +223,8 @@ SIGNALS: tuple[Signal, ...] = (
         u.INERTIA,
         "inertia between this joint and the effect's own, link side; at the own joint link_inertia. An effect that "
         "reads it acts on all joints: what its own joint's link does is felt in the others",
-        "arm",
-        ArmOutput("link_inertia", ("joint", "own")),
+        needs="arm",
+        source=ArmOutput("link_inertia", ("joint", "own")),
         seen_over="acceleration",
         sensor="link",
     ),
@@ -311,8 +311,8 @@ SIGNALS: tuple[Signal, ...] = (
         "plate_y",
         u.METRE,
         "base y of the active plate's surface; out of reach, -1e9, where no plate is active",
-        "effect",
-        Given(absent=-1e9),
+        needs="effect",
+        source=Given(absent=-1e9),
         known_to="controller",
     ),
     Signal(
@@ -332,8 +332,8 @@ SIGNALS: tuple[Signal, ...] = (
         u.VISCOUS,
         "how the torque that the link side asks of this joint grows with the rate of the effect's own: centrifugal, "
         "Coriolis and gyroscopic forces",
-        "arm",
-        ArmSlope("link_load", "qd"),
+        needs="arm",
+        source=ArmSlope("link_load", "qd"),
         sensor="link",
     ),
     Signal(
@@ -341,8 +341,8 @@ SIGNALS: tuple[Signal, ...] = (
         u.STIFFNESS,
         "how the torque that the link side asks of this joint grows with the position of the effect's own: gravity, "
         "and inertia that changes with the posture",
-        "arm",
-        ArmSlope("link_load", "q"),
+        needs="arm",
+        source=ArmSlope("link_load", "q"),
         sensor="link",
     ),
 )
