@@ -320,7 +320,7 @@ def test_a_closed_terminal_is_one_wish_to_stop_however_often_it_is_told(name: st
 
 
 TARGETS = [
-    ("simulation", signal.SIGINT),
+    pytest.param("simulation", signal.SIGINT, marks=pytest.mark.slow),
     pytest.param("simulation", signal.SIGHUP, marks=pytest.mark.slow),
     pytest.param("simulation", signal.SIGTERM, marks=pytest.mark.slow),
     pytest.param(
@@ -383,7 +383,7 @@ def test_control_c_stops_the_arm_and_the_recording_is_written(
     bench.compiled.controller("host" if on == "simulation" else "cortex-m4f")
     with executing(tmp_path, "--on", on, "--out", "run.csv", "--json", "-") as started:
         heard(started, "executing")
-        at_work(started.pid, 0.7)
+        at_work(started.pid, 0.4)
         os.killpg(started.pid, said)
         out, err = started.communicate(timeout=60)
     assert started.returncode == 1, err
@@ -474,7 +474,7 @@ def test_a_terminal_that_is_closed_costs_no_recording(bench: Source, tmp_path: P
     said = b""
     while b"executing" not in said:
         said += os.read(near, 4096)
-    at_work(started.pid, 0.7)
+    at_work(started.pid, 0.4)
     os.close(near)
     assert started.wait(timeout=60) == 1
     assert json.loads((tmp_path / "e.json").read_text())["trials"][0]["stop"]["name"] == "interrupted"
