@@ -74,7 +74,7 @@ class Told:
     @property
     def corrected(self) -> bool:
         shift = self.shift
-        return shift is not None and shift.clear and abs(shift.value) > CLOCK_SHIFT_LEAST * self.step
+        return shift is not None and shift.significant and abs(shift.value) > CLOCK_SHIFT_LEAST * self.step
 
 
 def torques(rng: Random, t: Array, q: Array) -> Array:
