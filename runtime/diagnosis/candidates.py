@@ -121,7 +121,7 @@ class CandidateField:
         base, noise, size = [x[index]], [x_noise[index]], self.problem.layout.size
         for k, (term, name, step) in enumerate(steps):
             if joint in joints_of(self.model, term):
-                base.append(shape_derivative(self.problem, self.fit, term, name, step, joint)[None])
+                base.append(shape_derivative(self.problem, self.fit, term, name=name, step=step, joint=joint)[None])
                 index = np.append(index, size + k)
         if self.fit.skew_free:
             base.append(-self.problem.regressors.skew(joint)[None])
@@ -293,19 +293,21 @@ class CandidateField:
         edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
         # What it replaces would have explained something, too.
         gain -= ground.equations().sse - whole.equations().sse if ground is not whole else 0.0
-        return Candidate(term, shape, searched, gain, edge, self._lines(term)[1])
+        return Candidate(term, shape, searched, gain=gain, at_edge=edge, among=self._lines(term)[1])
 
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
         """The candidate at that of some shapes which lowers the squared error most."""
         ground = self.without(self.excerpt[1], self.replaced(term))
         gain, k = max((gain, k) for k, gain in enumerate(self._gains(ground, term, choices).tolist()))
-        return Candidate(term, choices[k], len(choices[k]), gain, False)
+        return Candidate(term, choices[k], len(choices[k]), gain=gain, at_edge=False)
 
     def each(self, term: Term) -> list[Candidate]:
         """A candidate at every shape at which the term is tried, refined."""
         ground, choices, among = self.excerpt[1], self.choices(term), self._lines(term)[1]
         searched = len(self.model.library.effects[term.effect].shape)
-        found = (Candidate(term, c, searched, self._exact(ground, term, c), False, among) for c in choices)
+        found = (
+            Candidate(term, c, searched, gain=self._exact(ground, term, c), at_edge=False, among=among) for c in choices
+        )
         return [self.refine(c) for c in found]
 
     def _exact(self, ground: Ground, term: Term, shape: Values) -> float:

@@ -127,12 +127,16 @@ def compare(identification: Identification, names: Sequence[str], floors: Sequen
     if not identification.motion.rigid_given:
         for k, lump in enumerate(model.lumps):
             estimates = [t.inference.lumps[k] for t in tables]
-            inertial += _apart(identification, tables, None, lump.name, estimates, slice(k, k + 1), floors)
+            inertial += _apart(
+                identification, tables, None, name=lump.name, estimates=estimates, part=slice(k, k + 1), floors=floors
+            )
     effects = []
     for term, part in layout.slices.items():
         for parameter in model.library.effects[term.effect].linear:
             estimates = [t.inference.values[term][parameter.name] for t in tables]
-            effects += _apart(identification, tables, term, parameter.name, estimates, part, floors)
+            effects += _apart(
+                identification, tables, term, name=parameter.name, estimates=estimates, part=part, floors=floors
+            )
     return Tables(identification, tables, tuple(inertial), tuple(effects))
 
 
@@ -146,12 +150,23 @@ def _table(identification: Identification, number: int, name: str, floors: Seque
     """The common structure's linear unknowns from one recording."""
     common, motion = identification.fit, identification.motion
     own = motion.of_recording(number)
-    problem = Problem(identification.model, own, identification.problem.layout.terms, common.prediction, common.ahead)
+    problem = Problem(
+        identification.model, own, identification.problem.layout.terms, prediction=common.prediction, ahead=common.ahead
+    )
     problem.weights = common.weights
     solved = problem.solve(common.shapes, Skew(common.skew))
     theta = solved.coefficients
     prediction = problem.prediction(theta, common.shapes)
-    fit = Fit(prediction, theta, common.shapes, common.skew, False, solved.residual, common.weights, common.ahead)
+    fit = Fit(
+        prediction,
+        theta,
+        common.shapes,
+        skew=common.skew,
+        skew_free=False,
+        residual=solved.residual,
+        weights=common.weights,
+        ahead=common.ahead,
+    )
     rms = [np.sqrt(r @ r / max(1, own.moving(i).sum())) for i, r in enumerate(solved.residual)]
     left = max(times_floor(float(r), floor) for r, floor in zip(rms, floors, strict=True))
     return Table(name, fit, infer(problem, fit), left)
@@ -178,7 +193,7 @@ def _apart(
     if not found:
         return []
     _, names, pair = max(found, key=lambda item: item[0])
-    return [Contradiction(name, pair[0].unit, term, names, pair)]
+    return [Contradiction(name, pair[0].unit, term, names=names, estimates=pair)]
 
 
 def contradict(one: float, other: float, spread: float) -> bool:

@@ -98,7 +98,7 @@ def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
     typical = bench.field.trial(term, shape)
     neutral = _neutral(typical) if typical.finite else None
     if neutral is not None:
-        return _of_amount(bench, term, shape, len(shapes), neutral)
+        return _of_amount(bench, term, shape, choices=len(shapes), neutral=neutral)
     return _of_shape(bench, term, shapes) if shape else None
 
 
@@ -150,7 +150,7 @@ def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, n
     values = library.recover(term.effect, neutral + (least + LIMIT_SIGMAS * spread) * np.abs(one[1:]), shape)
     name = library.effects[term.effect].linear[0].name
     rest = {k: v for k, v in values.items() if k != name and np.isfinite(v)}
-    return Limit(term, name, "above", values[name], unit_of(field.model, term, name), rest)
+    return Limit(term, name, "above", value=values[name], unit=unit_of(field.model, term, name), assumed=rest)
 
 
 def _least(seen: Callable[[float], bool], start: float) -> float | None:
@@ -219,7 +219,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     shape = _softened(field.model.library.effects[term.effect], shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
     side: Literal["above", "below"] = "above" if rising else "below"
-    return Limit(term, name, side, shape[name], unit_of(field.model, term, name), rest)
+    return Limit(term, name, side, value=shape[name], unit=unit_of(field.model, term, name), assumed=rest)
 
 
 def _first(count: int, seen: Callable[[int], bool]) -> int | None:

@@ -186,7 +186,9 @@ def judged(search: Search, wider: Wider | None = None) -> Diagnosis:
         for f in (search.findings if verdict == "effect" else ())
     )
     steps = tuple(search.steps if findings else search.steps[:1])
-    return Diagnosis(verdict, reason, steps, findings, _withheld(search, verdict), (), compared)
+    return Diagnosis(
+        verdict, reason, steps, findings=findings, last=_withheld(search, verdict), seen=(), recordings=compared
+    )
 
 
 def _withheld(search: Search, verdict: str) -> Verdict:

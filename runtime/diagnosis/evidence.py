@@ -287,7 +287,7 @@ class Ground:
         lower, upper = np.append(self.lower, block.lower), np.append(self.upper, block.upper)
         lean = np.append(self._base.lean, self._lean(moments))
         folds, ends = moments[:, kept][:, :, kept], self._ends.setdefault(b + k, [])
-        return Grams(folds, lower, upper, lean, ends, self._base)
+        return Grams(folds, lower, upper, lean=lean, ends=ends, core=self._base)
 
     def _lean(self, moments: Array) -> Array:
         """(k,) what speaks for zero of a block's coefficients where a fold is left out: what all rows but a few tell of
@@ -321,7 +321,7 @@ class Ground:
             torque[b] -= 1.0
             kept, grams = [*kept, *range(b + 1, b + k + 1)], grams or self.grams(moments, block)
         against = moments @ torque
-        return NormalEquations(grams, against[:, kept], against @ torque, self.level, self.fold_sizes)
+        return NormalEquations(grams, against[:, kept], against @ torque, level=self.level, sizes=self.fold_sizes)
 
     def equations(self, block: CandidateBlock | None = None) -> NormalEquations:
         """Of the base with a block, or without one."""
@@ -339,12 +339,14 @@ class Ground:
         for k in set(self.changes) & set(free):
             spread = solve(gram, (free == k).astype(float))[free == k][0]
             lean[k] = LEAN / spread if spread > 0 else 0.0
-        return Grams(self._base_grams[:, :-1, :-1], self.lower, self.upper, lean, self._ends.setdefault(self.size, []))
+        return Grams(
+            self._base_grams[:, :-1, :-1], self.lower, self.upper, lean=lean, ends=self._ends.setdefault(self.size, [])
+        )
 
     @cached_property
     def _base_equations(self) -> NormalEquations:
         moments, squares = self._base_grams[:, :-1, -1], self._base_grams[:, -1, -1]
-        return NormalEquations(self._base, moments, squares, self.level, self.fold_sizes)
+        return NormalEquations(self._base, moments, squares, level=self.level, sizes=self.fold_sizes)
 
     @cached_property
     def _ends(self) -> dict[int, list[Sides]]:

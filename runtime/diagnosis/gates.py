@@ -233,7 +233,7 @@ class WhitenedGround:
 
     def weigh(self, candidate: Candidate, block: CandidateBlock) -> Evidence:
         """All evidence for a candidate with its columns on the bench's ground."""
-        weighing = Weighing(self, candidate.term, candidate.searched, block, candidate.among)
+        weighing = Weighing(self, candidate.term, candidate.searched, block=block, among=candidate.among)
         figures = weighing.figures()
         several = self.field.model.library.effects[candidate.term.effect].several
         share = LEAST_SHARE_OF_ONE if several else LEAST_SHARE
@@ -248,12 +248,12 @@ class WhitenedGround:
             candidate,
             figures.eff,
             figures.share,
-            figures.delta_bic,
-            figures.likelihood_gain,
-            figures.cv_gain,
-            failed,
-            figures.white_after.rank + candidate.searched,
-            weighing.residual(figures),
+            delta_bic=figures.delta_bic,
+            likelihood_gain=figures.likelihood_gain,
+            cv_gain=figures.cv_gain,
+            failed=failed,
+            parameters=figures.white_after.rank + candidate.searched,
+            residual=weighing.residual(figures),
         )
 
     def _too_narrow(self, candidate: Candidate) -> tuple[str, ...]:
@@ -312,13 +312,13 @@ class Weighing:
             bench.ground.equations() if as_measured else bench.ground.posed(plain, None, added),
             self.plain.posed(plain, self.block, added, self._grams[0]),
             bench.white.equations() if as_measured else bench.white.posed(white, None, added),
-            self.white.posed(white, self.whitened, added, self._grams[1]),
-            self.searched,
-            self.among,
-            rms[0] / float(np.sqrt(count)),
-            sum(max(1 - (f / r) ** 2, 0.0) for f, r in zip(floors, rms, strict=True) if r > 0),
-            bench.ground.equations().sse,
-            count,
+            white_after=self.white.posed(white, self.whitened, added, self._grams[1]),
+            searched=self.searched,
+            among=self.among,
+            unit=rms[0] / float(np.sqrt(count)),
+            excess=sum(max(1 - (f / r) ** 2, 0.0) for f, r in zip(floors, rms, strict=True) if r > 0),
+            measured=bench.ground.equations().sse,
+            count=count,
         )
 
     def own(self, theta: Array) -> float:

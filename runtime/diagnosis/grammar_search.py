@@ -69,14 +69,16 @@ def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[in
     for near, verdict, joint in sorted(passing, key=lambda item: -item[1].ranked[0].delta_bic):
         after = _added(step, model, near[0])
         if after.fitted.rms[joint] < step.fitted.rms[joint]:
-            return Draft(Finding(near[0], (), verdict, step, after), tuple(e.term for e in near[1:]))
+            return Draft(Finding(near[0], (), verdict, before=step, after=after), tuple(e.term for e in near[1:]))
     return None
 
 
 def _field(step: Step, model: Model) -> CandidateField:
     """The step's fit as a field for the candidates of another library."""
     found = step.identification
-    problem = Problem(model, found.motion, found.problem.layout.terms, found.fit.prediction, found.fit.ahead)
+    problem = Problem(
+        model, found.motion, found.problem.layout.terms, prediction=found.fit.prediction, ahead=found.fit.ahead
+    )
     problem.weights = found.fit.weights
     return CandidateField(problem, found.fit)
 

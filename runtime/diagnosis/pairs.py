@@ -98,4 +98,4 @@ def _extended(ground: Ground, block: CandidateBlock, moves: Sequence[dict[int, A
     free = np.full(len(moves), np.inf)
     lower = np.concatenate([ground.lower, block.lower, -free])
     upper = np.concatenate([ground.upper, block.upper, free])
-    return Ground(tuple(rows), lower, upper, ground.level, ground.changes)
+    return Ground(tuple(rows), lower, upper, level=ground.level, changes=ground.changes)

@@ -122,7 +122,7 @@ class Search(Trail):
             found = next(((e, after) for e, after in tried if worth_its_name(step, after, e.term)), None)
             if found is None:
                 return
-            self.findings.append(Finding(found[0], (), verdict, step, found[1]))
+            self.findings.append(Finding(found[0], (), verdict, before=step, after=found[1]))
             self.steps.append(found[1])
 
     def _show(self, step: Step, found: Sequence[Witnessed]) -> bool:
@@ -138,7 +138,7 @@ class Search(Trail):
             if finding is None:
                 same = with_shown(before.identification, {one.term: one.values})
                 after = replace(before, added=one.term, identification=same)
-                finding = Finding(one.evidence, (), Verdict((one.evidence,), ()), before, after)
+                finding = Finding(one.evidence, (), Verdict((one.evidence,), ()), before=before, after=after)
             self.steps.append(finding.after)
             self.findings.append(finding)
         return self.steps[-1] is not step
@@ -157,7 +157,7 @@ class Search(Trail):
         after = self._with(before, evidence.candidate)
         if not worth_its_name(before, after, one.term) or not _as_shown(after, one):
             return None
-        return Finding(evidence, (), verdict, before, after)
+        return Finding(evidence, (), verdict, before=before, after=after)
 
     def _forward(self, step: Step) -> Finding | None:
         able = [e for e in self.last.ranked if (e.passes or self._vouched(e)) and self._able(e.term)]
@@ -214,7 +214,7 @@ class Search(Trail):
         terms = [e.term for e in tried]
         gone = {terms[best], *outgrown(self._field_of(step).ground, terms, steps, best)}
         alike = tuple(t for t in (evidence.term, *rivals) if t not in gone)
-        return Finding(tried[best], alike, self.last, step, steps[best], lost)
+        return Finding(tried[best], alike, self.last, before=step, after=steps[best], refuted=lost)
 
     def instead(self, number: int, term: Term) -> Search | None:
         """A search that differs from this one from a finding on: it has one of its rivals in its place; None where
@@ -229,7 +229,7 @@ class Search(Trail):
         if not worth_its_name(begun[-1], after, term):
             return None
         rivals = tuple(t for t in (finding.term, *finding.rivals) if t != term)
-        other.findings.append(Finding(evidence, rivals, finding.verdict, begun[-1], after))
+        other.findings.append(Finding(evidence, rivals, finding.verdict, before=begun[-1], after=after))
         other.steps.append(after)
         return other
 
@@ -296,13 +296,13 @@ class Search(Trail):
             return None
         (first, middle), (second, _) = sorted(passed, key=lambda item: -item[0].delta_bic)
         return (
-            Finding(first, _instead(first.term, second.term, near), Verdict((first,), ()), step, middle),
+            Finding(first, _instead(first.term, second.term, near), Verdict((first,), ()), before=step, after=middle),
             Finding(
                 second,
                 _instead(second.term, first.term, near),
                 Verdict((second,), ()),
-                middle,
-                replace(together, added=second.term),
+                before=middle,
+                after=replace(together, added=second.term),
             ),
         )
 

@@ -114,7 +114,7 @@ def residuals_elsewhere(identification: Identification, motion: Motion) -> list[
     """Per joint (M,) what a fit, all its values as they are, leaves of the torque on another motion; zero in rows
     that do not count."""
     fit, model = identification.fit, identification.model
-    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, fit.ahead)
+    problem = Problem(model, motion, tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
     found = []
     for i in range(model.n):
         with np.errstate(over="ignore", invalid="ignore"):  # what is simulated along another motion may have no end

@@ -57,7 +57,7 @@ def _of_joint(field: CandidateField, fit: TwistFit) -> list[Witnessed]:
         values = _values(info, fit)
         if values is not None:
             equation = fit.equation.of_gap() if info.has_gap else fit.equation
-            if (evidence := _weighed(field, fit.joint, name, equation, values)) is not None:
+            if (evidence := _weighed(field, fit.joint, name, equation=equation, values=values)) is not None:
                 found.append((info.has_gap, Witnessed(evidence, values)))
     return [w for _, w in sorted(found, key=lambda item: item[0])]
 
@@ -79,7 +79,7 @@ def _weighed(
     own = len(rows.base) - equation.along
     index, free = np.arange(own), np.full(own, np.inf)
     heard = np.vstack([noise.base[:own], noise.twist])
-    row = Rows(rows.twist, rows.base[:own], heard, index, rows.use, motion.row_piece(joint), 1.0)
+    row = Rows(rows.twist, rows.base[:own], heard, index=index, use=rows.use, piece=motion.row_piece(joint), weight=1.0)
     square = Ground.levelled((row,), -free, free).solve().sse / row.count
     if square <= 0:
         return None
@@ -109,13 +109,13 @@ def _weighed(
         Candidate(Term(effect, joint + 1), shape, 0, figures.before.sse - figures.after.sse, at_edge=False),
         0.0,
         figures.share,
-        figures.delta_bic,
-        figures.likelihood_gain,
-        figures.cv_gain,
-        tuple(failed),
-        figures.white_after.rank,
-        residual,
-        Shown(before, after, figures.eff, field.model.joints[joint].position_unit),
+        delta_bic=figures.delta_bic,
+        likelihood_gain=figures.likelihood_gain,
+        cv_gain=figures.cv_gain,
+        failed=tuple(failed),
+        parameters=figures.white_after.rank,
+        residual=residual,
+        twist=Shown(before, after, figures.eff, field.model.joints[joint].position_unit),
     )
 
 
@@ -131,13 +131,13 @@ def _figures(ground: Ground, block: CandidateBlock, rms: float, floor: float) ->
         ground.equations(),
         ground.equations(block),
         white.equations(),
-        white.equations(whitened),
-        0,
-        1,
-        rms / float(np.sqrt(row.count)),
-        max(1 - (floor / rms) ** 2, 0.0) if rms else 0.0,
-        ground.equations().sse,
-        row.count,
+        white_after=white.equations(whitened),
+        searched=0,
+        among=1,
+        unit=rms / float(np.sqrt(row.count)),
+        excess=max(1 - (floor / rms) ** 2, 0.0) if rms else 0.0,
+        measured=ground.equations().sse,
+        count=row.count,
     )
     return figures, white.rows[0].used(white.solve(whitened).residual[0])
 

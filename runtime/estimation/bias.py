@@ -40,7 +40,7 @@ def through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Arr
         step = SHAPE_STEP * abs(fit.coefficients[k]) or SHAPE_STEP
         theta = fit.coefficients + step * (np.arange(len(fit.coefficients)) == k)
         other = Regressors(model, motion, problem.prediction(theta, fit.shapes))
-        for i, more in _torque_change(problem, fit, reading, as_fitted, other).items():
+        for i, more in _torque_change(problem, fit, reading, one=as_fitted, other=other).items():
             use = motion.moving(i)
             found[:, k] += problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use]) / step
     return found
@@ -111,7 +111,7 @@ def smoothing_change(problem: Problem, fit: Fit) -> dict[int, Array]:
     smooth, raw = (
         Regressors(problem.model, motion, fit.prediction) for motion in (problem.motion, problem.motion.unsmoothed)
     )
-    return _torque_change(problem, fit, soft, smooth, raw)
+    return _torque_change(problem, fit, soft, one=smooth, other=raw)
 
 
 def smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:

@@ -135,7 +135,7 @@ def series(identification: Identification) -> tuple[JointSeries, ...]:
     floors = []
     for i, residual in enumerate(fit.residual):
         noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
-        floors.append(floor(motion, found[i], i, residual, fit.coefficients @ noise + fixed_noise))
+        floors.append(floor(motion, found[i], i, residual=residual, read=fit.coefficients @ noise + fixed_noise))
     return laid_open(identification, motion, fit.residual, floors)
 
 
@@ -159,17 +159,17 @@ def laid_open(
                 i + 1,
                 joint.force_unit,
                 joint.position_unit,
-                motion.row_time(i)[use],
-                motion.row_piece(i)[use],
-                motion.rows("q", i)[i, use],
-                motion.rows("qd", i)[i, use],
-                motion.rows("qdd", i)[i, use],
-                load[use],
-                motion.rows("warmth", i)[i, use] if warm else None,
-                tau[use],
-                (tau - residuals[i])[use],
-                floors[i],
-                joint.name,
+                t=motion.row_time(i)[use],
+                piece=motion.row_piece(i)[use],
+                q=motion.rows("q", i)[i, use],
+                qd=motion.rows("qd", i)[i, use],
+                qdd=motion.rows("qdd", i)[i, use],
+                load=load[use],
+                warmth=motion.rows("warmth", i)[i, use] if warm else None,
+                tau=tau[use],
+                predicted=(tau - residuals[i])[use],
+                floor=floors[i],
+                name=joint.name,
             )
         )
     return tuple(out)
@@ -338,7 +338,7 @@ def _least_apparent(motion: Motion) -> float:
         use = motion.moving(i)
         if use.any():
             q, qd, qdd = (motion.rows(name, i)[:, use] for name in ("q", "qd", "qdd"))
-            found.append(asked(i, q, qd, qdd, motion.torque(i, 0.0)[use]))
+            found.append(asked(i, q, qd, qdd=qdd, tau=motion.torque(i, 0.0)[use]))
     return min((x for x in found if np.isfinite(x)), default=0.0)
 
 

@@ -155,7 +155,7 @@ def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
     covariance[part] += soft**2 * np.outer(other, other)
     degrees = len(np.unique(stretches(problem.motion, 0))) - 1
-    return Uncertainty(names, jacobian, covariance, _tangled(names, there, vector[:, unseen]), degrees)
+    return Uncertainty(names, jacobian, covariance, tangled=_tangled(names, there, vector[:, unseen]), degrees=degrees)
 
 
 def infer(problem: Problem, fit: Fit) -> Inference:
@@ -165,11 +165,13 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
         if problem.motion.rigid_given or (info.value is None and not np.isfinite(covariance[k, k]))
-        else _estimate(fit.coefficients[k], covariance[k, k], sigmas, info.unit, tangled.get(k, ()))
+        else _estimate(fit.coefficients[k], covariance[k, k], sigmas, unit=info.unit, others=tangled.get(k, ()))
         for k, info in enumerate(problem.model.lumps)
     )
     rotors = tuple(
-        _estimate(fit.coefficients[k], covariance[k, k], sigmas, INERTIA_UNIT[joint.type], tangled.get(k, ()))
+        _estimate(
+            fit.coefficients[k], covariance[k, k], sigmas, unit=INERTIA_UNIT[joint.type], others=tangled.get(k, ())
+        )
         for k, joint in enumerate(problem.model.joints, start=layout.rotors.start)
         if k < layout.rotors.stop
     )
@@ -181,8 +183,8 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     left_open = {}
     for joint, value in problem.rotors.items():
         k, unit = found.names.index(_rotor_name(joint)), INERTIA_UNIT[problem.model.joints[joint].type]
-        left_open[joint] = _estimate(value, covariance[k, k], sigmas, unit, tangled.get(k, ()))
-    return Inference(lumps, rotors, values, fit.skew, held, left_open)
+        left_open[joint] = _estimate(value, covariance[k, k], sigmas, unit=unit, others=tangled.get(k, ()))
+    return Inference(lumps, rotors, values, skew=fit.skew, skew_interval=held, open=left_open)
 
 
 def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
@@ -196,7 +198,7 @@ def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
     for term, name, step in shape_steps(problem, fit):
         names.append(f"{term} {name}")
         for i in range(model.n):
-            rows[i] = np.vstack([rows[i], shape_derivative(problem, fit, term, name, step, i)])
+            rows[i] = np.vstack([rows[i], shape_derivative(problem, fit, term, name=name, step=step, joint=i)])
     for joint, sides in _rotor_sides(problem).items():
         names.append(_rotor_name(joint))
         for i in range(model.n):
@@ -352,7 +354,9 @@ def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) 
         used = np.flatnonzero(gradient[name])
         slope = gradient[name][used]
         variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
-        found[name] = _estimate(value, variance, sigmas, unit_of(problem.model, term, name), tuple(sorted(others)))
+        found[name] = _estimate(
+            value, variance, sigmas, unit=unit_of(problem.model, term, name), others=tuple(sorted(others))
+        )
     for name, ends in onsets.intervals(problem, fit, term).items():
         found[name] = replace(found[name], interval=ends, with_others=())
     return gaps.estimates(problem, fit, term, found)

@@ -54,7 +54,7 @@ def _of_joint(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
 
     def left(time: float) -> float:
         y = problem.motion.torque_ahead(joint, skew, time)[use] - fixed
-        rest = y - bounded(gram, x @ y, layout.lower, layout.upper, layout.stated) @ x
+        rest = y - bounded(gram, x @ y, layout.lower, upper=layout.upper, near=layout.stated) @ x
         return float(rest @ rest) / max(float(y @ y), 1e-300)
 
     step = 1 / (DELAY_STEPS * problem.motion.cutoff(joint))

@@ -117,13 +117,22 @@ def solve(
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
     ahead = start.ahead if start else None
-    problem, fit = _refine(model, motion, known, shapes, at, free, prediction, ahead)
+    problem, fit = _refine(
+        model, motion, known, shapes=shapes, skew=at, free_skew=free, prediction=prediction, ahead=ahead
+    )
     for _ in range(PREDICTION_PASSES - 1 if needs else 0):
         before = fit
         if not drivable(model, motion, needs, fit.prediction):
             break
         problem, fit = _refine(
-            model, motion, known, fit.shapes, fit.skew, free, fit.prediction, _delayed(model, motion, fit)
+            model,
+            motion,
+            known,
+            shapes=fit.shapes,
+            skew=fit.skew,
+            free_skew=free,
+            prediction=fit.prediction,
+            ahead=_delayed(model, motion, fit),
         )
         if np.allclose(before.coefficients, fit.coefficients, rtol=SAME_PREDICTION, atol=0.0) or _settles(before, fit):
             break
@@ -173,7 +182,7 @@ def _refine(
     # What gives way delays, too: beside it a time cannot be measured by itself.
     soft = any(model.library.effects[t.effect].gives_way for t in known)
     ahead = None if soft else ahead
-    problem = Problem(model, motion, tuple(known), prediction, ahead)
+    problem = Problem(model, motion, tuple(known), prediction=prediction, ahead=ahead)
     missing = {t: v for t, v in known.items() if t not in shapes}
     at = Skew(skew, "shared" if free_skew else "no")
     found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, at) if missing else shapes
@@ -194,7 +203,16 @@ def _refine(
     if free_skew and not hold and not soft:
         ahead = delays.ahead(problem, shapes, at.at)
     prediction = problem.prediction(theta, shapes)
-    return problem, Fit(prediction, theta, shapes, at.at, hold, solved.residual, problem.weights, ahead)
+    return problem, Fit(
+        prediction,
+        theta,
+        shapes,
+        skew=at.at,
+        skew_free=hold,
+        residual=solved.residual,
+        weights=problem.weights,
+        ahead=ahead,
+    )
 
 
 def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Skew, bool]:

@@ -30,13 +30,13 @@ class Grams:
     @cached_property
     def whole(self) -> Alike:
         core = None if self.core is None else self.core.whole
-        return Alike(self.folds.sum(axis=0)[None], self.lower, self.upper, self.ends, core)
+        return Alike(self.folds.sum(axis=0)[None], self.lower, self.upper, ends=self.ends, core=core)
 
     @cached_property
     def rests(self) -> Alike:
         """Every fold left out once."""
         core = None if self.core is None else self.core.rests
-        return Alike(self.left + np.diag(self.lean), self.lower, self.upper, self.ends, core)
+        return Alike(self.left + np.diag(self.lean), self.lower, self.upper, ends=self.ends, core=core)
 
     @property
     def left(self) -> Array:

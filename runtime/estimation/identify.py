@@ -55,7 +55,9 @@ class Identification:
         if not self.fit.skew_free or not drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction):
             return None
         every = self.motion.with_standstill
-        return infer(*solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, 0.0, self.fit))
+        return infer(
+            *solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, skew=0.0, start=self.fit)
+        )
 
     def delay_entries(self) -> list[DelayEntry]:
         """The whole delay from torque to motion of every joint."""
@@ -153,7 +155,7 @@ def identify_motion(
     model: Model, motion: Motion, known: Structure, skew: float | None = None, start: Fit | None = None
 ) -> Identification:
     """As `identify`, on a motion that is already prepared and for any structure."""
-    return Identification(model, motion, *solve(model, motion, known, skew, start))
+    return Identification(model, motion, *solve(model, motion, known, skew=skew, start=start))
 
 
 def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:

@@ -67,7 +67,7 @@ def bounded(gram: Array, moment: Array, lower: Array, upper: Array, near: Array 
     inside = solve(gram, moment, near)
     if np.all((inside >= lower) & (inside <= upper)):
         return inside
-    theta, held = _held_where_broken(gram, moment, lower, upper, near)
+    theta, held = _held_where_broken(gram, moment, lower, upper=upper, near=near)
     fixed, refused = lower == upper, np.zeros(len(theta), dtype=bool)
     while (loose := held & ~fixed & ~refused).any():
         # How much the cost falls with a coefficient that leaves its bound, per unit of its column's size.
@@ -77,7 +77,7 @@ def bounded(gram: Array, moment: Array, lower: Array, upper: Array, near: Array 
         at = int(np.argmax(inward))
         if inward[at] <= OPTIMAL * float(np.max(np.abs(moment) / size)):
             break
-        tried, now_held = _released(gram, moment, lower, upper, near, theta, held, at)
+        tried, now_held = _released(gram, moment, lower, upper=upper, near=near, theta=theta, held=held, at=at)
         if _cost(gram, moment, tried) < _cost(gram, moment, theta):
             theta, held, refused = tried, now_held, np.zeros(len(theta), dtype=bool)
         else:
@@ -92,7 +92,7 @@ def _held_where_broken(
     held = lower == upper
     theta = np.where(held, lower, 0.0)
     for _ in range(len(theta) + 1):
-        theta = _with_held(gram, moment, near, theta, held)
+        theta = _with_held(gram, moment, near, theta=theta, held=held)
         broken = ~held & ((theta < lower) | (theta > upper))
         if not broken.any():
             break
@@ -116,7 +116,7 @@ def _released(
     held = held.copy()
     held[at] = False
     while True:
-        goal = _with_held(gram, moment, near, theta, held)
+        goal = _with_held(gram, moment, near, theta=theta, held=held)
         broken = ~held & ((goal < lower) | (goal > upper))
         if not broken.any():
             return goal, held
@@ -153,7 +153,7 @@ def minimise(
     `violated(θ)` gives a cut (K,) that θ breaks, or None: on good data always None, and the answer is
     that of `bounded`. Directions that the data do not see stay at `near` (K,), None: at zero.
     """
-    theta = bounded(gram, moment, lower, upper, near)
+    theta = bounded(gram, moment, lower, upper=upper, near=near)
     cut = violated(theta)
     if cut is None:
         return theta
@@ -166,7 +166,7 @@ def minimise(
     for _ in range(INERTIA_CUTS):
         cuts.append(cut / scale / max(float(np.linalg.norm(cut / scale)), 1e-300))
         a = np.array(cuts)
-        scaled = _quadratic_program(g, m, lowest, highest, a, INERTIA_MARGIN - a @ (begin * scale))
+        scaled = _quadratic_program(g, m, lowest, upper=highest, a=a, least=INERTIA_MARGIN - a @ (begin * scale))
         theta = begin + _snapped(scaled, lowest, highest) / scale
         cut = violated(theta)
         if cut is None:

@@ -28,7 +28,7 @@ def intervals(problem: Problem, fit: Fit, term: Term) -> dict[str, tuple[float, 
     found = {}
     for parameter, where in ((onset, _moments), (begin, _places), (end, _places)):
         if parameter is not None:
-            found[parameter.name] = _ends(problem, fit, term, parameter.name, where(problem, term))
+            found[parameter.name] = _ends(problem, fit, term, name=parameter.name, span=where(problem, term))
     return found
 
 

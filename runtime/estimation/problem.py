@@ -293,7 +293,7 @@ class Problem:
         free = np.full(len(moment) - self.layout.size, np.inf)
         lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
         stated = np.append(self.layout.stated, np.zeros(len(free)))
-        return minimise(gram, moment, lower, upper, self.inertia_cut, stated)
+        return minimise(gram, moment, lower, upper=upper, violated=self.inertia_cut, near=stated)
 
     def _right_side(self, joint: int, equations: JointEquations, at: float) -> tuple[Array, Array]:
         """(m,) a joint's torque, taken `at` samples, less what has no free coefficient, and (K,) its moment with the

@@ -50,7 +50,7 @@ def told(
     by_factor   of joints (0-based), what their inertia tells besides
     alike       those whose positions, in degrees, may as well be the motor's
     """
-    voice = _Voice(identification, reading, errors, by_factor, alike)
+    voice = _Voice(identification, reading, errors, by_factor=by_factor, alike=alike)
     given = Reading.given(identification.model.n)
     if reading == given and not by_factor:
         return ()
@@ -114,13 +114,13 @@ class _Voice:
         )
         cure = self.torque(joint)
         expected = f"expected positive where it drives towards positive positions: pass {cure}"
-        return Suspicion(joint + 1, "sign", said, expected, (cure,))
+        return Suspicion(joint + 1, "sign", said, cure=expected, maps=(cure,))
 
     def degrees(self, joint: int) -> Suspicion:
         cure = self.position(joint)
         also = "".join(f"; if {self._instead(kind, joint)}" for kind in self._others(joint, DEGREES))
         said = f"expected radians: if it is in degrees, pass {cure}{also}"
-        return Suspicion(joint + 1, "degrees", self._far(joint), said, (cure,))
+        return Suspicion(joint + 1, "degrees", self._far(joint), cure=said, maps=(cure,))
 
     def motor(self, joint: int) -> Suspicion:
         kinds = (MOTOR, *self._others(joint, MOTOR))
@@ -163,13 +163,13 @@ class _Voice:
         option_of = {POSITION: self.position, TORQUE: self.torque}
         maps = tuple(option_of[name](joint) for name in what for joint in (one, other))
         expected = "expected position and torque of a joint under its own number: pass"
-        return Suspicion(a, "exchanged", said, f"{expected} {' '.join(maps)}", maps)
+        return Suspicion(a, "exchanged", said, cure=f"{expected} {' '.join(maps)}", maps=maps)
 
     def unit_of(self, joint: int) -> Suspicion:
         cure, kind = self.torque(joint), "milli" if "milli" in self.by_factor[joint].kinds else "current"
         what = "torque" if self.unit[joint] == "mN m" else "motor's current, for the torque_constant to multiply,"
         said = f"if its {what} is in {self.unit[joint]}, pass {cure}"
-        return Suspicion(joint + 1, kind, self._inertia(joint), said, (cure,))
+        return Suspicion(joint + 1, kind, self._inertia(joint), cure=said, maps=(cure,))
 
     def ratio(self, joint: int) -> Suspicion:
         ratio = f"{self.joints[joint].gear_ratio:g}"

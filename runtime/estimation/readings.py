@@ -151,7 +151,7 @@ class Readings:
             )
             gram += weight * joint.gram
             moment += weight * right[i][1]
-        theta = bounded(gram, moment, self._layout.lower, self._layout.upper, self._layout.stated)
+        theta = bounded(gram, moment, self._layout.lower, upper=self._layout.upper, near=self._layout.stated)
         self._coefficients[reading] = theta
         if not self.any_inertia and not self._possible(reading, theta[self._layout.lumps]):
             return np.full(self.motion.n, np.inf)
@@ -187,7 +187,9 @@ class Readings:
             torques = np.array([other.torque(i, self.fit.skew)[use] for other in of_one])
             power = np.sum(torques**2, axis=1)
             own = float(fixed @ fixed)
-            found[i] = _Equations(x @ x.T, x @ fixed, x @ torques.T, power, torques @ fixed, own, len(fixed))
+            found[i] = _Equations(
+                x @ x.T, x @ fixed, x @ torques.T, power=power, mixed=torques @ fixed, own=own, rows=len(fixed)
+            )
         return found
 
 

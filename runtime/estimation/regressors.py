@@ -331,7 +331,7 @@ class Regressors:
         parts, told = [], self._told(term)
         for s in self.signals(joint):
             read = [{**s.of(term, i), **given} for i in joints]
-            columns = s.piece.low_pass.columns(library, term.effect, read, shapes, s.piece.dt)
+            columns = s.piece.low_pass.columns(library, term.effect, read, shapes, dt=s.piece.dt)
             if told < s.piece.low_pass.cutoff:
                 columns = s.piece.low_pass.narrowed(columns, told)
             parts.append([s.piece.equation(columns[:, k], i) for k, i in enumerate(joints)])

@@ -99,5 +99,5 @@ def _plain(problem: Problem, fit: Fit) -> list[float]:
         gram += weight**2 * x @ x.T
         moment += weight**2 * x @ y
         parts.append((x, y))
-    theta = minimise(gram, moment, layout.lower, layout.upper, problem.inertia_cut, layout.stated)
+    theta = minimise(gram, moment, layout.lower, upper=layout.upper, violated=problem.inertia_cut, near=layout.stated)
     return _squares(problem, [y - theta @ x for x, y in parts])

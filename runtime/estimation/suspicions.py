@@ -47,13 +47,13 @@ def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
     readings = Readings(identification)
     if not _doubtful(identification, able) or not readings.able:
-        by_factor = factors.found(identification, able, lumps, given, LEAST_TELLING_RATIO)
+        by_factor = factors.found(identification, able, lumps, reading=given, least=LEAST_TELLING_RATIO)
         return put_right.told(identification, given, None, by_factor)
     before = _as_given(identification, readings)
     reading, alike = _degrees_first(readings, _Search(readings, before).all_mistakes())
     lumps = lumps if reading == given else readings.lumps(reading)
-    by_factor = factors.found(identification, able, lumps, reading, LEAST_TELLING_RATIO)
-    return put_right.told(identification, reading, (before, readings.errors(reading)), by_factor, alike)
+    by_factor = factors.found(identification, able, lumps, reading=reading, least=LEAST_TELLING_RATIO)
+    return put_right.told(identification, reading, (before, readings.errors(reading)), by_factor=by_factor, alike=alike)
 
 
 def _degrees_first(readings: Readings, reading: Reading) -> tuple[Reading, frozenset[int]]:
@@ -79,7 +79,7 @@ def doubts(identification: Identification) -> tuple[Suspicion, ...]:
     if not able:
         return ()
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
-    by_factor = factors.found(identification, able, lumps, given, DOUBTED_RATIO)
+    by_factor = factors.found(identification, able, lumps, reading=given, least=DOUBTED_RATIO)
     readings = Readings(identification)
     doubtful = _doubtful(identification, able) and readings.able
     if not doubtful or not np.isinf(readings.errors(given)).any():

@@ -43,7 +43,9 @@ def eliminated(model: Model, motion: Motion, prediction: Prediction) -> Motion:
     here, again = (Regressors(model, m, prediction) for m in (motion, motion.perturbed))
     for view in motion.views:
         first = view.joints[0]
-        samples, dry = _unknown(motion, view.joints, here.signals(first), again.signals(first), prediction)
+        samples, dry = _unknown(
+            motion, view.joints, here.signals(first), again=again.signals(first), prediction=prediction
+        )
         unknown.append(samples)
         most = np.maximum(most, dry)
     floor = motion.band.torque_floor()[: model.n]
@@ -70,8 +72,8 @@ def _unknown(
         rest = _standstill(here, again, term, name)
         for signals, samples in zip(here, unknown, strict=True):
             for i in (i for i in joints_of(model, term) if i in joints):
-                dry = _dry_friction(signals, term, name, i, rest)
-                samples[i] |= _rests(signals, term, name, i, rest) & (dry > floor[i])
+                dry = _dry_friction(signals, term, name, joint=i, rest=rest)
+                samples[i] |= _rests(signals, term, name, joint=i, rest=rest) & (dry > floor[i])
                 most[i] = max(most[i], dry.max(where=samples[i], initial=0.0))
     return unknown, most
 

@@ -84,12 +84,17 @@ class MotorAngle:
         margin = LEAST_PERIODS / max(float(np.ptp(self.time)), 1e-300)
         slow, fast = (self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
         swept = min(found) * slow - margin, max(found) * fast + margin
-        over_time = angle_spectrum(2 * np.pi * self.time, left, base, projection, swept)
+        over_time = angle_spectrum(2 * np.pi * self.time, left, base, projection=projection, span=swept)
         return {
             order: gain
             for order, gain in found.items()
             if not self._taken_by(
-                over_time.strongest(order * slow - margin, order * fast + margin), order, gain, left, base, projection
+                over_time.strongest(order * slow - margin, order * fast + margin),
+                order,
+                gain,
+                left=left,
+                base=base,
+                projection=projection,
             )
         }
 
@@ -101,7 +106,7 @@ class MotorAngle:
         if more < gain:
             return False
         beside = left - wave_beside(2 * np.pi * frequency * self.time, left, base, projection)
-        remaining = angle_spectrum(self.angle, beside, base, projection, self._about(order))
+        remaining = angle_spectrum(self.angle, beside, base, projection=projection, span=self._about(order))
         return bool(remaining.gain.max(initial=0.0) < OF_ITS_OWN * gain)
 
     def _about(self, order: float) -> tuple[float, float]:

@@ -153,17 +153,17 @@ def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
     if not problem.motion.has("twist", joint) or not problem.motion.untouched(joint).any():
         return None
     errors = _load_errors(problem, fit, joint)
-    skew, equation = 0.0, _equation(problem, fit, joint, 0.0, errors)
+    skew, equation = 0.0, _equation(problem, fit, joint, skew=0.0, errors=errors)
     for _ in range(TWIST_PASSES):
         skew += float(equation.solution[0])
-        equation = _equation(problem, fit, joint, skew, errors)
+        equation = _equation(problem, fit, joint, skew=skew, errors=errors)
     info, stretch = problem.model.joints[joint], stretches(problem.motion, joint)
     covariance, degrees = equation.covariance(stretch)
     late = Estimate(skew, interval(skew, float(covariance[0, 0]), degrees), "s")
     unit, loaded = f"{info.force_unit}/{info.position_unit}", equation.of_gap()
     behind = _stiffness(equation.beside_gap(), stretch, unit)
     gap = _gap_of(loaded, stretch, info.position_unit)
-    return TwistFit(joint, late, _stiffness(equation, stretch, unit), gap, behind, equation)
+    return TwistFit(joint, late, _stiffness(equation, stretch, unit), gap=gap, behind_gap=behind, equation=equation)
 
 
 def _gap_of(equation: TwistEquation, stretch: NDArray[np.intp], unit: str) -> Estimate | None:
@@ -198,13 +198,13 @@ def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array
     motion, band = problem.motion, problem.motion.band
     # What rests is eliminated from linear equations; this one has the direction of the load, too.
     whole = replace(problem.regressors, motion=motion.with_standstill)
-    plain, again = (_rows(problem, fit, joint, skew, r) for r in (whole, whole.perturbed))
+    plain, again = (_rows(problem, fit, joint, skew=skew, regressors=r) for r in (whole, whole.perturbed))
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
     cutoff = motion.cutoff(joint)
     inside = white_inside(motion.recorded(joint, fit.skew), motion.row_rate(joint), cutoff)
     noise = cutoff * min(inside, float(band.torque_density[joint]))
     along = int(problem.model.joints[joint].rotor_inertia is None)
-    return TwistEquation(plain, again, noise, errors, along)
+    return TwistEquation(plain, again, noise, errors=errors, along=along)
 
 
 def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regressors) -> TwistRows:

@@ -181,7 +181,7 @@ def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis:
     others = tuple(r.term for r in bench.rivals if r.term != term)
     named = tuple(f.term for f in result.findings)
     rivals = result.findings[0].rivals if result.findings else ()
-    return SimulatedDiagnosis(term, others, seed, result.verdict, named, tuple(rivals))
+    return SimulatedDiagnosis(term, others, seed, verdict=result.verdict, named=named, rivals=tuple(rivals))
 
 
 @dataclass(frozen=True)
@@ -329,13 +329,13 @@ def propose(
         bench,
         motion,
         tuple(repertoire.names[k] for k in choice.numbers),
-        choice.times,
-        limit,
-        MotionGround.of(bench, bench.ordinary_path).weigh(),
-        MotionGround.of(bench, motion).weigh(),
-        ordinary,
-        confirmation,
-        relief,
+        times=choice.times,
+        limit=limit,
+        before=MotionGround.of(bench, bench.ordinary_path).weigh(),
+        after=MotionGround.of(bench, motion).weigh(),
+        ordinary=ordinary,
+        confirmation=confirmation,
+        relief=relief,
     )
 
 

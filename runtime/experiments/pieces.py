@@ -158,7 +158,7 @@ _SHAPES: dict[str, Shape] = {
     "legs under changing load": _under_load,
     "reversals of growing amplitude": _reversals,
     "small reversals along slow legs": _reversals_on_the_way,
-    "sines of the whole range": sines(0.12, 1.5, 1.5, 14.0, 9),
+    "sines of the whole range": sines(0.12, 1.5, 1.5, seconds=14.0, lines=9),
     "sines over two decades of frequency": sines(0.12, 12.0, 1.2, 14.0),
     "sines with large accelerations": sines(2.0, 20.0, 2.0, 9.0),
     "a swelling oscillation": _swelling,

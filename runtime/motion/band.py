@@ -180,7 +180,7 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         torque[i] = np.median([d.density(r.tau[i]) for r, d in zip(recordings, noise, strict=True)])
         position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * rate)
-    band = Band(*_cut(inertia, torque, position, np.zeros(n), ceiling), torque, position, step)
+    band = Band(*_cut(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling), torque, position, step)
     band = replace(band, mistimed=all(d.mistimed(r.q) for r, d in zip(recordings, noise, strict=True)))
     band = replace(band, rates=judged(recordings, grids, band.cutoffs, position))
     quiet = np.array([band.rate_noise(i) for i in range(n)], dtype=float)

@@ -132,7 +132,7 @@ class LowPass:
 
         library   the effect's own: guesses are tried on a motion that was prepared without them
         """
-        return library.columns_in_band(effect, signals, choices, dt, self._centred, self.factor)
+        return library.columns_in_band(effect, signals, choices, dt=dt, kernel=self._centred, factor=self.factor)
 
     def rows(self, samples: slice, within: int, size: int) -> slice:
         """Rows, of `size`, whose centres lie within so many samples of these."""
@@ -192,4 +192,6 @@ def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
     """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
     cutoff = min(cutoff, BAND_OF_SAMPLING * rate)
     taps, beta = kaiser_window(BAND_STOPBAND_DB, TRANSITION * cutoff / (rate / 2))
-    return LowPass(cutoff, rate, max(1, int(rate / (ROWS_OVER_CUTOFF * cutoff))), taps // 2, beta, library)
+    return LowPass(
+        cutoff, rate, max(1, int(rate / (ROWS_OVER_CUTOFF * cutoff))), half=taps // 2, beta=beta, library=library
+    )

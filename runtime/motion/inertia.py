@@ -48,7 +48,7 @@ def shown(recordings: Sequence[Recording]) -> Array:
 
 def _asked_at_all(motion: tuple[Array, Array, Array, Array]) -> Array:
     q, qd, qdd, tau = motion
-    return np.array([asked(i, q, qd, qdd, row) for i, row in enumerate(tau)])
+    return np.array([asked(i, q, qd, qdd=qdd, tau=row) for i, row in enumerate(tau)])
 
 
 def _slow_motion(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array] | None:

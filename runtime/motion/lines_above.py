@@ -66,7 +66,7 @@ def _of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: fl
     cutoff = float(band.cutoffs[joint])
     # A stretch of each is enough to see a line, as it is for noise.
     stretches = [(r, slice(s.start, min(s.stop, s.start + ENOUGH_FOR_NOISE))) for r in recordings for s in r.segments]
-    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio, cutoff) for r, s in stretches]
+    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio=ratio, cutoff=cutoff) for r, s in stretches]
     angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
     use = speed > SLOW_FOR_LINES * speed.max(initial=0.0)
     angle, speed, torque = angle[use], speed[use], torque[use]

@@ -36,11 +36,11 @@ def prepare(recordings: Sequence[Recording], band: Band, model: Model) -> Motion
     """
     n = len(recordings[0].q)
     cutoffs = sorted({float(f) for f in band.cutoffs})
-    views = tuple(_view(recordings, band, cutoff, cutoffs[0], model) for cutoff in cutoffs)
+    views = tuple(_view(recordings, band, cutoff, narrowest=cutoffs[0], model=model) for cutoff in cutoffs)
     if not views[0].pieces:
         names = ", ".join(str(r.path) for r in recordings)
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
-    motion = Motion(band, views, np.zeros(n), np.zeros(n), recordings[0].cells, recordings[0].units)
+    motion = Motion(band, views, np.zeros(n), quiet=np.zeros(n), cells=recordings[0].cells, units=recordings[0].units)
     motion = motion.resting(_standstill(motion, recordings), np.zeros(n))
     if not any(motion.moving(i).any() for i in range(n)):
         names = ", ".join(str(r.path) for r in recordings)
@@ -63,7 +63,18 @@ def _view(recordings: Sequence[Recording], band: Band, cutoff: float, narrowest:
         for stretch in clock.stretches:
             if stretch.size > least:
                 read = sensors.read(recording, stretch, derive, common)
-                pieces.append(_piece(recording, number, clock, stretch, derive, band_filter, band, read))
+                pieces.append(
+                    _piece(
+                        recording,
+                        number,
+                        clock,
+                        stretch=stretch,
+                        derive=derive,
+                        band_filter=band_filter,
+                        band=band,
+                        read=read,
+                    )
+                )
     return BandView(tuple(int(i) for i in np.flatnonzero(band.cutoffs == cutoff)), tuple(pieces))
 
 
@@ -94,7 +105,7 @@ def _dry_friction(motion: Motion, model: Model) -> Array:
         q, qd, qdd = (motion.rows(name, i) for name in ("q", "qd", "qdd"))
         rigid = _rigid_given(motion, i) if motion.rigid_given else model.regressor(q, qd, qdd)[i]
         use, tau = motion.moving(i), motion.recorded(i, 0.0)
-        found.append(turns.dry_friction(q[i, use], qd[i, use], qdd[i, use], rigid[:, use], tau[use]))
+        found.append(turns.dry_friction(q[i, use], qd[i, use], qdd[i, use], rigid=rigid[:, use], tau=tau[use]))
     return np.array(found)
 
 
@@ -153,18 +164,18 @@ def _piece(
         number,
         run,
         dt,
-        t,
-        q,
-        qd,
-        qdd,
-        slow,
-        tau,
-        warmth,
-        measured,
-        band_filter,
-        derive,
-        excited,
-        rate_measured,
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        slow=slow,
+        tau=tau,
+        warmth=warmth,
+        measured=measured,
+        low_pass=band_filter,
+        derive=derive,
+        excited=excited,
+        rate_measured=rate_measured,
         sensors=read,
         places=places,
         began=_began(recording, run),

@@ -57,7 +57,7 @@ def judged(
     cutoffs (n,) Hz up to which it is compared; position_density (n,) of the positions' noise, unit²/Hz.
     """
     each = enumerate(zip(cutoffs.tolist(), position_density.tolist(), strict=True))
-    return tuple(_of_joint(i, recordings, grids, cutoff, density) for i, (cutoff, density) in each)
+    return tuple(_of_joint(i, recordings, grids, cutoff=cutoff, density=density) for i, (cutoff, density) in each)
 
 
 def _of_joint(

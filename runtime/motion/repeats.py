@@ -121,7 +121,11 @@ def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:
             continue
         lag = _same_later(coarse, window, begin, width)
         if lag is not None:
-            found.append(_align(q, qd * (piece.dt * factor), begin * stride, width * stride, lag * stride, stride))
+            found.append(
+                _align(
+                    q, qd * (piece.dt * factor), begin * stride, width=width * stride, lag=lag * stride, stride=stride
+                )
+            )
     tolerance = REPEAT_ALIKE * np.ptp(q, axis=1)
     rows = []
     for p in (p for p in found if p.inside(q.shape[1])):

@@ -92,7 +92,7 @@ def read(recording: Recording, stretch: Stretch, derive: Differentiator, common:
         return np.where(common[name][:, None], rows, absent)
 
     rigid = raw("tau_rigid") if common["tau_rigid"].all() else None
-    found = Sensors(None, None, raw("tau_link"), rigid, raw("force", 0.0), raw("q_desired"))
+    found = Sensors(None, None, raw("tau_link"), tau_rigid=rigid, force=raw("force", 0.0), q_desired=raw("q_desired"))
     if recording.q_link is None or not common["q_link"].any():
         return found
     between = (recording.q - recording.q_link)[common["q_link"], stretch.samples]

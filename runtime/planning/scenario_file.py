@@ -98,7 +98,11 @@ PHASE = (
 )
 SPRING = (
     Whole(
-        "joint", "joint where it is mounted, counted from 1; one spring per joint", 1, _MANY, "a joint, counted from 1"
+        "joint",
+        "joint where it is mounted, counted from 1; one spring per joint",
+        low=1,
+        high=_MANY,
+        expected="a joint, counted from 1",
     ),
     Text("effect", "effect of the spring; default: the first of the library", default=""),
     Numbers("catalogue", "stiffnesses that can be bought; default: any", positive=True, default=()),

@@ -142,7 +142,7 @@ class Trajectory:
         if not self.periodic:
             beyond = (times < 0.0) | (times > self.duration)
             qd[:, beyond] = qdd[:, beyond] = 0.0
-        return JointMotion(times, q, qd, qdd, index)
+        return JointMotion(times, q, qd, qdd, phase=index)
 
     def _joints(self, model: Model, phase: Phase, t: Array) -> tuple[Array, Array, Array]:
         c, cd, cdd = (np.ascontiguousarray(polynomial(t).T) for polynomial in phase.polynomials)
@@ -243,7 +243,7 @@ def _fields(model: Model) -> tuple[Field, ...]:
         _ControlPoints("points", "of the polynomials, a row a coordinate", n, unit="rad or m"),
     )
     spring = (
-        Whole("joint", "where it is mounted, counted from 1", 1, n, f"a joint, 1 to {n}"),
+        Whole("joint", "where it is mounted, counted from 1", low=1, high=n, expected=f"a joint, 1 to {n}"),
         Text("effect", "which spring, where effects of one's own add others", default=""),
         Others("PARAMETER", "of the spring, as its effect declares it", Real, _OF_A_SPRING, unit="SI", default=None),
     )

@@ -284,9 +284,22 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
     qd = np.where(np.abs(qd) < AT_REST * np.abs(qd).max(), 0.0, qd)
     none = np.zeros((n, count))
     warmth = np.tile(RISE * -np.expm1(-t / (WARMING * t[-1])), (n, 1)) if warm else none
-    filters = low_pass(SIZING_CUTOFF, rate, library), differentiator(SIZING_CUTOFF, rate)
-    exact = (Smoother(np.ones(1)),) * n
-    return Piece(0, 1, 1 / rate, t, q, qd, qdd, qdd, none, warmth, np.full(n, warm), *filters, exact)
+    return Piece(
+        recording=0,
+        run=1,
+        dt=1 / rate,
+        t=t,
+        q=q,
+        qd=qd,
+        qdd=qdd,
+        slow=qdd,
+        tau=none,
+        warmth=warmth,
+        measured=np.full(n, warm),
+        low_pass=low_pass(SIZING_CUTOFF, rate, library),
+        derive=differentiator(SIZING_CUTOFF, rate),
+        excited=(Smoother(np.ones(1)),) * n,
+    )
 
 
 def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:

@@ -135,9 +135,9 @@ ENCODER = (
     Whole(
         "zero",
         "encoder count at joint position 0",
-        -(2**31),
-        2**31 - 1,
-        "a whole number of 32 bits, the encoder count at joint position 0",
+        low=-(2**31),
+        high=2**31 - 1,
+        expected="a whole number of 32 bits, the encoder count at joint position 0",
         unit="counts",
         default=0,
     ),
@@ -146,9 +146,9 @@ DRIVE = (
     Whole(
         "node",
         "CANopen node id of the drive, unique",
-        1,
-        MAX_NODE,
-        f"the drive's CANopen node id, a whole number from 1 to {MAX_NODE}",
+        low=1,
+        high=MAX_NODE,
+        expected=f"the drive's CANopen node id, a whole number from 1 to {MAX_NODE}",
     ),
     Choice(
         "direction",
