@@ -152,7 +152,7 @@ def doubts(model: Model, recordings: Sequence[Recording], terms: Sequence[Term])
     fitted = identify(model, recordings)
     floors = [float(x) for x in fitted.motion.band.torque_floor()]
     ranked = rank(CandidateField(fitted.problem, fitted.fit), terms, floors).ranked
-    return {str(e.term): "; ".join(e.failed) for e in ranked}
+    return {str(e.term): "; ".join(failed.text for failed in e.failed) for e in ranked}
 
 
 def gains(model: Model, recordings: Sequence[Recording]) -> dict[Term, float]:

@@ -122,7 +122,7 @@ def _typical(shapes: Sequence[Values]) -> Values:
 
 
 def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
-    return all(ok for ok, _ in weighing.figures(added).gates(weighing.floor, at_edge))
+    return next(weighing.figures(added).failed_gates(weighing.floor, at_edge), None) is None
 
 
 def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:

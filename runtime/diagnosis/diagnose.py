@@ -9,6 +9,7 @@ from typing import Literal
 from runtime.diagnosis import consistency, detection_limits, sensor_worth, telling_signals
 from runtime.diagnosis.branches import complete
 from runtime.diagnosis.credibility import poor_excitation, wrong_data
+from runtime.diagnosis.further_sensors import FailedGate
 from runtime.diagnosis.gates import Verdict
 from runtime.diagnosis.grammar_search import Wider, best
 from runtime.diagnosis.remainder import above_band, after_effect, physics, remainder
@@ -196,7 +197,8 @@ def _withheld(search: Search, verdict: str) -> Verdict:
     if verdict != "refused" or not search.findings:
         return search.last
     named = {f.term for f in search.findings}
-    why = "the recordings contradict each other, so that what is missing in which of them is not known"
+    text = "the recordings contradict each other, so that what is missing in which of them is not known"
+    why = FailedGate("recordings", text)
     mine = tuple(replace(f.evidence, failed=(*f.evidence.failed, why)) for f in search.findings)
     return Verdict((*mine, *(e for e in search.last.ranked if e.term not in named)), ())
 

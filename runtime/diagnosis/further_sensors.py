@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,28 @@ from runtime.motion.sensors import Sensors
 
 Array = NDArray[np.float64]
 
-BY_LINK, BY_OUTPUT = "the link-side encoder", "the torque sensor at the output"
-"""How what each sensor says begins."""
+Gate = Literal[
+    "bic",
+    "torque",
+    "share",
+    "edge",
+    "likelihood",
+    "error",
+    "resolution",
+    "model",
+    "encoders",
+    "link encoder",
+    "output sensor",
+    "bound",
+    "recordings",
+]
+
+
+class FailedGate(NamedTuple):
+    """A gate that a candidate does not pass, and the figures in words."""
+
+    gate: Gate
+    text: str
 
 
 @dataclass(frozen=True)
@@ -90,7 +111,9 @@ class FurtherSensors:
         """The sensors of a piece as if all encoders were read at once."""
         return piece.sensors.aligned(piece.t, piece.q, piece.qdd, self._late)
 
-    def doubts(self, ground: Ground, candidate: Candidate, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
+    def doubts(
+        self, ground: Ground, candidate: Candidate, block: CandidateBlock, theta: Array
+    ) -> tuple[FailedGate, ...]:
         """What the sensors hold against a candidate with coefficients (1 + k,) `theta`, in words and figures."""
         term = candidate.term
         lag = self._transmission(ground, term, block, theta)
@@ -98,7 +121,7 @@ class FurtherSensors:
 
     # the link-side encoder -------------------------------------------------------------------------------------------
 
-    def _transmission(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
+    def _transmission(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[FailedGate, ...]:
         model, motion = self.field.model, self.field.motion
         gives_way = model.library.effects[term.effect].gives_way
         places = joints_of(model, term)[:1] if gives_way else range(model.n)
@@ -112,12 +135,17 @@ class FurtherSensors:
         if found is None:
             return ()
         if gives_way and found.below(LEAST_LAG):
-            return (f"{BY_LINK} does not show it: the link lags by {found}",)
+            return _by_link(f"does not show it: the link lags by {found}")
         if not gives_way and found.above(HALF_OF_TORQUE):
-            return (f"{BY_LINK} shows that the transmission gives way instead: the lag makes up {found}",)
+            return (
+                FailedGate(
+                    "link encoder",
+                    f"the link-side encoder shows that the transmission gives way instead: the lag makes up {found}",
+                ),
+            )
         return ()
 
-    def _play(self, candidate: Candidate) -> tuple[str, ...]:
+    def _play(self, candidate: Candidate) -> tuple[FailedGate, ...]:
         """Whether the measured twist and the candidate's are a gap apart: a step between the two directions of the
         transmitted torque, beside all that a spring, linear or hardening, makes of that torque."""
         model, motion, own = self.field.model, self.field.motion, (candidate.term.joint or 1) - 1
@@ -155,7 +183,11 @@ class FurtherSensors:
             return ()
         unit = model.joints[own].position_unit
         play = f"{abs(2 * apart):.2g} ± {2 * spread:.1g} {unit}"
-        return (f"{BY_LINK} shows {play} {'more' if apart > 0 else 'less'} play than it has",)
+        return (
+            FailedGate(
+                "link encoder", f"the link-side encoder shows {play} {'more' if apart > 0 else 'less'} play than it has"
+            ),
+        )
 
     def _lag(self, joints: list[int], noise: bool) -> dict[int, Array]:
         """(M,) by joint: torque that the links of some joints (0-based) do not take because they lag behind, beyond
@@ -197,7 +229,7 @@ class FurtherSensors:
 
     # the torque sensor at the output ---------------------------------------------------------------------------------
 
-    def _output(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[str, ...]:
+    def _output(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[FailedGate, ...]:
         side = self.field.model.library.effects[term.effect].side
         sensed = [i for i in block.parts if self.field.motion.has("tau_link", i)]
         if side is None or not sensed:
@@ -217,9 +249,18 @@ class FurtherSensors:
         if found is None:
             return ()
         if side == "link" and found.below(HALF_OF_TORQUE):
-            return (f"{BY_OUTPUT} does not feel it, as it would on the link: {found}",)
+            return (
+                FailedGate(
+                    "output sensor",
+                    f"the torque sensor at the output does not feel it, as it would on the link: {found}",
+                ),
+            )
         if side == "motor" and found.above(HALF_OF_TORQUE):
-            return (f"{BY_OUTPUT} feels it, as it would not on the motor: {found}",)
+            return (
+                FailedGate(
+                    "output sensor", f"the torque sensor at the output feels it, as it would not on the motor: {found}"
+                ),
+            )
         return ()
 
     def _sensed(self, joint: int) -> tuple[Array, Array]:
@@ -243,6 +284,14 @@ class FurtherSensors:
                 link = link - columns[0]
                 free += [*columns[1:]]
         return np.array(free), link
+
+
+def _by_link(text: str) -> tuple[FailedGate, ...]:
+    return (FailedGate("link encoder", f"the link-side encoder {text}"),)
+
+
+def _by_output(text: str) -> tuple[FailedGate, ...]:
+    return (FailedGate("output sensor", f"the torque sensor at the output {text}"),)
 
 
 def _output_torque(piece: Piece) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, Ground, vuong
-from runtime.diagnosis.further_sensors import FurtherSensors
+from runtime.diagnosis.further_sensors import FailedGate, FurtherSensors, Gate
 from runtime.diagnosis.settings import (
     BIC_APART,
     FINALISTS,
@@ -45,8 +45,8 @@ from runtime.wording import times_floor, told_apart, whole_apart
 
 Array = NDArray[np.float64]
 
-_EXPLAINS, _UNSEEN = "it explains", "held-out"
-"""How the sayings of gates begin that a recording which was not fitted can answer better."""
+_ANSWERED: frozenset[Gate] = frozenset({"share", "likelihood", "error"})
+"""Gates that a recording which was not fitted answers better."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Evidence:
     delta_bic: float
     likelihood_gain: float
     cv_gain: float
-    failed: tuple[str, ...]
+    failed: tuple[FailedGate, ...]
     parameters: int
     residual: Array
     twist: Shown | None = None
@@ -101,7 +101,7 @@ class Evidence:
     def answerable(self) -> bool:
         """Whether all that speaks against it is that it explains a small part of what is left, or little of stretches
         that were left out in turn: a recording that was not fitted tells more of both."""
-        return bool(self.failed) and all(why.startswith((_EXPLAINS, _UNSEEN)) for why in self.failed)
+        return bool(self.failed) and all(failed.gate in _ANSWERED for failed in self.failed)
 
     def document(self) -> EvidenceEntry:
         return EvidenceEntry(
@@ -110,7 +110,7 @@ class Evidence:
             delta_bic=self.delta_bic,
             cv_gain=self.cv_gain,
             cv_log_likelihood_gain=self.likelihood_gain if np.isfinite(self.likelihood_gain) else None,
-            failed_gates=list(self.failed),
+            failed_gates=[failed.text for failed in self.failed],
             twist=UNSET if self.twist is None else self.twist.document(),
         )
 
@@ -179,26 +179,27 @@ class Figures:
         """Part by which the squared error falls on folds that were not fitted."""
         return 1 - float(self.after.held_out[0].sum()) / float(self.before.held_out[0].sum())
 
-    def gates(self, floor: float, at_edge: bool, least_share: float = LEAST_SHARE) -> Iterator[tuple[bool, str]]:
-        """Whether each is open and what is to be said if not, those first that cost least to know."""
+    def failed_gates(self, floor: float, at_edge: bool, least_share: float = LEAST_SHARE) -> Iterator[FailedGate]:
+        """Those that are not passed, first those that cost least to know."""
         delta, size = self.delta_bic, times_floor(self.eff, floor)
-        yield (
-            delta > LEAST_DELTA_BIC,
-            f"whitened BIC falls by {whole_apart(delta, LEAST_DELTA_BIC)}, not by {LEAST_DELTA_BIC:g}",
-        )
-        own = told_apart(size, LEAST_EFFECT)
-        yield size > LEAST_EFFECT, f"its own torque is {own} of the noise floor, not more than {LEAST_EFFECT:g}"
+        if not delta > LEAST_DELTA_BIC:
+            fall = whole_apart(delta, LEAST_DELTA_BIC)
+            yield FailedGate("bic", f"whitened BIC falls by {fall}, not by {LEAST_DELTA_BIC:g}")
+        if not size > LEAST_EFFECT:
+            own = told_apart(size, LEAST_EFFECT)
+            yield FailedGate("torque", f"its own torque is {own} of the noise floor, not more than {LEAST_EFFECT:g}")
         part, enough = 100 * self.share, 100 * least_share
-        yield part > enough, f"{_EXPLAINS} {whole_apart(part, enough)} % of what is left, not {enough:.0f} %"
-        yield not at_edge, "its shape lies at the edge of what was searched"
-        gain = self.likelihood_gain
-        least = LEAST_LIKELIHOOD_GAIN
-        yield (
-            gain > least,
-            f"held-out log-likelihood changes by {whole_apart(gain, least)}; at least {least:g} is required",
-        )
-        fall = 1 - np.sqrt(max(1 - self.cv_gain, 0.0))
-        yield bool(fall > LEAST_ERROR_FALL), f"held-out error does not fall by {100 * LEAST_ERROR_FALL:g} %"
+        if not part > enough:
+            text = f"it explains {whole_apart(part, enough)} % of what is left, not {enough:.0f} %"
+            yield FailedGate("share", text)
+        if at_edge:
+            yield FailedGate("edge", "its shape lies at the edge of what was searched")
+        gain, least = self.likelihood_gain, LEAST_LIKELIHOOD_GAIN
+        if not gain > least:
+            text = f"held-out log-likelihood changes by {whole_apart(gain, least)}; at least {least:g} is required"
+            yield FailedGate("likelihood", text)
+        if not 1 - np.sqrt(max(1 - self.cv_gain, 0.0)) > LEAST_ERROR_FALL:
+            yield FailedGate("error", f"held-out error does not fall by {100 * LEAST_ERROR_FALL:g} %")
 
 
 @dataclass
@@ -237,7 +238,7 @@ class WhitenedGround:
         figures = weighing.figures()
         several = self.field.model.library.effects[candidate.term.effect].several
         share = LEAST_SHARE_OF_ONE if several else LEAST_SHARE
-        failed = tuple(text for ok, text in figures.gates(weighing.floor, candidate.at_edge, share) if not ok)
+        failed = tuple(figures.failed_gates(weighing.floor, candidate.at_edge, share))
         theta = np.append(1.0, figures.after.coefficients[self.ground.size :])
         failed += (
             self._too_narrow(candidate)
@@ -256,7 +257,7 @@ class WhitenedGround:
             residual=weighing.residual(figures),
         )
 
-    def _too_narrow(self, candidate: Candidate) -> tuple[str, ...]:
+    def _too_narrow(self, candidate: Candidate) -> tuple[FailedGate, ...]:
         """What speaks against a gap that the encoder does not resolve: where it is crossed is then the encoder's noise,
         to which the torque of the flanks does not answer in proportion, and which cannot be compensated for."""
         play = self.field.model.library.effects[candidate.term.effect].of_kind("play")
@@ -268,7 +269,8 @@ class WhitenedGround:
         size, unit = candidate.shape[play.name], self.field.model.joints[own].position_unit
         if size > least:
             return ()
-        return (f"its {play.name} of {size:.2g} {unit} is no wider than the {least:.2g} that its encoder resolves",)
+        text = f"its {play.name} of {size:.2g} {unit} is no wider than the {least:.2g} that its encoder resolves"
+        return (FailedGate("resolution", text),)
 
 
 @dataclass
@@ -337,16 +339,17 @@ class Weighing:
         found = self.white.residual(figures.white_after.coefficients, self.whitened)
         return np.concatenate([row.used(r) for row, r in zip(self.white.rows, found, strict=True)])
 
-    def doubts(self, theta: Array) -> tuple[str, ...]:
+    def doubts(self, theta: Array) -> tuple[FailedGate, ...]:
         """What speaks against a candidate's torque itself, (1 + k,) `theta` of its columns."""
         parts = self.block.parts
         own, whole = self.plain.own({i: theta @ p.columns for i, p in parts.items()})
         noise, _ = self.plain.own({i: theta @ p.noise for i, p in parts.items() if p.noise is not None})
         found = []
         if own < LEAST_OWN * whole:
-            found.append(f"the model as it is can produce all but {100 * own / whole:.2g} % of its torque")
+            text = f"the model as it is can produce all but {100 * own / whole:.2g} % of its torque"
+            found.append(FailedGate("model", text))
         if noise > MOST_NOISE * own:
-            found.append("another reading of the encoders would give another torque")
+            found.append(FailedGate("encoders", "another reading of the encoders would give another torque"))
         return tuple(found)
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from runtime.diagnosis.further_sensors import BY_LINK, BY_OUTPUT
 from runtime.diagnosis.gates import Evidence
 from runtime.documents.diagnosis import SensorEntry
 from runtime.documents.parts import EffectAt
@@ -54,14 +53,14 @@ def of(motion: Motion, weighed: Iterable[Evidence], named: Sequence[Evidence]) -
     """
     names = {e.term for e in named}
     found, everything = [], [e for e in weighed if e.term not in names]
-    for recorded, column, begins in (("twist", "q{}_link", BY_LINK), ("tau_link", "tau{}_link", BY_OUTPUT)):
+    for recorded, column, gate in (("twist", "q{}_link", "link encoder"), ("tau_link", "tau{}_link", "output sensor")):
         joints = [i for i in range(motion.n) if motion.has(recorded, i)]
         if not joints:
             continue
-        said = {e.term: [why.startswith(begins) for why in e.failed] for e in everything}
+        said = {e.term: [failed.gate == gate for failed in e.failed] for e in everything}
         decided = tuple(term for term, by in said.items() if by and all(by))
         against = tuple(term for term, by in said.items() if any(by) and not all(by))
-        shown = tuple(e.term for e in named if e.twist is not None) if begins == BY_LINK else ()
+        shown = tuple(e.term for e in named if e.twist is not None) if recorded == "twist" else ()
         columns = tuple(column.format(i + 1) for i in joints)
         found.append(SensorWorth(columns, decided, against, shown))
     return tuple(found)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
+from runtime.diagnosis.further_sensors import FailedGate
 from runtime.diagnosis.gates import Evidence, Figures, Shown
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.twist import TwistEquation, TwistFit, TwistRows, fit_twist
@@ -90,13 +91,13 @@ def _weighed(
     lower = np.append(0.0, np.full(equation.along, -np.inf))
     block = CandidateBlock({0: columns}, lower, np.full(1 + equation.along, np.inf))
     figures, residual = _figures(ground, block, before, _floor(field, joint))
-    failed = [text for ok, text in figures.gates(_floor(field, joint), at_edge=False) if not ok]
+    failed = list(figures.failed_gates(_floor(field, joint), at_edge=False))
     # A finite end of the interval that is not the effect's absence: a gap above 0, however stiff its flanks; a
     # spring's compliance above 0.
     info = field.model.library.effects[effect]
     size = info.of_kind("play") if info.has_gap else info.of_kind("stiffness")
     failed += [
-        f"its {name} may be none: 95 % in [{e.interval[0]:.3g}, {e.interval[1]:.3g}]"
+        FailedGate("bound", f"its {name} may be none: 95 % in [{e.interval[0]:.3g}, {e.interval[1]:.3g}]")
         for name, e in values.items()
         if e.interval is not None
         and size is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from codegen.toolchain import build
 from codegen.toolchain.build import BuildError, shared_library
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import Effect, LinearForm, parameter
+from symbolic.model_file.arm import Arm
 
 ROOT = Path(__file__).resolve().parents[3]
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
@@ -208,6 +210,33 @@ def test_the_key_of_the_firmware_covers_the_arm_and_its_tree() -> None:
     assert arm < firmware
     assert ROOT / "codegen/firmware/templates/tendon_arm.h.j2" in firmware - arm
     assert ROOT / "codegen/verify/verify.py" not in firmware
+
+
+@pytest.mark.parametrize(
+    ("changed", "another"),
+    [("symbolic/effects/friction.py", True), ("codegen/c/c_code.py", True), ("codegen/verify/verify.py", False)],
+)
+def test_a_changed_source_is_another_entry(
+    changed: str, another: bool, vishard4: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The entry of an arm follows every source that it depends on, by its content."""
+    for package in ("symbolic", "codegen"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(prepare, "_ROOT", tmp_path)
+    monkeypatch.setattr(build, "entry", lambda name, _: Path(name))
+
+    def entry() -> Path:
+        prepare.sources.cache_clear()
+        prepare._digest.cache_clear()
+        return prepare.prepare_arm(vishard4)
+
+    before = entry()
+    with (tmp_path / changed).open("a", encoding="utf-8") as source:
+        source.write("# another\n")
+    after = entry()
+    prepare.sources.cache_clear()
+    prepare._digest.cache_clear()
+    assert (after != before) == another
 
 
 @pytest.mark.parametrize("name", prepare.UNUSED_BY_ARMS)

@@ -107,14 +107,15 @@ def test_a_link_side_encoder_says_whether_the_transmission_gives_way() -> None:
     field = CandidateField(fitted.problem, fitted.fit)
     soft = Candidate(ELASTICITY, shape, 2, 0.0, at_edge=False)
     (doubt,) = FurtherSensors(field).doubts(field.ground, soft, field.block(ELASTICITY, shape), np.ones(1))
-    assert doubt.startswith("the link-side encoder does not show it")
+    assert doubt.gate == "link encoder"
+    assert doubt.text.startswith("the link-side encoder does not show it")
     recording = recorded(quick, ("elasticity", 0, 1500.0)).with_link
     assert not doubts(bank.model("judge1"), recording, ELASTICITY, DELAY)["elasticity@1"]
     fitted = kept(identify, bank.model("judge1"), [recording])
     field = CandidateField(fitted.problem, fitted.fit)
     late, block = Candidate(DELAY, {}, 0, 0.0, at_edge=False), field.block(DELAY, {})
     parts = np.append(1.0, field.ground.solve(block).coefficients[field.ground.size :])
-    said = "; ".join(FurtherSensors(field).doubts(field.ground, late, block, parts))
+    said = "; ".join(doubt.text for doubt in FurtherSensors(field).doubts(field.ground, late, block, parts))
     assert "the transmission gives way instead" in said
 
 
@@ -258,16 +259,17 @@ def test_no_gravity_is_in_the_inertia_of_a_rigid_torque() -> None:
 def test_what_sensors_were_worth() -> None:
     """What a sensor alone rules out, what it speaks against beside the torque, and that it changed nothing."""
 
-    def weighed(effect: str, *failed: str) -> Any:
+    def weighed(effect: str, *gates: further_sensors.Gate) -> Any:
+        failed = tuple(further_sensors.FailedGate(gate, "") for gate in gates)
         return SimpleNamespace(term=Term(effect, 1), failed=failed, twist=None)
 
     measured = SimpleNamespace(n=2, has=lambda name, joint: (name, joint) in (("twist", 0), ("tau_link", 1)))
     named = weighed("elasticity")
     everything = [
         named,
-        weighed("cable", f"{further_sensors.BY_LINK} shows that the transmission gives way instead"),
-        weighed("linear_spring", "it explains 3 % of what is left", f"{further_sensors.BY_LINK} shows"),
-        weighed("viscous_cubic", "it explains 3 % of what is left"),
+        weighed("cable", "link encoder"),
+        weighed("linear_spring", "share", "link encoder"),
+        weighed("viscous_cubic", "share"),
         weighed("friction_patch"),
     ]
     link, output = sensor_worth.of(measured, everything, [named])  # type: ignore[arg-type]

@@ -162,7 +162,7 @@ def test_no_reason_says_that_a_number_is_not_itself(below: float, share: float) 
     """Whatever is left out by a hair: "0.15 of the noise floor, not 0.15" tells nobody why."""
     limits = (*_LIMITS[:2], share, *_LIMITS[3:])
     weighed = SimpleNamespace(**{name: (1 - below) * limit for name, limit in zip(_WEIGHED, limits, strict=True)})
-    reasons = [said for is_open, said in Figures.gates(weighed, 1.0, False, share) if not is_open]
+    reasons = [failed.text for failed in Figures.failed_gates(weighed, 1.0, False, share)]
     assert len(reasons) == 5
     for said in reasons[:4]:
         value, limit = re.findall(r"[-−]?\d+(?:\.\d+)?", said)
