@@ -72,8 +72,9 @@ def on_cores(count: int) -> AbstractContextManager[None]:
 
 
 def cores() -> int:
-    """Number of cores that work uses: by default all that this process may use, where it can be forked."""
-    if sys.platform != "linux":
+    """Number of cores that work uses: by default all that this process may use, where it can be forked; one in a
+    worker of a multiprocessing pool, which may start no process."""
+    if sys.platform != "linux" or multiprocessing.current_process().daemon:
         return 1
     return _cores.get() or len(os.sched_getaffinity(0))
 

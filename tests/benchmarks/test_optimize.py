@@ -21,6 +21,7 @@ from pinocchio_reference import Missing, Reference
 
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
+from runtime.planning.blocks import assemble
 from runtime.planning.evaluate import effort, objective
 from runtime.planning.optimize import WIDTH, Infeasible, Planner, StartError, optimize, random_start
 from runtime.planning.program import MET, Program
@@ -200,14 +201,14 @@ def _assert_same(
     program: Program, by_hand: ByHand, opti: OptiByHand, bounds: tuple[Array, Array], start: Array
 ) -> None:
     """One program three times: at several points the same cost, and every constraint of one in the others."""
-    at, p = ca.MX.sym("x", len(start)), ca.DM(program.task.p.vector(program.task.values(WIDTH)))
-    values = [block.values(at, p) for block in program.blocks]
-    whole = ca.Function("whole", [at], [sum(cost for cost, _ in values), ca.vertcat(*(rows for _, rows in values))])
+    p = ca.DM(program.task.p.vector(program.task.values(WIDTH)))
+    assembled = assemble(program.blocks).problem
+    whole = ca.Function("whole", [assembled[name] for name in "xp"], [assembled[name] for name in "fg"])
     ends = [np.concatenate([getattr(b, end).ravel() for b in program.blocks]) for end in ("lower", "upper")]
     rng = np.random.default_rng(1)
     for scale in (0.0, 0.01, 0.1):
         x = start + scale * rng.standard_normal(len(start))
-        cost, rows = (part.full().ravel() for part in whole(x))
+        cost, rows = (part.full().ravel() for part in whole(x, p))
         own = _distances(rows, *ends)
         np.testing.assert_allclose(by_hand.cost(x), cost[0], rtol=1e-9)
         hand = np.sort(np.abs(by_hand.equalities(x))), _finite(by_hand.inequalities(x))

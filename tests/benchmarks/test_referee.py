@@ -173,11 +173,9 @@ def test_exported_arms_have_the_torques_of_the_model(number: int, tmp_path: Path
     fitted = Source(source.path, f"{text}\n[inertial]\n{values}", DECLARED)
     document = export(fitted.compiled, "urdf", tmp_path / "arm.urdf")
     urdf = (tmp_path / "arm.urdf").read_bytes()
-    referee = Referee(
-        urdf.decode(), [joint["name"] for joint in document["joints"]], "base", "tip", np.array(model.gravity)
-    )
-    for joint, written in zip(referee.joints, document["joints"], strict=True):
-        referee.model.armature[joint.idx_v] = written["rotor_inertia"]
+    referee = Referee(urdf.decode(), [joint.name for joint in document.joints], "base", "tip", np.array(model.gravity))
+    for joint, written in zip(referee.joints, document.joints, strict=True):
+        referee.model.armature[joint.idx_v] = written.rotor_inertia
     export(fitted.compiled, "mjcf", tmp_path / "arm.xml")
     there = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
     there.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -196,7 +194,7 @@ def test_exported_arms_have_the_torques_of_the_model(number: int, tmp_path: Path
         ("missing, as export says", "Pinocchio", "MuJoCo"),
         [[f"{document['missing']:.1e}", *(f"{value:.1e}" for value in missed)]],
     )
-    assert max(missed) < TOLERANCE + 10 * document["missing"]
+    assert max(missed) < TOLERANCE + 10 * document.missing
 
 
 @pytest.mark.parametrize(("name", "number"), [("ur10", 0), ("panda", 1)])
