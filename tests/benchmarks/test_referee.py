@@ -192,7 +192,7 @@ def test_exported_arms_have_the_torques_of_the_model(number: int, tmp_path: Path
     show(
         f"{model.name}, exported with base parameters 3 % off",
         ("missing, as export says", "Pinocchio", "MuJoCo"),
-        [[f"{document['missing']:.1e}", *(f"{value:.1e}" for value in missed)]],
+        [[f"{document.missing:.1e}", *(f"{value:.1e}" for value in missed)]],
     )
     assert max(missed) < TOLERANCE + 10 * document.missing
 
