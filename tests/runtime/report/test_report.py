@@ -24,6 +24,7 @@ from runtime import wording
 from runtime.diagnosis import detection_limits
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.diagnose import Diagnosis
+from runtime.diagnosis.further_sensors import FailedGate
 from runtime.diagnosis.gates import Evidence, Verdict
 from runtime.diagnosis.sensor_worth import SensorWorth
 from runtime.diagnosis.steps import Errors, Finding, Step
@@ -106,8 +107,18 @@ def improvement(drive, one) -> Improvement:
 
 
 def evidence(term: Term, *failed: str) -> Evidence:
-    candidate = Candidate(term, {}, 0, 1.0, False)
-    return Evidence(candidate, 0.123, 0.9, 456.0, 234.0, 0.5, failed, 9, np.zeros(3))
+    """failed: what the document says of failed gates."""
+    return Evidence(
+        Candidate(term, {}, 0, 1.0, False),
+        eff=0.123,
+        share=0.9,
+        delta_bic=456.0,
+        likelihood_gain=234.0,
+        cv_gain=0.5,
+        failed=tuple(FailedGate("share", text) for text in failed),
+        parameters=9,
+        residual=np.zeros(3),
+    )
 
 
 def rendered(result) -> str:

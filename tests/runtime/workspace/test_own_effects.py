@@ -167,11 +167,12 @@ def loose(folder: Path, **declared: object) -> Model:
     return replace(source, own=library).compiled.model()
 
 
-def play(model: Model, made: Recording, gap: float, rest: dict[str, float]) -> tuple[str, ...]:
+def play(model: Model, made: Recording, gap: float, rest: dict[str, float]) -> list[str]:
     """What a link-side encoder holds against the own gap, if it were this wide."""
     fitted = kept(identify, model, [made])
     sensors = FurtherSensors(CandidateField(fitted.problem, fitted.fit))
-    return sensors._play(Candidate(Term("loose_key", 1), {**rest, "gap": gap}, 3, 0.0, False))
+    found = sensors._play(Candidate(Term("loose_key", 1), {**rest, "gap": gap}, 3, 0.0, False))
+    return [failed.text for failed in found]
 
 
 def test_a_gap_of_ones_own_is_witnessed_by_a_link_encoder(folder: Path) -> None:
@@ -186,10 +187,10 @@ def test_a_gap_of_ones_own_is_witnessed_by_a_link_encoder(folder: Path) -> None:
     assert np.ptp(seen.q_desired - seen.q_link) > true["gap"]
     findings = kept(diagnose, model, [seen]).findings
     assert [(str(f.term), f.rivals) for f in findings] == [("loose_key@1", ())]
-    assert play(model, seen, true["gap"], true) == ()
+    assert play(model, seen, true["gap"], true) == []
     (wide,) = play(model, seen, 10 * true["gap"], true)
     assert "less play than it has" in wide
-    assert play(model, seen, true["gap"] / 100, true) == ()
+    assert play(model, seen, true["gap"] / 100, true) == []
     (silent,) = play(loose(folder, has_gap=False), seen, true["gap"] / 100, true)
     assert "more play than it has" in silent
 
