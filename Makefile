@@ -4,8 +4,7 @@ EXTRAS := dev
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 BENCHMARKS := $(VENV)/.benchmarks
-# One more than there are cores: some tests wait for a browser, a port or an emulator.
-WORKERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
+WORKERS ?= auto
 PYTEST := $(BIN)/python -m pytest
 # A test goes to the process that is free; tests of one xdist_group share a dear fixture and go to one process.
 PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadgroup --no-loadscope-reorder --durations=10
