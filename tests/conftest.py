@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import threading
 
 # As the command line does: small matrices, and several of us may run at once.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -104,6 +105,21 @@ def alone(cache: Path) -> Iterator[None]:
     with (cache / ".lock").open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
+
+
+@pytest.fixture
+def lock_refused(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Set once somebody in this process waits for the lock of a file that another holds."""
+    waiting, lock = threading.Event(), files._lock
+
+    def watched(path: Path) -> int | None:
+        held = lock(path)
+        if held is None:
+            waiting.set()
+        return held
+
+    monkeypatch.setattr(files, "_lock", watched)
+    return waiting
 
 
 @pytest.fixture(scope="session")

@@ -27,6 +27,18 @@ from symbolic.model_file import checks, reader
 from symbolic.model_file.checks import ModelError
 
 PROGRAM = "from runtime.cli.main import main; main()"
+LATER = """
+import os, sys, time
+while True:
+    try:
+        descriptor = os.open(sys.argv[1], os.O_WRONLY | os.O_NONBLOCK)
+        break
+    except OSError:  # nobody reads yet
+        time.sleep(0.01)
+os.set_blocking(descriptor, True)
+os.write(descriptor, b"x" * 50000)
+os.write(descriptor, b"x" * 50000)
+"""
 
 
 def test_a_pipe_into_which_nobody_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,8 +57,7 @@ def test_a_pipe_into_which_nobody_writes(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_pipe_into_which_somebody_writes(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    writing = [sys.executable, "-c", "import sys, time; time.sleep(0.2); open(sys.argv[1], 'w').write('x' * 100000)"]
-    with subprocess.Popen([*writing, str(pipe)]):
+    with subprocess.Popen([sys.executable, "-c", LATER, str(pipe)]):
         assert reader.read_text(pipe) == "x" * 100_000
 
 
@@ -136,6 +147,11 @@ def test_a_small_file_that_unpacks_to_much_fills_no_memory(tmp_path: Path) -> No
     assert done.stderr.startswith(f"{path} line 1: is longer than")
 
 
+def opened(pid: int, path: Path) -> bool:
+    """Whether a process has a file open."""
+    return any(os.path.realpath(each) == str(path) for each in Path(f"/proc/{pid}/fd").iterdir())
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_long_reading_is_ended_within_a_second(tmp_path: Path, number: signal.Signals) -> None:
     path = tmp_path / "run.csv"
@@ -145,8 +161,9 @@ def test_a_long_reading_is_ended_within_a_second(tmp_path: Path, number: signal.
     def took() -> float:
         command = [sys.executable, "-c", "import signal; signal.signal(2, signal.default_int_handler)\n" + PROGRAM]
         with subprocess.Popen([*command, "inspect", str(path)], stderr=subprocess.PIPE) as process:
-            time.sleep(1.0)
-            assert process.poll() is None
+            while not opened(process.pid, path):
+                assert process.poll() is None
+                time.sleep(0.01)
             began = time.monotonic()
             process.send_signal(number)
             process.communicate(timeout=20)

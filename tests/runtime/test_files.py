@@ -7,7 +7,6 @@ import stat
 import subprocess
 import sys
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,12 +35,12 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def test_no_update_is_lost(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_update_is_lost(model: Path, monkeypatch: pytest.MonkeyPatch, lock_refused: threading.Event) -> None:
     """Several put their effect into one file at once: who says that it is in there is right."""
     replaced = files.replace
 
     def slow(path: Path, data: bytes) -> None:
-        time.sleep(0.02)
+        assert lock_refused.wait(files.LONGEST_WAIT)
         replaced(path, data)
 
     monkeypatch.setattr(files, "replace", slow)
@@ -69,7 +68,7 @@ def test_no_update_is_lost(model: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert list(model.parent.iterdir()) == [model]
 
 
-def test_what_belongs_to_a_file_is_written_before_another_is_let_in(model: Path) -> None:
+def test_what_belongs_to_a_file_is_written_before_another_is_let_in(model: Path, lock_refused: threading.Event) -> None:
     first, order = Source.read(model, None), []
 
     def second() -> None:
@@ -80,7 +79,7 @@ def test_what_belongs_to_a_file_is_written_before_another_is_let_in(model: Path)
     with replace(first.edits, text=first.text + "# first\n").written():
         thread = threading.Thread(target=second)
         thread.start()
-        time.sleep(0.2)
+        assert lock_refused.wait(files.LONGEST_WAIT)
         order.append("first")
     thread.join()
     assert order == ["first", "second"]

@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -302,18 +301,18 @@ def test_generate_does_not_undo_an_add(run, here, monkeypatch):
 
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("first", [True, False], ids=["first", "later"])
-def test_an_add_waits_for_a_generate_that_writes(run, monkeypatch, first):
+def test_an_add_waits_for_a_generate_that_writes(run, monkeypatch, lock_refused, first):
     """And its files are there in the end, whether there was a folder before or not."""
     if not first:
         assert run("generate", "drive.toml")[0] == 0
     source = Source.read(Path("drive.toml"), None)
     rendered, write, writes = render_all(source, None, None), disk.write, threading.Event()
 
-    def slow(files, directory):
-        if files is rendered.files:
+    def slow(written, directory):
+        if written is rendered.files:
             writes.set()
-            time.sleep(1.0)
-        write(files, directory)
+            lock_refused.wait(files.LONGEST_WAIT)
+        write(written, directory)
 
     monkeypatch.setattr(disk, "write", slow)
     generating = threading.Thread(target=rendered.write)

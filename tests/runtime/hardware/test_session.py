@@ -430,7 +430,7 @@ def test_before_the_arm_moves_a_signal_ends_all_within_a_second(
     def took() -> float:
         with executing(tmp_path, "--on", "simulation", "--out", "run.csv") as started:
             heard(started, "deriving")
-            time.sleep(0.1)
+            at_work(started.pid, 0.1)
             began = time.monotonic()
             started.send_signal(said)
             started.communicate(timeout=20)
