@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -142,6 +141,40 @@ def test_a_cancelled_diagnosis_leaves_nothing(copied: Studio) -> None:
     assert shown(copied, 0).called == "1"
 
 
+def test_a_diagnosis_that_was_cancelled_runs_to_its_end_when_it_is_begun_again(copied: Studio) -> None:
+    """In another process, with the result of one that was never cancelled."""
+    before = verdict(copied)
+    copied.diagnose()
+    until(lambda: copied.work is not None and copied.work.left is not None)
+    copied.cancel()
+    (copied.session.step(0) / "verdict.json").unlink()
+    copied.diagnose()
+    done(copied)
+    assert verdict(copied) == before
+
+
+FORKING = """
+import os, sys
+from runtime import progress
+from runtime.studio import worker
+progress._WORTH_FORKING = 0.0
+os.register_at_fork(after_in_child=lambda: open(sys.argv[2], "a").write("forked"))
+with progress.on_cores(2):
+    worker.main(sys.argv[1])
+"""
+
+
+def test_a_diagnosis_forks_processes_and_runs_to_its_end(copied: Studio, tmp_path: Path) -> None:
+    """Every list of parts is divided among forked processes, however short it is."""
+    before, forked = verdict(copied), tmp_path / "forked"
+    (copied.session.step(0) / "verdict.json").unlink()
+    copied._work._command = [sys.executable, "-c", FORKING, str(copied.session.folder), str(forked)]
+    copied.diagnose()
+    done(copied)
+    assert forked.is_file()
+    assert verdict(copied) == before
+
+
 SERVER = """
 import signal, sys, time
 from pathlib import Path
@@ -260,7 +293,8 @@ def test_other_values_are_tried_and_leave_the_step_as_it_is(shared: Studio) -> N
 
 def test_an_answer_and_the_end_of_its_task_are_seen_together(shared: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     """A reader during the end of a task sees the old state as a whole, and afterwards the new one as a whole."""
-    arrived, taken, hear = threading.Event(), threading.Event(), shared._work._hear
+    arrived, taken, wanted = threading.Event(), threading.Event(), threading.Event()
+    hear, lock = shared._work._hear, shared._work._lock
 
     def heard(process, message) -> None:
         if "result" in message:
@@ -268,17 +302,28 @@ def test_an_answer_and_the_end_of_its_task_are_seen_together(shared: Studio, mon
             taken.wait()
         hear(process, message)
 
+    class Lock:
+        """That of the task; says when another thread wants it."""
+
+        def __enter__(self) -> None:
+            if taken.is_set() and threading.current_thread() is not threading.main_thread():
+                wanted.set()
+            lock.acquire()
+
+        def __exit__(self, *_: object) -> None:
+            lock.release()
+
     before = tried(shared, PlacedEffect("coulomb", 1), {"torque": 0.3})
     monkeypatch.setattr(shared._work, "_hear", heard)
+    monkeypatch.setattr(shared._work, "_lock", Lock())
     shared.try_values(PlacedEffect("coulomb", 1), {"torque": 0.4})
     until(arrived.is_set)
     with shared.paused():
         taken.set()
-        for _ in range(30):  # an end that did not wait would be seen in one of these looks
-            assert shared.work is not None
-            assert shared.work.state == "running"
-            assert shared.answer(0, "tried", ValuesAnswer) == before
-            time.sleep(0.01)
+        until(wanted.is_set)
+        assert shared.work is not None
+        assert shared.work.state == "running"
+        assert shared.answer(0, "tried", ValuesAnswer) == before
     done(shared)
     after = shared.answer(0, "tried", ValuesAnswer)
     assert after is not None
