@@ -25,8 +25,7 @@ from runtime.loop.law_proposal import propose
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
-from runtime.workspace.compiled import CompiledArm
-from runtime.workspace.source import Source
+from runtime.workspace.source import CompiledArm, Source
 from tests import plants, spatial_wrist, wrist
 from tests.judge import bodies
 from tests.judge.cases import Case

@@ -25,8 +25,7 @@ import numpy as np
 
 from runtime import files
 from runtime.model.loader import Library, Model, load_library, load_model
-from runtime.workspace.compiled import CompiledArm
-from runtime.workspace.source import Source
+from runtime.workspace.source import CompiledArm, Source
 from tests import sources
 
 Result = TypeVar("Result")

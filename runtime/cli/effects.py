@@ -10,8 +10,8 @@ from msgspec import convert
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.documents.models import EffectsDocument
-from runtime.workspace.library import effects_library
 from runtime.workspace.names import UsageError
+from runtime.workspace.source import effects_library
 
 app = typer.Typer()
 

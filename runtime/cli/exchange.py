@@ -17,8 +17,8 @@ from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.documents.models import ImportDocument, ImportedJointEntry, LimitsEntry
 from runtime.setting import Checked, Setting
-from runtime.workspace.library import effects_described
 from runtime.workspace.names import UsageError
+from runtime.workspace.source import effects_described
 
 if TYPE_CHECKING:
     from symbolic.model_file.exchange.importing import ImportedArm

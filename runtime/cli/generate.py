@@ -18,8 +18,7 @@ from runtime.cli.output import NO, emit
 from runtime.cli.places import check_directory, keep
 from runtime.documents.generated import AddDocument, GeneratedFiles, GenerateDocument, VerifyDocument
 from runtime.progress import each
-from runtime.workspace.edits import check_unchanged
-from runtime.workspace.names import ARMS, UsageError
+from runtime.workspace.names import ARMS, UsageError, check_unchanged
 from runtime.workspace.source import Source
 
 app = typer.Typer()

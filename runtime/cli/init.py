@@ -21,8 +21,8 @@ from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN, check_writable
 from runtime.documents.models import InitDocument
 from runtime.setting import Checked, Setting
-from runtime.workspace.library import effects_described
 from runtime.workspace.names import UsageError
+from runtime.workspace.source import effects_described
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.keys import MAX_JOINTS
 from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motors

@@ -17,9 +17,8 @@ from runtime.cli.options import EffectsFile, Json, ScenarioFile, with_settings
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN, keep
 from runtime.planning.settings import Starts
-from runtime.workspace.library import effects_described
 from runtime.workspace.names import UsageError, scenario_path
-from runtime.workspace.source import scenario_source
+from runtime.workspace.source import effects_described, scenario_source
 
 if TYPE_CHECKING:
     from runtime.planning.scenario import Scenario

@@ -30,7 +30,7 @@ class EditedModel(Protocol):
 
 
 class CompiledModel(Protocol):
-    """Generated code of a model file, as in runtime/workspace/compiled.py."""
+    """Generated code of a model file, as in runtime/workspace/source.py."""
 
     def model(self) -> Model: ...
 

@@ -35,9 +35,8 @@ from runtime.report.summary import Invocation, ResultSummary, about
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
 from runtime.workspace import exporting
-from runtime.workspace.library import effects_described, effects_library
 from runtime.workspace.names import scenario_path
-from runtime.workspace.source import Source, scenario_source
+from runtime.workspace.source import Source, effects_described, effects_library, scenario_source
 from symbolic.model_file.exchange.importing import imported
 
 Recordings = Recorded | Sequence[Recorded]

@@ -35,8 +35,7 @@ from runtime.studio.session import (
 )
 from runtime.studio.settings import MOST_MODEL, MOST_PLANS, MOST_RECORDINGS, MOST_UPLOADED
 from runtime.studio.work import Work, WorkError, WorkState
-from runtime.workspace.library import effects_described
-from runtime.workspace.source import Source
+from runtime.workspace.source import Source, effects_described
 from symbolic.model_file.checks import quote
 from symbolic.model_file.exchange.importing import imported
 

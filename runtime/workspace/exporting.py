@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from runtime import files
 from runtime.documents.models import ExportDocument, ExportedJointEntry
-from runtime.workspace.compiled import CompiledArm
+from runtime.workspace.source import CompiledArm
 
 if TYPE_CHECKING:
     from symbolic.model_file.exchange.exporting import ExportedArm, Language

@@ -1,4 +1,4 @@
-"""Names on a command line: arms and scenarios that come with Tendon, and columns of recordings."""
+"""What a command line names: arms and scenarios that come with Tendon, a model file, columns of recordings."""
 
 from __future__ import annotations
 
@@ -49,6 +49,14 @@ def _shipped(folder: Path, kind: str, name: str) -> Path:
     if name not in names:
         raise UsageError(f"{quote(name)} is no {kind} of Tendon; expected a file, or one of {', '.join(names)}")
     return folder / f"{name}.toml"
+
+
+def check_unchanged(path: Path, text: str) -> None:
+    """Raises UsageError if the model file has another text by now."""
+    from symbolic.model_file import reader
+
+    if reader.read_text(path) != text:
+        raise UsageError(f"{path}: was changed by someone else meanwhile; nothing was written, try again")
 
 
 def column_mapping(entries: Sequence[str] | None) -> dict[str, str]:

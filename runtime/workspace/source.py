@@ -1,23 +1,23 @@
-"""The model file of an arm, as read."""
+"""A model file as read, the library in which its effects are declared, and the code generated from both."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.workspace.compiled import CompiledArm
-from runtime.workspace.edits import ModelEdits
-from runtime.workspace.library import effects_described, effects_library
 from runtime.workspace.names import UsageError, arm_path, shipped_arm
+from symbolic.model_file import checks
 from symbolic.model_file.checks import printable
 
 if TYPE_CHECKING:
+    from codegen.firmware.source_tree import FirmwareTree
     from runtime.model.loader import Model
     from runtime.recordings.columns import RecordedArm
     from runtime.recordings.recording import Recording
+    from runtime.workspace.edits import ModelEdits
     from symbolic.described import AnyEffect
     from symbolic.effects.declaration import Effect
     from symbolic.model_file.arm import Arm
@@ -69,7 +69,9 @@ class Source:
     @property
     def edits(self) -> ModelEdits:
         """Edits of the file, none yet."""
-        return ModelEdits(self.path, self.text, self.text, self.effects)
+        from runtime.workspace.edits import ModelEdits
+
+        return ModelEdits(self.path, self.text, self.effects, original=self.text)
 
     @property
     def compiled(self) -> CompiledArm:
@@ -78,8 +80,6 @@ class Source:
 
     def joint_number(self, joint: str) -> int:
         """Number (from 1) of the joint that a number or a name means. Raises UsageError."""
-        from symbolic.model_file import checks
-
         names = [joint.name for joint in self.arm().joints]
         number = checks.joint_number(joint, names)
         if number is None:
@@ -111,6 +111,85 @@ def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> So
     return Source.read(beside, effects_file) if beside.exists() else Source.shipped(model, effects_file)
 
 
-def open_model(path: Path | str, effects_file: Path | None = None) -> Model:
-    """The compiled model of a model file."""
-    return Source.read(Path(path), effects_file).compiled.model()
+@dataclass(frozen=True)
+class CompiledArm:
+    """What is generated from a model file. Each call derives and compiles, or finds the result in the cache.
+
+    own   library of effects in place of Tendon's; None: Tendon's
+    """
+
+    arm: Arm
+    own: Mapping[str, Effect] | None = None
+
+    @cached_property
+    def library(self) -> Mapping[str, Effect]:
+        """The effects with their equations."""
+        return effects_library(None, self.arm.space) if self.own is None else self.own
+
+    def model(self) -> Model:
+        """The generated functions, loaded."""
+        from codegen.prepare import prepare_arm, prepare_effects
+        from runtime.model.loader import load_library, load_model
+
+        effects = prepare_effects(None if self.own is None else tuple(self.own.values()), self.arm.space)
+        return load_model(prepare_arm(self.arm), load_library(effects))
+
+    def with_guesses(self) -> CompiledArm:
+        """The same arm with a library that also holds drafted laws."""
+        from symbolic.grammar.laws import drafts
+
+        guesses = {effect.name: effect for effect in drafts() if effect.name not in self.library}
+        return replace(self, own={**self.library, **guesses})
+
+    def model_with_guesses(self) -> tuple[Model, Set[str]]:
+        """The model whose library also holds drafted laws, and their names."""
+        wider = self.with_guesses()
+        return wider.model(), wider.library.keys() - self.library.keys()
+
+    def controller(self, target: str = "host", toolchain: str | None = None) -> Path:
+        """The directory of the arm's firmware, built for a target of `tendon firmware`."""
+        from codegen.prepare import prepare_firmware
+
+        return prepare_firmware(self.arm, self.library, target, toolchain)
+
+    def firmware_tree(self, directory: Path) -> FirmwareTree:
+        """The source files of the arm's firmware, to be written into a directory."""
+        from codegen.firmware.source_tree import FirmwareTree
+        from symbolic.model import derive
+
+        return FirmwareTree.of(derive(self.arm), self.library, directory)
+
+
+def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:
+    """The effects by name, with their equations; space: as a spatial arm has them. Raises EffectsError."""
+    from symbolic.effects import shipped
+
+    own = _own_effects(effects_file, space) if effects_file else ()
+    return {**shipped(space), **{effect.name: effect for effect in own}}
+
+
+def effects_described(effects_file: Path | None, space: bool) -> Mapping[str, AnyEffect]:
+    """The effects by name, without equations unless the user has own effects: SymPy is not imported for it."""
+    if effects_file is not None:
+        return effects_library(effects_file, space)
+    from codegen.descriptions import described
+    from runtime.model.catalogue import effects_of
+
+    return effects_of(described(space))
+
+
+def _own_effects(path: Path, space: bool) -> tuple[Effect, ...]:
+    """The effects of a user's file. Code is generated from each at once, so that one that cannot be is refused before
+    any other work. Raises EffectsError."""
+    from codegen.render import effect_files
+    from symbolic.effects import EffectsError, load_user_effects, said
+
+    effects = load_user_effects(path, space)
+    for effect in effects:
+        try:
+            effect_files((effect,))
+        except ValueError as error:
+            raise EffectsError(f"{path}: {error}") from error
+        except Exception as error:
+            raise EffectsError(f'{path}: effect "{effect.name}" cannot be generated: {said(error)}') from error
+    return effects

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import count
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
@@ -32,171 +35,170 @@ def _plain(values: Mapping[str, Any], _: str = "") -> dict[str, Any]:
     return dict(values)
 
 
-def add_effect(
-    text: str,
-    where: str,
-    library: Mapping[str, AnyEffect],
-    effect: str,
-    joint: int | None = None,
-    values: Mapping[str, float] | None = None,
-) -> str:
-    """Add an effect with its known `values`; it replaces the effects that it generalises.
+@dataclass(frozen=True)
+class ModelText:
+    """The text of a model file, to be edited. Each edit returns a new object.
 
-    effect   one that a joint may have several of is added under the next free name
-    joint    counted from 1; None for effects of the arm and the contact
-    Returns the new text. Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, already
-    active, value out of bounds.
+    path      the file, for messages
+    effects   library in which the file's effects are declared
+    Joints are counted from 1; joint None: an effect of the arm or the contact. The edits raise ModelError: not a model
+    file, unknown effect or parameter, no such joint, wrong scope, value out of bounds.
     """
-    arm = parse(text, where, library)
-    place = Place(printable(where))
-    owner = _owner(place, arm, library, effect=effect, joint=joint)
-    active = _active(arm, owner)
-    effect = _free_name(library, effect, active)
-    if effect in active:
-        place.fail(f'effect "{effect}" is already there{at_joint(joint)}; nothing to add')
-    replaced = [name for name in declared(effect, library).generalises if name in active]
-    new = {name: _rounded(value) for name, value in (values or {}).items()}
 
-    def change(document: Any, table_of: TableOf = _plain) -> None:
-        table = _home_of(document, owner).setdefault("effects", {})
-        names = list(table)
-        behind = {name: table.pop(name) for name in (names[names.index(replaced[0]) :] if replaced else [])}
-        table[effect] = table_of(new)
-        table.update({name: value for name, value in behind.items() if name not in replaced})
+    path: Path
+    text: str
+    effects: Mapping[str, AnyEffect]
 
-    return _edited(text, where, library, change, apart=owner[0] != "joint" and not active)
+    @cached_property
+    def arm(self) -> Arm:
+        """What the text says."""
+        return parse(self.text, str(self.path), self.effects)
 
+    def add(self, effect: str, joint: int | None = None, values: Mapping[str, float] | None = None) -> Self:
+        """Add an effect with its known values, under `name_of_next`; it replaces the effects that it generalises."""
+        owner, active = self._home(effect, joint)
+        effect = self.name_of_next(effect, joint)
+        if effect in active:
+            self._place.fail(f'effect "{effect}" is already there{at_joint(joint)}; nothing to add')
+        replaced = [name for name in declared(effect, self.effects).generalises if name in active]
+        new = {name: _rounded(value) for name, value in (values or {}).items()}
 
-def name_of_next(text: str, where: str, library: Mapping[str, AnyEffect], effect: str, joint: int | None = None) -> str:
-    """The name that `add_effect` would use: with a number, where the joint has others of this effect.
+        def change(document: Any, table_of: TableOf = _plain) -> None:
+            table = _home_of(document, owner).setdefault("effects", {})
+            names = list(table)
+            behind = {name: table.pop(name) for name in (names[names.index(replaced[0]) :] if replaced else [])}
+            table[effect] = table_of(new)
+            table.update({name: value for name, value in behind.items() if name not in replaced})
 
-    Raises ModelError: not a model file, unknown effect, no such joint, wrong scope.
-    """
-    arm = parse(text, where, library)
-    owner = _owner(Place(printable(where)), arm, library, effect=effect, joint=joint)
-    return _free_name(library, effect, _active(arm, owner))
+        return self._edited(change, apart=owner[0] != "joint" and not active)
 
+    def name_of_next(self, effect: str, joint: int | None = None) -> str:
+        """The name under which `add` adds an effect: numbered where the joint has others of a kind it may have several
+        of."""
+        _, active = self._home(effect, joint)
+        if effect not in self.effects or not self.effects[effect].several:
+            return effect
+        return next(name for k in count(1) if (name := number_name(effect, k)) not in active)
 
-def _free_name(library: Mapping[str, AnyEffect], effect: str, active: Container[str]) -> str:
-    if effect not in library or not library[effect].several:
-        return effect
-    return next(name for k in count(1) if (name := number_name(effect, k)) not in active)
+    def remove(self, effect: str, joint: int | None = None) -> Self:
+        """Remove an active effect and its values."""
+        owner, active = self._home(effect, joint)
+        if effect not in active:
+            self._place.fail(f'effect "{effect}" is not there{at_joint(joint)}; nothing to remove')
 
+        def change(document: Any, _: TableOf = _plain) -> None:
+            home = _home_of(document, owner)
+            del home["effects"][effect]
+            if not home["effects"]:
+                del home["effects"]
 
-def remove_effect(
-    text: str, where: str, library: Mapping[str, AnyEffect], effect: str, joint: int | None = None
-) -> str:
-    """Remove an effect and its values.
+        return self._edited(change)
 
-    joint   counted from 1; None for effects of the arm and the contact
-    Returns the new text. Raises ModelError: not a model file, unknown effect, no such joint, wrong scope, not active.
-    """
-    arm = parse(text, where, library)
-    place = Place(printable(where))
-    owner = _owner(place, arm, library, effect=effect, joint=joint)
-    if effect not in _active(arm, owner):
-        place.fail(f'effect "{effect}" is not there{at_joint(joint)}; nothing to remove')
+    def place(self, effect: str, joint: int | None, values: Mapping[str, float] | None) -> Self:
+        """Add the effect, or set its values if it is active; values None: remove it."""
+        _, active = self._home(effect, joint)
+        if values is None:
+            return self.remove(effect, joint) if effect in active else self
+        return self.set_values({(effect, joint): values}) if effect in active else self.add(effect, joint, values)
 
-    def change(document: Any, _: TableOf = _plain) -> None:
-        home = _home_of(document, owner)
-        del home["effects"][effect]
-        if not home["effects"]:
-            del home["effects"]
+    def set_values(
+        self,
+        effects: Mapping[tuple[str, int | None], Mapping[str, float]],
+        inertial: Mapping[str, float] | None = None,
+        rotors: Mapping[int, float] | None = None,
+    ) -> Self:
+        """Set parameter values of active effects and of [inertial], and rotor inertias.
 
-    return _edited(text, where, library, change)
+        effects    (effect, joint) -> parameter -> value in SI
+        inertial   base inertial parameter -> value in SI
+        rotors     joint -> kg m² (kg) at its output
+        """
+        changes: list[tuple[tuple[str, ...], int | None, dict[str, float]]] = []
+        for (effect, joint), values in effects.items():
+            owner, active = self._home(effect, joint)
+            if effect not in active:
+                self._place.fail(f'effect "{effect}" is not in the file; add it first')
+            path = ("effects", effect) if owner[0] == "arm" else (owner[0], "effects", effect)
+            changes.append((path, owner[1], {k: _rounded(v) for k, v in values.items()}))
+        changes += [(("joint",), joint, {ROTOR: _rounded(value)}) for joint, value in (rotors or {}).items()]
+        if inertial:
+            place = self._place.inside("inertial")
+            changes.append(
+                (("inertial",), None, {identifier(place, "key", k): _rounded(v) for k, v in inertial.items()})
+            )
 
+        def change(document: Any, table_of: TableOf = _plain) -> None:
+            for path, joint, values in changes:
+                table = document
+                for key in path:
+                    table = table.setdefault(key, table_of({}, ABOUT_INERTIAL if key == "inertial" else ""))
+                    if key == "joint" and joint:
+                        table = table[joint - 1]
+                table.update({key: value for key, value in values.items() if table.get(key) != value})
 
-def place_effect(
-    text: str,
-    where: str,
-    library: Mapping[str, AnyEffect],
-    effect: str,
-    joint: int | None,
-    values: Mapping[str, float] | None,
-) -> str:
-    """Add the effect, or set its values if it is active; values None: remove it. Raises ModelError."""
-    arm = parse(text, where, library)
-    there = effect in _active(arm, _owner(Place(printable(where)), arm, library, effect=effect, joint=joint))
-    if values is None:
-        return remove_effect(text, where, library, effect=effect, joint=joint) if there else text
-    if there:
-        return set_values(text, where, library, {(effect, joint): values})
-    return add_effect(text, where, library, effect=effect, joint=joint, values=values)
+        return self._edited(change, apart=True)
 
+    @property
+    def _place(self) -> Place:
+        return Place(printable(str(self.path)))
 
-def set_values(
-    text: str,
-    where: str,
-    library: Mapping[str, AnyEffect],
-    effects: Mapping[tuple[str, int | None], Mapping[str, float]],
-    inertial: Mapping[str, float] | None = None,
-    rotors: Mapping[int, float] | None = None,
-) -> str:
-    """Set parameter values of active effects and of [inertial], and rotor inertias.
+    def _home(self, effect: str, joint: int | None) -> tuple[Owner, Mapping[str, Any]]:
+        """Where an effect belongs, and the effects that are active there."""
+        place, arm = self._place, self.arm
+        known = numbered(effect, self.effects)[0] in self.effects
+        scope = declared(effect, self.effects).scope if known else "joint"
+        if scope in ("joint", "joints"):
+            n = len(arm.joints)
+            if joint is None:
+                if not known:
+                    check_effect(place, effect, "joint", self.effects)
+                place.fail(f'effect "{effect}" acts on a joint; say which with --joint 1{f" to {n}" if n > 1 else ""}')
+            if not 1 <= joint <= n:
+                place.fail(f"there is no joint {joint}; the arm has {n}, counted from 1")
+            check_effect(place.inside(f"joint {joint}"), effect, "joint", self.effects, last=joint == n)
+            return ("joint", joint), arm.joints[joint - 1].effects
+        if joint is not None:
+            place.fail(
+                f'effect "{effect}" acts on {"the whole arm" if scope == "arm" else "the contact"}; drop --joint'
+            )
+        if scope == "arm":
+            return (scope, None), arm.effects
+        if arm.contact is None:
+            how = "which belongs to planar arms; this one is in space"
+            how = how if arm.space else "and the file has none; add [contact] with x first"
+            place.fail(f'effect "{effect}" acts at a contact, {how}')
+        return (scope, None), arm.contact.effects
 
-    effects    (effect, joint or None) -> parameter -> value in SI
-    inertial   base inertial parameter -> value in SI
-    rotors     joint, counted from 1 -> kg m² (kg) at its output
-    Returns the new text. Raises ModelError: effect not active, no such parameter, value out of bounds.
-    """
-    arm = parse(text, where, library)
-    place = Place(printable(where))
-    changes: list[tuple[tuple[str, ...], int | None, dict[str, float]]] = []
-    for (effect, joint), values in effects.items():
-        owner = _owner(place, arm, library, effect=effect, joint=joint)
-        if effect not in _active(arm, owner):
-            place.fail(f'effect "{effect}" is not in the file; add it first')
-        path = ("effects", effect) if owner[0] == "arm" else (owner[0], "effects", effect)
-        changes.append((path, owner[1], {k: _rounded(v) for k, v in values.items()}))
-    changes += [(("joint",), joint, {ROTOR: _rounded(value)}) for joint, value in (rotors or {}).items()]
-    if inertial:
-        rounded = {identifier(place.inside("inertial"), "key", k): _rounded(v) for k, v in inertial.items()}
-        changes.append((("inertial",), None, rounded))
+    def _edited(self, change: Callable[..., None], apart: bool = False) -> Self:
+        """The text after `change`, which must state exactly what the same change makes of plain tables.
 
-    def change(document: Any, table_of: TableOf = _plain) -> None:
-        for path, joint, values in changes:
-            table = document
-            for key in path:
-                table = table.setdefault(key, table_of({}, ABOUT_INERTIAL if key == "inertial" else ""))
-                if key == "joint" and joint:
-                    table = table[joint - 1]
-            table.update({key: value for key, value in values.items() if table.get(key) != value})
-
-    return _edited(text, where, library, change, apart=True)
-
-
-# --- what is asked for ---
-
-
-def _owner(place: Place, arm: Arm, library: Mapping[str, AnyEffect], effect: str, joint: int | None) -> Owner:
-    known = numbered(effect, library)[0] in library
-    scope = declared(effect, library).scope if known else "joint"
-    if scope in ("joint", "joints"):
-        n = len(arm.joints)
-        if joint is None:
-            if not known:
-                check_effect(place, effect, "joint", library)
-            place.fail(f'effect "{effect}" acts on a joint; say which with --joint 1{f" to {n}" if n > 1 else ""}')
-        if not 1 <= joint <= n:
-            place.fail(f"there is no joint {joint}; the arm has {n}, counted from 1")
-        check_effect(place.inside(f"joint {joint}"), effect, "joint", library, last=joint == n)
-        return "joint", joint
-    if joint is not None:
-        place.fail(f'effect "{effect}" acts on {"the whole arm" if scope == "arm" else "the contact"}; drop --joint')
-    if scope == "contact" and arm.contact is None:
-        space = arm.space
-        how = "which belongs to planar arms; this one is in space" if space else "and the file has none; add [contact]"
-        place.fail(f'effect "{effect}" acts at a contact, {how}{"" if space else " with x first"}')
-    return scope, None
-
-
-def _active(arm: Arm, owner: Owner) -> Mapping[str, Any]:
-    scope, joint = owner
-    if joint is not None:
-        return arm.joints[joint - 1].effects
-    if scope == "arm":
-        return arm.effects
-    return arm.contact.effects if arm.contact else {}
+        apart   a blank line goes above a new table
+        """
+        bare = self.text.removeprefix("\ufeff")
+        expected = tomllib.loads(bare)
+        change(expected)
+        if expected == tomllib.loads(bare):
+            return self
+        for table_of in (_table, _inline):  # tables with headers, else inline ones among dotted keys
+            try:
+                document = tomlkit.parse(bare if bare.endswith("\n") else f"{bare}\n")
+                above = _detached(document)
+                change(document, table_of)
+                _reattach(document, above, apart)
+                result = tomlkit.dumps(document)
+                same = tomllib.loads(result) == expected
+            except (TOMLKitError, ValueError, LookupError, TypeError, AttributeError):
+                continue
+            if same:
+                if "\r\n" in bare and not re.search(r"(?<!\r)\n", bare):
+                    result = re.sub(r"(?<!\r)\n", "\r\n", result)
+                parse(result, str(self.path), self.effects)
+                return replace(self, text=self.text[: len(self.text) - len(bare)] + result)
+        # Where the values themselves are at fault, parse says so.
+        parse(tomlkit.dumps(expected), str(self.path), self.effects)
+        raise ModelError(
+            f"{self._place.file}: this layout cannot be edited; write it with [tables] instead of inline ones"
+        )
 
 
 def _home_of(document: Any, owner: Owner) -> Any:
@@ -209,41 +211,6 @@ def _home_of(document: Any, owner: Owner) -> Any:
 def _rounded(value: float) -> float:
     """Rounded for the file: more digits than a fit determines, few enough to read; tiny values are 0."""
     return 0.0 if abs(value) < SMALLEST else float(f"{float(value):.{DIGITS}g}")
-
-
-# --- how it gets into the file ---
-
-
-def _edited(
-    text: str, where: str, library: Mapping[str, AnyEffect], change: Callable[..., None], apart: bool = False
-) -> str:
-    """The text after `change`, which must state exactly what the same change makes of plain tables.
-
-    apart   a blank line goes above a new table
-    """
-    bare = text.removeprefix("\ufeff")
-    expected = tomllib.loads(bare)
-    change(expected)
-    if expected == tomllib.loads(bare):
-        return text
-    for table_of in (_table, _inline):  # tables with headers, else inline ones among dotted keys
-        try:
-            document = tomlkit.parse(bare if bare.endswith("\n") else f"{bare}\n")
-            above = _detached(document)
-            change(document, table_of)
-            _reattach(document, above, apart)
-            result = tomlkit.dumps(document)
-            same = tomllib.loads(result) == expected
-        except (TOMLKitError, ValueError, LookupError, TypeError, AttributeError):
-            continue
-        if same:
-            if "\r\n" in bare and not re.search(r"(?<!\r)\n", bare):
-                result = re.sub(r"(?<!\r)\n", "\r\n", result)
-            parse(result, where, library)
-            return text[: len(text) - len(bare)] + result
-    # Where the values themselves are at fault, parse says so.
-    parse(tomlkit.dumps(expected), where, library)
-    raise ModelError(f"{printable(where)}: this layout cannot be edited; write it with [tables] instead of inline ones")
 
 
 def _table(values: Mapping[str, Any], about: str = "") -> Any:

@@ -42,9 +42,9 @@ def _processor_time() -> float:
 @pytest.mark.parametrize("name", ["drive", "vishard4"])
 def test_library(name: str) -> None:
     """CPU time of one search of the whole library: a million samples of one joint, 80 s of four joints."""
-    from runtime.workspace.source import open_model
+    from runtime.workspace.source import Source
 
-    model = open_model(ARMS / f"{name}.toml")
+    model = Source.read(ARMS / f"{name}.toml", None).compiled.model()
     simulated, _ = simulate.simulate(model, settings=SimulationSettings(seconds=LONG if model.n == 1 else SECONDS))
     start = _processor_time()
     search = diagnose.begin(model, [simulated])
@@ -69,9 +69,9 @@ def test_library(name: str) -> None:
 @pytest.mark.parametrize(("name", "hidden"), [("drive", "stribeck@1"), ("vishard4", "stribeck@2")])
 def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     """An effect is hidden in a simulated recording; every stage is timed, and the effect has to be found."""
-    from runtime.workspace.source import open_model
+    from runtime.workspace.source import Source
 
-    model = open_model(ARMS / f"{name}.toml")
+    model = Source.read(ARMS / f"{name}.toml", None).compiled.model()
     simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))
     path = tmp_path / f"{name}.csv"
     recording.write(path, simulated)

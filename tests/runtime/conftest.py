@@ -13,7 +13,7 @@ from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording, read
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests import plants
 from tests.kept import kept
 
@@ -23,12 +23,12 @@ SHARED = ROOT.parent / "shared" / "data"
 
 @pytest.fixture(scope="session")
 def drive(cache: Path) -> Model:  # noqa: ARG001 - the cache is where it is compiled
-    return open_model(ROOT / "symbolic" / "arms" / "drive.toml")
+    return Source.read(ROOT / "symbolic" / "arms" / "drive.toml", None).compiled.model()
 
 
 @pytest.fixture(scope="session")
 def emps(cache: Path) -> Model:  # noqa: ARG001
-    return open_model(ROOT / "symbolic" / "arms" / "emps.toml")
+    return Source.read(ROOT / "symbolic" / "arms" / "emps.toml", None).compiled.model()
 
 
 @pytest.fixture(scope="session")

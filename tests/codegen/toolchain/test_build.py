@@ -19,7 +19,7 @@ from codegen import descriptions, prepare
 from codegen.toolchain import build
 from runtime.model import loader
 from runtime.workspace.names import ARMS
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from symbolic.effects import shipped
 
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
@@ -155,10 +155,10 @@ def test_a_prepared_library_needs_no_sympy() -> None:
 
 @pytest.mark.parametrize("arm", ["drive", "ur10"])
 def test_a_prepared_arm_is_opened_without_sympy(arm: str) -> None:
-    open_model(ARMS / f"{arm}.toml")
+    Source.read(ARMS / f"{arm}.toml", None).compiled.model()
     script = (
-        "import sys; from pathlib import Path; from runtime.workspace.source import open_model; "
-        f"open_model(Path({str(ARMS / (arm + '.toml'))!r})); print('sympy' in sys.modules)"
+        "import sys; from pathlib import Path; from runtime.workspace.source import Source; "
+        f"Source.read(Path({str(ARMS / (arm + '.toml'))!r}), None).compiled.model(); print('sympy' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

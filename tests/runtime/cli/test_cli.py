@@ -20,9 +20,8 @@ from runtime import files
 from runtime.cli import generate, output
 from runtime.cli.generate import render_all
 from runtime.cli.main import app
-from runtime.workspace.compiled import CompiledArm
 from runtime.workspace.names import UsageError
-from runtime.workspace.source import Source, open_model
+from runtime.workspace.source import CompiledArm, Source
 from tests import one_joint
 
 VERBS = [
@@ -415,7 +414,9 @@ def test_identify_writes_values_where_they_belong(run, here, recorded):
     source = Source.read(Path("drive.toml"), None)
     assert source.arm().inertial["J1"] == pytest.approx(document["inertial"][0]["fit"], rel=1e-6)  # 7 digits
     assert set(source.arm().joints[0].effects["coulomb_asymmetric"]) == {"positive", "negative"}
-    assert open_model("drive.toml").lump_values[0] == pytest.approx(document["inertial"][0]["fit"], rel=1e-6)
+    assert Source.read(Path("drive.toml"), None).compiled.model().lump_values[0] == pytest.approx(
+        document["inertial"][0]["fit"], rel=1e-6
+    )
 
 
 def test_diagnose_names_the_effect(run, here, recorded):

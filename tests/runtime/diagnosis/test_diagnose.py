@@ -21,7 +21,7 @@ from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
-from runtime.workspace.source import Source, open_model
+from runtime.workspace.source import Source
 from tests.kept import kept
 from tests.runtime.conftest import ROOT, SHARED, recorded
 from tests.variants import slow
@@ -37,7 +37,7 @@ def shared_model(name: str) -> Model:
     path = SHARED / "hidden" / name
     if not path.exists():
         pytest.skip(f"hidden/{name} is not here: the folder shared/data is not part of the project")
-    return open_model(path)
+    return Source.read(path, None).compiled.model()
 
 
 @pytest.mark.parametrize(
@@ -178,6 +178,6 @@ def test_the_improved_file_is_the_file_that_was_fitted(tmp_path: Path) -> None:
     result = kept(improve, source, [recorded("linear_spring", 3)])
     path = tmp_path / "better.toml"
     path.write_text(result.model_text)
-    again = kept(diagnose, open_model(path), [recorded("linear_spring", 4)])
+    again = kept(diagnose, Source.read(path, None).compiled.model(), [recorded("linear_spring", 4)])
     assert named(again) == []
     assert again.steps[0].fitted.rms[0] < 1.3 * result.steps[-1].fitted.rms[0]

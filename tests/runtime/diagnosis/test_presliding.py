@@ -9,7 +9,7 @@ import pytest
 from runtime.diagnosis.diagnose import diagnose
 from runtime.estimation.identify import identify, identify_motion
 from runtime.model.terms import Term, structure
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests.judge.cases import Setting, cases, make
 from tests.judge.recorder import Logger
 from tests.judge.situations import SITUATIONS
@@ -22,7 +22,7 @@ def rivals(effect: str, amount: float, folder: Path) -> dict[str, list[str]]:
     made = make(case, [amount])
     path = folder / "arm.toml"
     path.write_text(made.model)
-    found = kept(diagnose, open_model(path), [made.recording])
+    found = kept(diagnose, Source.read(path, None).compiled.model(), [made.recording])
     return {f.term.effect: [r.effect for r in f.rivals] for f in found.findings}
 
 
@@ -50,7 +50,7 @@ def test_bristles_are_as_stiff_at_slow_sampling(tmp_path: Path) -> None:
     made = make(case, [300.0])
     path = tmp_path / "arm.toml"
     path.write_text(made.model)
-    model, term = open_model(path), Term("lugre", 1)
+    model, term = Source.read(path, None).compiled.model(), Term("lugre", 1)
     plain = kept(identify, model, [made.recording])
     known = {**structure(model), term: {"stiffness": 300.0}}
     found = identify_motion(model, plain.motion, known, start=plain.fit).inference.values[term]["stiffness"]

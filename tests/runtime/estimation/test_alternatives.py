@@ -16,7 +16,7 @@ from runtime.motion.band import Band
 from runtime.motion.motion import Motion
 from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests.one_joint import joint_text
 
 SKEWS: tuple[Literal["no", "shared", "each"], ...] = ("no", "shared", "each")
@@ -35,7 +35,7 @@ def models(drive: Model, tmp_path_factory: pytest.TempPathFactory) -> dict[int, 
     """By number of joints."""
     path = tmp_path_factory.mktemp("arm") / "two_joints.toml"
     path.write_text(TWO_JOINTS)
-    return {1: drive, 2: open_model(path)}
+    return {1: drive, 2: Source.read(path, None).compiled.model()}
 
 
 def moved(model: Model, seed: int, rests: bool) -> Motion:

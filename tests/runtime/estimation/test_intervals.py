@@ -14,7 +14,7 @@ from runtime.estimation.identify import Identification, identify_motion, prepare
 from runtime.estimation.problem import Problem
 from runtime.estimation.robust import over_stretches
 from runtime.model.terms import Term, structure
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests import bank, spatial_wrist
 from tests.judge.bodies import ARMS
 from tests.judge.cases import Setting
@@ -69,7 +69,10 @@ def test_an_effect_that_reads_the_arm_is_as_sure_whatever_was_predicted_before(c
     text = spatial_wrist.MODEL.split("[[joint]]")
     text[3] += "[joint.effects.load_friction]\n"
     path.write_text("[[joint]]".join(text), encoding="utf-8")
-    model, motor = open_model(path), spatial_wrist.CoupledMotor(dry=0.0, viscous=0.0, inertia=0.0)
+    model, motor = (
+        Source.read(path, None).compiled.model(),
+        spatial_wrist.CoupledMotor(dry=0.0, viscous=0.0, inertia=0.0),
+    )
     recording = spatial_wrist.record(motor, 3, 20.0, spatial_wrist.Beside(load=0.1))
     found = identify_motion(model, prepared(model, [recording]), structure(model))
     before = replace(found.fit.prediction, lumps=1.001 * found.fit.prediction.lumps)

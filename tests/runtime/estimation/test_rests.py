@@ -18,7 +18,7 @@ from runtime.motion.band import Band
 from runtime.motion.motion import Motion
 from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests import spatial_wrist, wrist
 
 Mask = NDArray[np.bool_]
@@ -135,6 +135,6 @@ def test_dry_friction_at_a_turn_is_told_from_what_the_other_joints_ask(
     """A joint that carries five others: their motion and weight move its torque by far more than its friction."""
     path = tmp_path / "arm.toml"
     path.write_text(spatial_wrist.MODEL)
-    six = open_model(path)
+    six = Source.read(path, None).compiled.model()
     motion = prepared(six, [spatial_wrist.record(wrist.CoupledMotor(), seed=0, seconds=9.0)])
     assert motion.band.torque_floor() / motion.quiet == pytest.approx(spatial_wrist.DRY, rel=0.12)

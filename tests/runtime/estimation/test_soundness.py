@@ -19,7 +19,7 @@ from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests.kept import kept
 from tests.runtime.conftest import ROOT
 
@@ -39,7 +39,7 @@ def arm(folder: Path, inertia: float, rotor: float, effects: str = "") -> Model:
     text = text.replace("inertia = 0.0565 ", f"inertia = {inertia} ").replace("mass = 2.0 ", "mass = 1e-6 ")
     path = folder / "drive.toml"
     path.write_text(text + effects, encoding="utf-8")
-    return open_model(path)
+    return Source.read(path, None).compiled.model()
 
 
 def test_a_guessed_inertia_does_not_choose_the_band(tmp_path: Path, coarse: Recording) -> None:
@@ -93,7 +93,7 @@ def test_an_effect_that_cannot_be_placed_is_one_line(tmp_path: Path, drive: Mode
     path = tmp_path / "drive.toml"
     path.write_text(DRIVE.split("[joint.effects.")[0] + "[joint.effects.lugre]\n", encoding="utf-8")
     with pytest.raises(RecordingError, match=r"lugre@1 cannot be placed: .* no scale"):
-        kept(identify, open_model(path), [run])
+        kept(identify, Source.read(path, None).compiled.model(), [run])
 
 
 @pytest.mark.parametrize("rate", [300.0, 700.0])

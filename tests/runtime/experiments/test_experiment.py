@@ -26,7 +26,7 @@ from runtime.model.terms import Term, structure
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, read_motion, simulate
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests.kept import kept
 
 DRIVE = Path(__file__).resolve().parents[3] / "symbolic" / "arms" / "drive.toml"
@@ -129,7 +129,7 @@ def test_pieces_keep_to_range_and_speed_from_rest_to_rest(
 def test_stated_torque_limit_holds_for_all_rivals(tmp_path: Path) -> None:
     text = DRIVE.read_text().replace("gear_ratio = 100", "gear_ratio = 100\nlimits = {torque = 4.0}")
     (tmp_path / "weak.toml").write_text(text)
-    bench = _bench(open_model(tmp_path / "weak.toml"), "spring_hysteresis@1")
+    bench = _bench(Source.read(tmp_path / "weak.toml", None).compiled.model(), "spring_hysteresis@1")
     limit = TorqueLimit.of(bench)
     found = Repertoire.of(bench, limit, Freedom())
     assert len(found.parts) > 5
@@ -140,13 +140,13 @@ def test_stated_torque_limit_holds_for_all_rivals(tmp_path: Path) -> None:
 
 
 def test_a_delay_asks_for_no_more_torque(tmp_path: Path) -> None:
-    bench = _bench(open_model(DRIVE), "torque_delay@1:time=0.05")
+    bench = _bench(Source.read(DRIVE, None).compiled.model(), "torque_delay@1:time=0.05")
     plain, late = peaks(bench, bench.ordinary_path)
     assert late == pytest.approx(plain, rel=1e-6)
     most = 1.2 * plain.max()
     text = DRIVE.read_text().replace("gear_ratio = 100", f"gear_ratio = 100\nlimits = {{torque = {most}}}")
     (tmp_path / "weak.toml").write_text(text)
-    bench = _bench(open_model(tmp_path / "weak.toml"), "torque_delay@1:time=0.05")
+    bench = _bench(Source.read(tmp_path / "weak.toml", None).compiled.model(), "torque_delay@1:time=0.05")
     assert BROAD[0] in Repertoire.of(bench, TorqueLimit.of(bench), Freedom()).names
 
 
@@ -236,7 +236,7 @@ def test_one_oscillation_does_not_separate_what_two_radians_would(drive: Model) 
 def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) -> None:  # noqa: ARG001
     """The ordinary excitation meets the plate in one stretch only: held out, that stretch tells of nothing else. A soft
     joint beside it shakes the arm nearly alike."""
-    bench = _bench(open_model("vishard4"), "elasticity@2,torque_delay@2")
+    bench = _bench(Source.read(Path("vishard4"), None).compiled.model(), "elasticity@2,torque_delay@2")
     search = kept(begin, bench.model, [bench.record(bench.ordinary_path, bench.rivals[0], 2)])
     step = search.steps[-1]
     soft = [Term("elasticity", joint) for joint in (1, 2, 3, 4)]

@@ -20,7 +20,7 @@ from runtime.motion.white_noise import SampleNoise
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from tests.judge.cases import Setting, cases, make
 from tests.judge.recorder import Logger
 from tests.kept import kept
@@ -180,7 +180,7 @@ def test_a_command_is_held_where_the_period_of_its_controller_wavers(
     made = make(case)
     path = tmp_path / "arm1.toml"
     path.write_text(made.model)
-    found = kept(identify, open_model(path), [made.recording])
+    found = kept(identify, Source.read(path, None).compiled.model(), [made.recording])
     assert found.motion.band.held is held
     truth = made.plant[0]["VISCOUS_POSITIVE"]
     interval = found.inference.values[Term("viscous", 1)]["coefficient"].interval

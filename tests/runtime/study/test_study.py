@@ -17,8 +17,7 @@ from runtime.study import figures, published
 from runtime.study.cases import StudyCase, StudyExperiment
 from runtime.study.identification import Table1
 from runtime.study.study import Row, Study
-from runtime.workspace.compiled import CompiledArm
-from runtime.workspace.source import Source
+from runtime.workspace.source import CompiledArm, Source
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
 from runtime.sweep import grid, journal
 from runtime.sweep.job import Code, Job, JobResult, Pool, PoolError, outcomes, processes
-from runtime.workspace.source import open_model
+from runtime.workspace.source import Source
 from symbolic.effects import LIBRARY
 from tests import one_joint
 
@@ -144,7 +144,7 @@ def undisturbed(run: Run, folder: Path) -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def swing(folder: Path) -> tuple[Scenario, Model, Code]:
-    model = open_model(folder / "arm.toml")
+    model = Source.read(folder / "arm.toml", None).compiled.model()
     scenario = scenario_file.fitted(scenario_file.read(folder / "swing.toml"), model, "swing.toml")
     return scenario, model, Code(model.directory, model.library.directory)
 
@@ -250,7 +250,7 @@ def test_what_the_scenario_has_not_cannot_vary(run: Run, folder: Path, capfd: An
 
 
 def test_a_contact_varies_by_its_parameters() -> None:
-    model = open_model(ROOT / "symbolic" / "arms" / "vishard4.toml")
+    model = Source.read(ROOT / "symbolic" / "arms" / "vishard4.toml", None).compiled.model()
     path = ROOT / "runtime" / "study" / "scenario2.toml"
     scenario = scenario_file.fitted(scenario_file.read(path), model, str(path))
     axes = grid.parse(["plate.stiffness=600,1300"], LIBRARY)

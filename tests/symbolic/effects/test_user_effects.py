@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import sympy as sp
 
-from runtime.workspace.library import effects_library
+from runtime.workspace.source import effects_library
 from symbolic import units as u
 from symbolic.effects import DECLARED, LIBRARY, EffectsError, load_user_effects
 from symbolic.effects.declaration import Effect, Grid, LinearForm, Parameter, check, mistake, parameter

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from symbolic.effects import LIBRARY
 from symbolic.model_file import reader
-from symbolic.model_file.editor import add_effect, place_effect, remove_effect, set_values
+from symbolic.model_file.editor import ModelText
 from symbolic.model_file.reader import ModelError
 from tests.one_joint import joint_text
 
@@ -30,12 +31,16 @@ gravity = [0.0, 0.0]
 {joint_text(WARM, rotor=0.06)}"""
 
 
+def edited(text: str) -> ModelText:
+    return ModelText(Path("arm.toml"), text, LIBRARY)
+
+
 def add(text: str, effect: str, joint: int | None = None, **values: float) -> str:
-    return add_effect(text, "arm.toml", LIBRARY, effect, joint, values)
+    return edited(text).add(effect, joint, values).text
 
 
 def put(text: str, effects=None, inertial=None) -> str:
-    return set_values(text, "arm.toml", LIBRARY, effects or {}, inertial)
+    return edited(text).set_values(effects or {}, inertial).text
 
 
 def test_an_effect_goes_behind_its_siblings_and_before_the_next_joints_comment():
@@ -149,7 +154,7 @@ def test_of_an_effect_of_which_a_joint_may_have_several_another_is_added():
     assert list(reader.parse(twice, "arm.toml").joints[0].effects)[2:] == ["torque_ripple", "torque_ripple_2"]
     changed = put(twice, {("torque_ripple_2", 1): {"amplitude": 0.3}})
     assert reader.parse(changed, "arm.toml").joints[0].effects["torque_ripple_2"]["amplitude"] == 0.3
-    assert remove_effect(twice, "arm.toml", LIBRARY, "torque_ripple_2", 1) == once
+    assert edited(twice).remove("torque_ripple_2", 1).text == once
     with pytest.raises(ModelError, match='unknown parameter "ordr"; did you mean "order"'):
         reader.parse(twice.replace("order = 18.0", "ordr = 18.0"), "arm.toml")
     with pytest.raises(ModelError, match='unknown effect "viscous_2"; did you mean "viscous"'):
@@ -221,13 +226,13 @@ def test_any_series_of_edits_says_what_was_asked_for(edits, end):
 
 def test_removing_an_effect_leaves_every_other_byte():
     with_spring = add(TEXT, "linear_spring", 1, stiffness=2.0, rest=0.1)
-    assert remove_effect(with_spring, "arm.toml", LIBRARY, "linear_spring", 1) == TEXT
+    assert edited(with_spring).remove("linear_spring", 1).text == TEXT
 
 
 def test_the_only_effect_leaves_no_empty_table():
     text = TEXT + "\n[contact]\nx = 0.4  # plate\n"
     with_plate = add(text, "plate", None, stiffness=600.0)
-    without = remove_effect(with_plate, "arm.toml", LIBRARY, "plate")
+    without = edited(with_plate).remove("plate").text
     assert without == text
     assert "effects" not in tomllib.loads(without)["contact"]
 
@@ -235,20 +240,20 @@ def test_the_only_effect_leaves_no_empty_table():
 def test_an_inline_effect_is_removed_too():
     text = TEXT.replace("[joint.effects.viscous]\n# measured warm\n", "")
     text = text.replace("rotor_inertia = 0.06\n", "rotor_inertia = 0.06\neffects = { viscous = {}, coulomb = {} }\n")
-    removed = remove_effect(text, "arm.toml", LIBRARY, "viscous", 2)
+    removed = edited(text).remove("viscous", 2).text
     assert tomllib.loads(removed)["joint"][1]["effects"] == {"coulomb": {}}
 
 
 def test_removing_what_is_not_there_is_an_error():
     with pytest.raises(ModelError, match='effect "stribeck" is not there at joint 2; nothing to remove'):
-        remove_effect(TEXT, "arm.toml", LIBRARY, "stribeck", 2)
+        edited(TEXT).remove("stribeck", 2)
 
 
 def test_an_effect_is_placed_whatever_was_there_before():
     values = {"stiffness": 5100.0, "radius": 0.06, "offset": -0.9, "pretension": 0.0}
-    once = place_effect(TEXT, "arm.toml", LIBRARY, "parallel_spring", 2, values)
+    once = edited(TEXT).place("parallel_spring", 2, values).text
     assert reader.parse(once, "arm.toml").joints[1].effects["parallel_spring"] == values
-    softer = place_effect(once, "arm.toml", LIBRARY, "parallel_spring", 2, values | {"stiffness": 1300.0})
+    softer = edited(once).place("parallel_spring", 2, values | {"stiffness": 1300.0}).text
     assert softer == once.replace("5100.0", "1300.0")
-    assert place_effect(softer, "arm.toml", LIBRARY, "parallel_spring", 2, None) == TEXT
-    assert place_effect(TEXT, "arm.toml", LIBRARY, "parallel_spring", 2, None) == TEXT
+    assert edited(softer).place("parallel_spring", 2, None).text == TEXT
+    assert edited(TEXT).place("parallel_spring", 2, None).text == TEXT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from symbolic.effects import DECLARED as LIBRARY
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Frame, Link
-from symbolic.model_file.editor import add_effect, remove_effect, set_values
+from symbolic.model_file.editor import ModelText
 from symbolic.model_file.frames import (
     Rotation,
     about,
@@ -191,11 +192,15 @@ def test_every_joint_moves_something() -> None:
     assert spatial(HEAD + point + tilted.replace("rotor_inertia = 0.0", "rotor_inertia = 0.1"))  # that swings it about
 
 
+def edited(text: str) -> ModelText:
+    return ModelText(Path("arm.toml"), text, LIBRARY)
+
+
 def test_the_editor_writes_into_a_spatial_file() -> None:
-    once = add_effect(GOOD, "arm.toml", LIBRARY, "stribeck", 2, {"torque": 0.5})
+    once = edited(GOOD).add("stribeck", 2, {"torque": 0.5}).text
     assert once == GOOD.replace(TIP, f"[joint.effects.stribeck]\ntorque = 0.5\n{TIP}")
-    assert remove_effect(once, "arm.toml", LIBRARY, "stribeck", 2) == GOOD
-    fitted = set_values(GOOD, "arm.toml", LIBRARY, {("viscous", 1): {"coefficient": 2.5}}, {"XX2": 0.25}, {2: 0.7})
+    assert edited(once).remove("stribeck", 2).text == GOOD
+    fitted = edited(GOOD).set_values({("viscous", 1): {"coefficient": 2.5}}, {"XX2": 0.25}, {2: 0.7}).text
     assert fitted.startswith(GOOD.replace("coefficient = 1.5", "coefficient = 2.5")[: GOOD.index("elbow")])
     assert fitted.endswith("XX2 = 0.25\n")
     arm = spatial(fitted)
@@ -206,7 +211,7 @@ def test_the_editor_writes_into_a_spatial_file() -> None:
 
 def test_unknown_rotors_are_put_in_where_they_stand_in_other_files() -> None:
     text = GOOD.replace("rotor_inertia = 0.1\n", "")
-    assert spatial(set_values(text, "arm.toml", LIBRARY, {}, None, {1: 0.3})).joints[0].rotor_inertia == 0.3
+    assert spatial(edited(text).set_values({}, None, {1: 0.3}).text).joints[0].rotor_inertia == 0.3
 
 
 # --- geometry ---
