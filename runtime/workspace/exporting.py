@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ from runtime.workspace.source import CompiledArm
 
 if TYPE_CHECKING:
     from symbolic.model_file.exchange.exporting import ExportedArm, Language
-    from symbolic.model_file.exchange.tree import StatedBody
 
 
 def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | None = None) -> ExportDocument:
@@ -27,10 +25,9 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
     from symbolic.model_file.exchange.urdf import urdf_onto
 
     made, missing = _with_bodies(compiled, language)
-    kept: Sequence[str] = ()
+    kept: list[str] = []
     if onto is not None:
-        rewritten = urdf_onto(made, onto)
-        data, kept = rewritten.data, rewritten.kept
+        data, kept = urdf_onto(made, onto)
     else:
         data = (exporting.urdf_text if language == "urdf" else exporting.mjcf_text)(made).encode()
     files.replace(out, data)
@@ -57,37 +54,26 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
         gravity=list(made.arm.gravity),
         joints=joints,
         unsaid=list(made.unsaid),
-        kept=list(kept),
+        kept=kept,
     )
 
 
 def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm, float]:
-    """The arm as it is written, and the rms of the torque that its bodies miss over that of the torque."""
+    """The arm as it is written, and the rms of the torque that its bodies miss over that of the torque. Bodies that the
+    file does not state, or that are impossible, are possible ones with the model's base parameters."""
     import numpy as np
 
-    from runtime.exchange.bodies import is_possible
-    from symbolic.model_file.exchange import exporting
-
-    arm = compiled.arm
-    bodies, rotors = exporting.reference(arm)
-    stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
-    missing = 0.0
-    if not stated or not all(is_possible(np.array(exporting.parameters(body))) for body in bodies):
-        bodies, rotors, missing = _possible(compiled, bodies, rotors)
-    return exporting.exported(arm, compiled.library, language, bodies=bodies, rotors=rotors), missing
-
-
-def _possible(
-    compiled: CompiledArm, bodies: Sequence[StatedBody], rotors: Sequence[float]
-) -> tuple[list[StatedBody], list[float], float]:
-    """Possible bodies and rotors with the model's base parameters, near to those given; and the mismatch."""
-    import numpy as np
-
-    from runtime.exchange.bodies import ChainGeometry, base_map, project, rotors_asked
+    from runtime.exchange.bodies import ChainGeometry, base_map, is_possible, project, rotors_asked
     from symbolic.model_file.exchange import exporting
     from symbolic.model_file.frames import rotation
 
-    model, arm = compiled.model(), compiled.arm
+    arm = compiled.arm
+    bodies, rotors = exporting.reference(arm)
+    near = np.array([exporting.parameters(body) for body in bodies])
+    stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
+    if stated and all(map(is_possible, near)):
+        return exporting.exported(arm, compiled.library, language, bodies=bodies, rotors=rotors), 0.0
+    model = compiled.model()
     axes = np.array([joint.axis for joint in arm.joints])
     chain = ChainGeometry(
         turned=np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
@@ -96,9 +82,10 @@ def _possible(
         revolute=np.array([joint.type == "revolute" for joint in arm.joints]),
         gravity=np.array(arm.gravity),
     )
-    near = np.array([exporting.parameters(body) for body in bodies])
     B, W = base_map(chain, model.regressor)
     guessed = np.array([joint.rotor_inertia is None for joint in arm.joints])
     asked = rotors_asked(B, W, model.lump_values, near, likely=np.array(rotors), guessed=guessed)
     found = project(B, W, model.lump_values, bodies=near, rotors=asked)
-    return [exporting.body_of(body) for body in found.bodies], found.rotors.tolist(), found.mismatch
+    made = [exporting.body_of(body) for body in found.bodies]
+    arms = exporting.exported(arm, compiled.library, language, bodies=made, rotors=found.rotors.tolist())
+    return arms, found.mismatch

@@ -9,7 +9,7 @@ from statistics import fmean, median
 from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
-from symbolic.model_file.arm import Arm, Frame, Joint, Link, Values
+from symbolic.model_file.arm import Arm, Frame, Joint, Values
 from symbolic.model_file.exchange.tree import FREE, Inertia, StatedBody, about_point, joints_of
 from symbolic.model_file.frames import Vector, scaled
 
@@ -91,10 +91,17 @@ def exported(
     unsaid = [*missing.lines(), *of_arm]
     if arm.contact is not None:
         unsaid.append("the contact with a plate")
-    unsaid += _keys_unsaid(arm, language)
-    if language == "urdf":
-        unsaid += [f"rotor_inertia of {joints_of([bool(rotor) for rotor in rotors])}"] if any(rotors) else []
-        unsaid += [f"gravity {list(made.gravity)}: loaders take {list(DOWN)}"] if made.gravity != DOWN else []
+    stated: dict[str, list[bool]] = {
+        "torque_constant": [joint.torque_constant is not None for joint in arm.joints],
+        "encoder": [joint.encoder_counts is not None for joint in arm.joints],
+        "controller": [joint.gains is not None for joint in arm.joints],
+        "drive": [joint.drive is not None for joint in arm.joints],
+        "limits.speed": [language == "mjcf" and joint.limits.speed is not None for joint in arm.joints],
+        "rotor_inertia": [language == "urdf" and bool(rotor) for rotor in rotors],
+    }
+    unsaid += [f"{key} of {joints_of(which)}" for key, which in stated.items() if any(which)]
+    if language == "urdf" and made.gravity != DOWN:
+        unsaid.append(f"gravity {list(made.gravity)}: loaders take {list(DOWN)}")
     return ExportedArm(made, tuple(joints), tuple(unsaid))
 
 
@@ -112,21 +119,6 @@ def _with_gravity(arm: Arm, library: Mapping[str, Effect]) -> tuple[Arm, list[st
                 gravity[GRAVITY.index(p.abroad)] += values[p.name]
     x, y, z = gravity
     return replace(arm, gravity=(x, y, z)), unsaid
-
-
-def _keys_unsaid(arm: Arm, language: Language) -> Iterator[str]:
-    """Stated data of drives and controllers, which neither format can express, and speed limits in MJCF."""
-    stated: dict[str, list[bool]] = {
-        "torque_constant": [joint.torque_constant is not None for joint in arm.joints],
-        "encoder": [joint.encoder_counts is not None for joint in arm.joints],
-        "controller": [joint.gains is not None for joint in arm.joints],
-        "drive": [joint.drive is not None for joint in arm.joints],
-    }
-    if language == "mjcf":
-        stated["limits.speed"] = [joint.limits.speed is not None for joint in arm.joints]
-    for key, which in stated.items():
-        if any(which):
-            yield f"{key} of {joints_of(which)}"
 
 
 def _dynamics(
@@ -160,19 +152,17 @@ def reference(arm: Arm) -> tuple[list[StatedBody], list[float]]:
     masses = [joint.link.mass for joint in arm.joints if joint.link.mass]
     usual = median(masses) if masses else USUAL_MASS
     ends = [*(joint.origin.xyz for joint in arm.joints[1:]), arm.tip.xyz]
-    bodies = [_likely(joint.link, end, usual) for joint, end in zip(arm.joints, ends, strict=True)]
+    bodies = []
+    for joint, end in zip(arm.joints, ends, strict=True):
+        link = joint.link
+        mass = usual if link.mass is None else link.mass
+        com = scaled(0.5, end) if link.com is None else link.com
+        bodies.append(StatedBody(mass, com, _cylinder(mass, end) if link.inertia is None else link.inertia))
     rotors = [
         _turning(body, joint) if joint.rotor_inertia is None else joint.rotor_inertia
         for joint, body in zip(arm.joints, bodies, strict=True)
     ]
     return bodies, rotors
-
-
-def _likely(link: Link, end: Vector, usual: float) -> StatedBody:
-    """The link's body; unknown parts are those of a cylinder that reaches to `end`."""
-    mass = usual if link.mass is None else link.mass
-    com = scaled(0.5, end) if link.com is None else link.com
-    return StatedBody(mass, com, _cylinder(mass, end) if link.inertia is None else link.inertia)
 
 
 def _cylinder(mass: float, end: Vector) -> Inertia:
@@ -239,7 +229,15 @@ def urdf_text(made: ExportedArm) -> str:
     lines += [*_between(parent, TIP), f"    {_origin(made.arm.tip)}", "  </joint>"]
     for joint in made.joints:
         if joint.joint.gear_ratio != 1:
-            lines += _transmission(joint)
+            lines += [
+                f"  <transmission name={quoteattr(f'{joint.name} transmission')}>",
+                "    <type>transmission_interface/SimpleTransmission</type>",
+                f"    <joint name={quoteattr(joint.name)}/>",
+                f"    <actuator name={quoteattr(f'{joint.name} motor')}>",
+                f"      <mechanicalReduction>{number(joint.joint.gear_ratio)}</mechanicalReduction>",
+                "    </actuator>",
+                "  </transmission>",
+            ]
     return "\n".join([*lines, "</robot>"]) + "\n"
 
 
@@ -282,12 +280,6 @@ def inertial(body: StatedBody, indent: str) -> list[str]:
     ]
 
 
-def dynamics(joint: ExportedJoint) -> str:
-    """<dynamics> of a joint."""
-    damping, friction = (number(joint.dynamics.get(word, 0.0)) for word in ("damping", "friction"))
-    return f'<dynamics damping="{damping}" friction="{friction}"/>'
-
-
 def _urdf_joint(joint: ExportedJoint, parent: str, child: str) -> Iterator[str]:
     limits = joint.joint.limits
     kind = "continuous" if joint.joint.type == "revolute" and limits.position is None else joint.joint.type
@@ -298,21 +290,9 @@ def _urdf_joint(joint: ExportedJoint, parent: str, child: str) -> Iterator[str]:
     low, high = limits.position or (-FREE, FREE)
     place = "" if kind == "continuous" else f'lower="{number(low)}" upper="{number(high)}" '
     yield f'    <limit {place}effort="{number(limits.torque or FREE)}" velocity="{number(limits.speed or FREE)}"/>'
-    yield f"    {dynamics(joint)}"
+    damping, friction = (number(joint.dynamics.get(word, 0.0)) for word in WORDS["urdf"])
+    yield f'    <dynamics damping="{damping}" friction="{friction}"/>'
     yield "  </joint>"
-
-
-def _transmission(joint: ExportedJoint) -> list[str]:
-    name = quoteattr(f"{joint.name} transmission")
-    return [
-        f"  <transmission name={name}>",
-        "    <type>transmission_interface/SimpleTransmission</type>",
-        f"    <joint name={quoteattr(joint.name)}/>",
-        f"    <actuator name={quoteattr(f'{joint.name} motor')}>",
-        f"      <mechanicalReduction>{number(joint.joint.gear_ratio)}</mechanicalReduction>",
-        "    </actuator>",
-        "  </transmission>",
-    ]
 
 
 # --- MJCF ---

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from symbolic.model_file.arm import Arm, Joint, Limits, Link, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import urdf, xml_file
 from symbolic.model_file.exchange.tree import (
-    ChainJoint,
     Tree,
     TreeChain,
     TreeJoint,
@@ -64,7 +64,14 @@ def imported(
     doubtful = _placeholders(found, friction)
     notes += doubtful
     arm = _arm(found, path, effects, notes)
-    gears = [_beside_gear(joint.joint) for joint in found.joints]
+    gears = [
+        ""
+        if joint.gear is not None
+        else f"unknown: the file states different ones ({gears_of(joint)})"
+        if joint.gears
+        else "not stated"
+        for joint in (one.joint for one in found.joints)
+    ]
     gravity = (
         "m/s^2" if tree.gravity is not None else f"m/s^2; not stated: z of {shortened(found.root)} is taken to point up"
     )
@@ -98,7 +105,8 @@ def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], not
     names = unique(label_of(joint.joint.name) for joint in found.joints)
     joints = []
     for joint, name, active in zip(found.joints, names, effects, strict=True):
-        stated = joint.joint
+        stated, body = joint.joint, joint.body
+        link = Link() if body is None else Link(body.mass, body.com, None if joint.doubt else body.inertia)
         joints.append(
             Joint(
                 type=joint.type,
@@ -109,20 +117,12 @@ def _arm(found: TreeChain, path: Path, effects: Sequence[dict[str, Values]], not
                 name=name,
                 axis=stated.axis,
                 origin=joint.origin,
-                link=_link(joint),
+                link=link,
             )
         )
     notes += _left_out(found)
     gravity = applied(transposed(found.mounting), DOWN if found.tree.gravity is None else found.tree.gravity)
     return Arm(arm_name(found.tree.name, path), gravity, tuple(joints), tip=found.tip)
-
-
-def _link(joint: ChainJoint) -> Link:
-    if joint.body is None:
-        return Link()
-    if joint.doubt:
-        return Link(joint.body.mass, joint.body.com)
-    return Link(joint.body.mass, joint.body.com, joint.body.inertia)
 
 
 def _left_out(found: TreeChain) -> list[str]:
@@ -155,17 +155,6 @@ def _left_out(found: TreeChain) -> list[str]:
     return notes
 
 
-def _beside_gear(joint: TreeJoint) -> str:
-    """Comment beside a gear ratio that is not from the file."""
-    if joint.gear is not None:
-        return ""
-    return f"unknown: the file states different ones ({gears_of(joint)})" if joint.gears else "not stated"
-
-
-def _is(names: Sequence[str]) -> str:
-    return "is" if len(names) == 1 else "are"
-
-
 # --- friction and springs ---
 
 
@@ -180,7 +169,10 @@ def _effects(
         wrong = [f"{word} = {value:g}" for word, value in joint.joint.dynamics.items() if word not in stated]
         if wrong:
             notes.append(f"{listed(wrong)} of joint {k}: left out, hence unknown; expected a number above 0")
-        springs = _springs(stated, library)
+        springs = {}
+        if stated.get(STIFFNESS):
+            spring = next(e for e in library.values() if any(p.abroad == STIFFNESS for p in e.parameters))
+            springs = {spring.name: {p.name: stated.get(p.abroad, 0.0) for p in spring.parameters}}
         # Beside a spring, friction that differs by direction is a constant, which motion cannot separate from the
         # spring's rest position: its symmetric special case is taken.
         even = [next((library[name] for name in e.generalises if name in library), e) for e in assumed]
@@ -188,14 +180,6 @@ def _effects(
         known = {e.name: {p.name: stated[p.abroad] for p in e.parameters if p.abroad in stated} for e in here}
         made.append({**known, **springs})
     return made
-
-
-def _springs(stated: Mapping[str, float], library: Mapping[str, AnyEffect]) -> dict[str, Values]:
-    """A spring parallel to the joint, if the file states a stiffness."""
-    if not stated.get(STIFFNESS):
-        return {}
-    spring = next(e for e in library.values() if any(p.abroad == STIFFNESS for p in e.parameters))
-    return {spring.name: {p.name: stated.get(p.abroad, 0.0) for p in spring.parameters}}
 
 
 STIFFNESS = "stiffness"
@@ -254,17 +238,10 @@ def arm_name(name: str, path: Path) -> str:
     for wanted in (name, path.stem, "arm"):
         made = re.sub(r"[^A-Za-z0-9]+", "_", wanted).strip("_")[:MAX_NAME].rstrip("_")
         for candidate in (made, f"arm_{made}"[:MAX_NAME]):
-            if made and _accepted(candidate):
-                return candidate
+            with suppress(ModelError):
+                if made and not is_taken(identifier(Place(""), "name", candidate)):
+                    return candidate
     raise AssertionError("arm is a name")
-
-
-def _accepted(name: str) -> bool:
-    try:
-        identifier(Place(""), "name", name)
-    except ModelError:
-        return False
-    return not is_taken(name)
 
 
 def unique(names: Iterable[str]) -> list[str]:

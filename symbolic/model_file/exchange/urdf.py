@@ -70,7 +70,7 @@ def urdf_tree(root: XmlNode) -> Tree:
     """The robot that a URDF describes. Raises ModelError."""
     if any(node.tag.startswith("xacro:") for node in root.everything()):
         root.fail("is a xacro template, not a URDF; expand it first: xacro FILE > robot.urdf")
-    gears, doubted = reductions(root), _doubted_gears(root)
+    gears, doubted = _transmissions(root)
     links = _named(root, "link", _link)
     if not links:
         root.fail("the robot has no <link>; expected links and joints")
@@ -99,12 +99,10 @@ def _frame(node: XmlNode) -> Frame:
 
 
 def _link(node: XmlNode) -> TreeLink:
+    name, inertial = node.word("name"), node.first("inertial")
     solid = any(node.first(tag) is not None for tag in ("visual", "collision"))
-    inertial = node.first("inertial")
-    return TreeLink(node.word("name"), None if inertial is None else _body(inertial), solid)
-
-
-def _body(inertial: XmlNode) -> StatedBody:
+    if inertial is None:
+        return TreeLink(name, None, solid)
     mass = inertial.needed("mass").number("value")
     if mass < 0:
         inertial.fail(f"<mass> value is {mass:g}; expected a mass of 0 kg or more")
@@ -113,7 +111,7 @@ def _body(inertial: XmlNode) -> StatedBody:
     xx, xy, xz, yy, yz, zz = (
         0.0 if stated is None else stated.number(key, None if key[1] == key[2] else 0.0) for key in MOMENTS
     )
-    return StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy))
+    return TreeLink(name, StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy)), solid)
 
 
 def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Mapping[str, Sequence[str]]) -> TreeJoint:
@@ -136,7 +134,7 @@ def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Map
         dynamics={key: value for key, value in stated.items() if value},
         gears=tuple((one.by, one.ratio) for one in gears.get(name, ())),
         mimics=None if mimic is None else mimic.word("joint"),
-        doubts=(*(() if limit is None else _doubts(limit)), *doubted.get(name, ())),
+        doubts=(*(() if limit is None else _doubts(limit)), *dict.fromkeys(doubted.get(name, ()))),
     )
 
 
@@ -164,41 +162,25 @@ def _doubts(limit: XmlNode) -> Iterator[str]:
             yield f"its limit of {key} is {value:g}"
 
 
-def reductions(root: XmlNode) -> dict[str, list[Reduction]]:
-    """Gear ratios from the <transmission>s that drive a single joint, by the joint's name."""
+def _transmissions(root: XmlNode) -> tuple[dict[str, list[Reduction]], dict[str, list[str]]]:
+    """Gear ratios from the <transmission>s that drive a single joint, and reasons for which others are rejected, by the
+    joint's name. Rejected are ratios of 0 and those of several joints, such as differentials."""
     found: dict[str, list[Reduction]] = {}
-    for by, names, stated in _transmissions(root):
-        for node in stated if len(names) == 1 else ():
-            if ratio := _ratio(node):
-                found.setdefault(names[0], []).append(Reduction(by, ratio, node))
-    return found
-
-
-def _ratio(reduction: XmlNode) -> float:
-    """The ratio without its sign."""
-    read = XmlNode(reduction.tag, {"value": reduction.text.strip()}, reduction.file, reduction.line)
-    return abs(read.number("value"))
-
-
-def _doubted_gears(root: XmlNode) -> dict[str, list[str]]:
-    """Rejected gear ratios by the joint's name: ratios of 0, and those of transmissions with several joints, such as
-    differentials."""
-    found: dict[str, list[str]] = {}
-    for by, names, stated in _transmissions(root):
-        if len(names) == 1 and any(_ratio(node) == 0 for node in stated):
-            found.setdefault(names[0], []).append(f"the gear of {by}, which is 0")
-        for name in names if len(names) > 1 and stated else ():
-            others = some([other for other in names if other != name])
-            found.setdefault(name, []).append(f"the gear of {by}, whose motors move {others} too")
-    return found
-
-
-def _transmissions(root: XmlNode) -> Iterator[tuple[str, list[str], list[XmlNode]]]:
-    """Name, joints and reduction elements of each <transmission>."""
+    doubted: dict[str, list[str]] = {}
     for transmission in root.deep("transmission"):
-        names = dict.fromkeys(node.attributes.get("name", "") for node in transmission.deep("joint"))
-        stated = [node for tag in REDUCTIONS for node in transmission.deep(tag) if node.text.strip()]
-        yield f"transmission {shortened(transmission.attributes.get('name') or 'without a name')}", list(names), stated
+        by = f"transmission {shortened(transmission.attributes.get('name') or 'without a name')}"
+        names = list(dict.fromkeys(node.attributes.get("name", "") for node in transmission.deep("joint")))
+        nodes = [node for tag in REDUCTIONS for node in transmission.deep(tag) if node.text.strip()]
+        for node in nodes if len(names) == 1 else ():
+            stated = XmlNode(node.tag, {"value": node.text.strip()}, node.file, node.line)
+            if ratio := abs(stated.number("value")):
+                found.setdefault(names[0], []).append(Reduction(by, ratio, node))
+            else:
+                doubted.setdefault(names[0], []).append(f"the gear of {by}, which is 0")
+        for name in names if len(names) > 1 and nodes else ():
+            others = some([other for other in names if other != name])
+            doubted.setdefault(name, []).append(f"the gear of {by}, whose motors move {others} too")
+    return found, doubted
 
 
 Stated = float | tuple[float, float] | None
@@ -216,20 +198,12 @@ class _Edit:
     text: str
 
 
-@dataclass(frozen=True)
-class Rewritten:
-    """A file into which a model was written. kept: its statements that differ from the model, an item each."""
-
-    data: bytes
-    kept: tuple[str, ...]
-
-
-def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
+def urdf_onto(made: ExportedArm, path: Path) -> tuple[bytes, list[str]]:
     """Write the model's bodies, friction and gear ratios into a URDF, at the joints of the same names.
 
     Links fixed to a link of the arm become part of its body and lose their own inertia; links on other movable joints,
-    such as fingers, keep theirs. Raises ModelError: no such joint, a joint with another pose, or a body that is lighter
-    than the links attached to it.
+    such as fingers, keep theirs. Returns the new file, and its statements that differ from the model and are kept.
+    Raises ModelError: no such joint, a joint with another pose, or a body lighter than the links attached to it.
     """
     root = xml_file.read(path)
     if root.tag != "robot":
@@ -242,7 +216,7 @@ def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
         root.fail("is written in UTF-16; save it as UTF-8")
     links = {node.word("name"): node for node in root.all("link")}
     joints = {node.word("name"): node for node in root.all("joint")}
-    gears = reductions(root)
+    gears, _ = _transmissions(root)
     edits: list[_Edit] = []
     for stated, joint in zip(found.joints, made.joints, strict=True):
         own, *carried = stated.links
@@ -253,14 +227,18 @@ def urdf_onto(made: ExportedArm, path: Path) -> Rewritten:
         if parts or not _is_body(tree.links[own].body, body):
             edits.append(_put(data, links[own], "inertial", "\n".join(inertial(body, "    ")).strip()))
         there = joints[stated.joint.name]
-        if not _is_dynamics(there.first("dynamics"), dynamics := _dynamics(there, joint)):
+        if (dynamics := _dynamics(there.first("dynamics"), joint)) is not None:
             stated_as = " ".join(f"{key}={quoteattr(value)}" for key, value in dynamics.items())
             edits.append(_put(data, there, "dynamics", f"<dynamics {stated_as}/>"))
-        if stated.joint.gear is not None:
-            edits += _geared(data, gears[stated.joint.name], joint.joint.gear_ratio)
+        for one in gears[stated.joint.name] if stated.joint.gear is not None else ():
+            if not _equal(one.ratio, joint.joint.gear_ratio):
+                # The sign, which is the motor's direction, stays.
+                sign = "-" if one.node.text.strip().startswith("-") else ""
+                ratio = sign + number(joint.joint.gear_ratio)
+                edits.append(_Edit(_tag_end(data, one.node.start), one.node.close, ratio))
     for edit in sorted(edits, key=lambda edit: edit.start, reverse=True):
         data = data[: edit.start] + edit.text.encode() + data[edit.end :]
-    return Rewritten(data, tuple(_kept(found, made)))
+    return data, list(_kept(found, made))
 
 
 def _without_loose(tree: Tree, stated: ChainJoint, body: StatedBody) -> StatedBody:
@@ -295,31 +273,18 @@ def _is_body(stated: StatedBody | None, body: StatedBody) -> bool:
     )
 
 
-def _is_dynamics(there: XmlNode | None, wanted: Mapping[str, str]) -> bool:
-    """Whether <dynamics> already states the wanted numbers."""
-    if there is None or there.attributes.keys() != wanted.keys():
-        return False
-    return all(
-        value == wanted[key] or there.number(key) == float(wanted[key]) for key, value in there.attributes.items()
-    )
-
-
-def _dynamics(there: XmlNode, joint: ExportedJoint) -> dict[str, str]:
-    """Attributes of <dynamics>: the model's values; attributes that are unknown to the model stay as they are."""
-    before = there.first("dynamics")
-    attributes = {} if before is None else dict(before.attributes)
+def _dynamics(there: XmlNode | None, joint: ExportedJoint) -> dict[str, str] | None:
+    """Attributes of <dynamics>: the model's values; attributes that are unknown to the model stay as they are. None if
+    the element already states these numbers."""
+    before = {} if there is None else there.attributes
+    wanted = dict(before)
     for word in WORDS["urdf"]:
-        if word not in joint.unknown or word not in attributes:
-            attributes[word] = number(joint.dynamics.get(word, 0.0))
-    return attributes
-
-
-def _geared(data: bytes, stated: Sequence[Reduction], ratio: float) -> Iterator[_Edit]:
-    """Edits that set the ratio of transmissions; the sign, which is the motor's direction, stays."""
-    for one in stated:
-        if not _equal(one.ratio, ratio):
-            sign = "-" if one.node.text.strip().startswith("-") else ""
-            yield _Edit(_tag_end(data, one.node.start), one.node.close, sign + number(ratio))
+        if word not in joint.unknown or word not in wanted:
+            wanted[word] = number(joint.dynamics.get(word, 0.0))
+    if there is None or before.keys() != wanted.keys():
+        return wanted
+    same = all(value == wanted[key] or there.number(key) == float(wanted[key]) for key, value in before.items())
+    return None if same else wanted
 
 
 def _kept(found: TreeChain, made: ExportedArm) -> Iterator[str]:
@@ -400,25 +365,18 @@ def _check_places(tree: Tree, found: TreeChain, made: ExportedArm) -> None:
     if len(found.joints) != len(made.joints):
         raise ModelError(f"{tree.file}: its joints are in another order than the model's")
     for k, (there, own) in enumerate(zip(found.joints, made.joints, strict=True)):
+        place = f"{tree.file}: joint {quote(own.name)} has another"
         if there.joint.name != own.name and label_of(there.joint.name) != own.name:
-            raise ModelError(
-                f"{tree.file}: joint {quote(own.name)} has another position in the chain than in the model"
-            )
-        if k > 0 and not _same(there.origin.xyz, own.joint.origin.xyz):
-            raise ModelError(f"{tree.file}: joint {quote(own.name)} has another origin than in the model: another arm?")
-        if there.type != own.joint.type or not _same(_direction(there.joint.axis), _direction(own.joint.axis)):
-            raise ModelError(
-                f"{tree.file}: joint {quote(own.name)} has another type or axis than in the model: another arm?"
-            )
+            raise ModelError(f"{place} position in the chain than in the model")
         left, right = (rotation(frame.rpy) for frame in (there.origin, own.joint.origin))
-        if k > 0 and not all(_same(a, b) for a, b in zip(left, right, strict=True)):
-            raise ModelError(
-                f"{tree.file}: joint {quote(own.name)} has another rotation than in the model: another arm?"
-            )
-
-
-def _direction(axis: Vector) -> Vector:
-    return scaled(1 / math.hypot(*axis), axis)
+        axes = (scaled(1 / math.hypot(*axis), axis) for axis in (there.joint.axis, own.joint.axis))
+        for what, same in (
+            ("origin", k == 0 or _same(there.origin.xyz, own.joint.origin.xyz)),
+            ("type or axis", there.type == own.joint.type and _same(*axes)),
+            ("rotation", k == 0 or all(_same(a, b) for a, b in zip(left, right, strict=True))),
+        ):
+            if not same:
+                raise ModelError(f"{place} {what} than in the model: another arm?")
 
 
 def _same(left: Vector, right: Vector) -> bool:
