@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Literal
@@ -15,7 +15,6 @@ from typing import Literal
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import MAX_LABEL, ModelError, Place, nearest, printable, quote
 from symbolic.model_file.frames import (
-    IDENTITY,
     LISTED,
     Rotation,
     Snapping,
@@ -194,23 +193,19 @@ class Tree:
                     f"{self.file}: link {quote(joint.child)} has two parent joints, {quote(other.name)} and "
                     f"{quote(joint.name)}; expected a tree: remove one of them"
                 )
-        self._check_roots(found)
-        return found
-
-    def _check_roots(self, above: Mapping[str, TreeJoint]) -> None:
-        """Raise ModelError if the links form a loop."""
         ends: set[str] = set()
         for name in self.links:
-            way: dict[str, None] = {}
-            while name in above and name not in ends:
+            way: set[str] = set()
+            while name in found and name not in ends:
                 if name in way:
-                    joint = quote(above[name].name)
+                    through = quote(found[name].name)
                     raise ModelError(
-                        f"{self.file}: link {quote(name)} is its own ancestor, through joint {joint}; expected a tree"
+                        f"{self.file}: link {quote(name)} is its own ancestor, through joint {through}; expected a tree"
                     )
-                way[name] = None
-                name = above[name].parent
-            ends.update(way)
+                way.add(name)
+                name = found[name].parent
+            ends |= way
+        return found
 
     def below(self) -> dict[str, list[TreeJoint]]:
         """The child joints of each link, in the file's order."""
@@ -241,9 +236,9 @@ class ChainJoint:
     origin: Frame
     body: StatedBody | None
     links: tuple[str, ...]
-    doubt: str = ""
-    loose: tuple[str, ...] = ()
-    loose_body: StatedBody = NOTHING
+    doubt: str
+    loose: tuple[str, ...]
+    loose_body: StatedBody
 
     @property
     def type(self) -> Literal["revolute", "prismatic"]:
@@ -265,9 +260,9 @@ class TreeChain:
     joints: tuple[ChainJoint, ...]
     tip: Frame
     held: tuple[str, ...]
-    root: str = ""
-    mounting: Rotation = IDENTITY
-    notes: tuple[str, ...] = ()
+    root: str
+    mounting: Rotation
+    notes: tuple[str, ...]
 
 
 def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, float]) -> TreeChain:
@@ -276,36 +271,61 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
     locked   joint -> fixed position, rad or m
     Raises ModelError, which says what to pass instead.
     """
-    above, below = tree.above(), tree.below()
     _check_locks(tree, locked)
+    notes, snapping = [], Snapping()
+    for name, value in locked.items():
+        low, high = tree.joints[name].position or (-math.inf, math.inf)
+        if not low <= value <= high:
+            notes.append(f"{shortened(name)} is locked at {value:g}, outside its range of {low:g} to {high:g}")
+    tree = replace(tree, joints={name: _settled(tree, joint, locked, snapping) for name, joint in tree.joints.items()})
+    above, below = tree.above(), tree.below()
     root = _root(tree, above) if base is None else _link(tree, base, "--base")
-    end, note = (_link(tree, tip, "--tip"), "") if tip is not None else _only_end(tree, root, below, locked)
-    way = _way(tree, above, root, end)
-    moving = [joint for joint in way if joint.kind != "fixed" and joint.name not in locked]
-    for joint in moving:
-        _check_moves(tree, joint)
-    if not 1 <= len(moving) <= MAX_JOINTS:
-        _fail_count(tree, root, end, moving)
-    snapping = Snapping()
-    snapped = {joint.name: _snapped(tree, joint, snapping) for joint in tree.joints.values()}
-    way = [snapped[joint.name] for joint in way]
-    below = {link: [snapped[joint.name] for joint in joints] for link, joints in below.items()}
-    made = _assembled(tree, root, end, way=way, below=below, locked=locked)
-    before = [snapped[joint.name] for joint in path_to(root, above)]
-    used = {joint.name for joint in (*before, *way)}
-    used |= {above[link].name for joint in made.joints for link in joint.links}
-    snapping.only({_place(name) for name in used})
-    return replace(
-        made,
+    end, note = (_link(tree, tip, "--tip"), "") if tip is not None else _only_end(tree, root, below)
+    way, before = _way(tree, above, root, end), path_to(root, above)
+    joints: list[ChainJoint] = []
+    held: list[str] = []
+    origin = Frame()
+    for joint in way:
+        origin = composed(origin, joint.origin)
+        if joint.kind != "fixed":
+            carried = list(_carried(joint.child, below, {one.name for one in way}, held))
+            joints.append(_chain_joint(tree, joint, origin, carried))
+            origin = Frame()
+    turning = [joint.name for joint in before if joint.kind not in ("fixed", "prismatic")]
+    if turning:
+        notes.insert(
+            0,
+            f"{shortened(root)} is moved by {some(turning)}: gravity is taken with "
+            f"{'it' if len(turning) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another position)",
+        )
+    used = (*before, *way, *(above[link] for joint in joints for link in joint.links))
+    snapping.only({_place(joint.name) for joint in used})
+    return TreeChain(
+        tree,
+        root,
+        end,
+        joints=tuple(joints),
+        tip=origin,
+        held=tuple(held),
         root=before[0].parent if before else root,
-        mounting=rotation(reduce(composed, (_origin(joint, locked) for joint in before), Frame()).rpy),
-        notes=(
-            *([note] if note else []),
-            *_turning(root, before, locked),
-            *_out_of_range(tree, locked),
-            *snapping.notes(),
-        ),
+        mounting=rotation(reduce(composed, (joint.origin for joint in before), Frame()).rpy),
+        notes=(*([note] if note else []), *notes, *snapping.notes()),
     )
+
+
+def _settled(tree: Tree, joint: TreeJoint, locked: Mapping[str, float], snapping: Snapping) -> TreeJoint:
+    """The joint with exact quarter turns; fixed where it is locked."""
+    where = _place(joint.name)
+    axis = snapping.axis(Place(tree.file, where), where, joint.axis) if joint.kind in MOVING else joint.axis
+    origin = snapping.frame(where, joint.origin)
+    if joint.name not in locked:
+        return replace(joint, origin=origin, axis=axis)
+    value = locked[joint.name]
+    if value and MOVING[joint.kind] == "prismatic":
+        origin = composed(origin, Frame(scaled(value / math.hypot(*axis), axis)))
+    elif value:
+        origin = composed(origin, Frame(rpy=angles(about(axis, value))))
+    return replace(joint, origin=origin, axis=axis, kind="fixed")
 
 
 def path_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
@@ -315,25 +335,6 @@ def path_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
         way.append(above[link])
         link = above[link].parent
     return way[::-1]
-
-
-def _turning(base: str, before: Sequence[TreeJoint], locked: Mapping[str, float]) -> Iterator[str]:
-    """A warning that gravity depends on joints before the base."""
-    still = ("fixed", "prismatic")
-    names = [joint.name for joint in before if joint.kind not in still and joint.name not in locked]
-    if names:
-        yield (
-            f"{shortened(base)} is moved by {some(names)}: gravity is taken with "
-            f"{'it' if len(names) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another position)"
-        )
-
-
-def _out_of_range(tree: Tree, locked: Mapping[str, float]) -> Iterator[str]:
-    """A warning about joints locked outside their range."""
-    for name, value in locked.items():
-        low, high = tree.joints[name].position or (-math.inf, math.inf)
-        if not low <= value <= high:
-            yield f"{shortened(name)} is locked at {value:g}, outside its range of {low:g} to {high:g}"
 
 
 # --- which links ---
@@ -367,9 +368,7 @@ def _root(tree: Tree, above: Mapping[str, TreeJoint]) -> str:
     return roots[0]
 
 
-def _only_end(
-    tree: Tree, root: str, below: Mapping[str, Sequence[TreeJoint]], locked: Mapping[str, float]
-) -> tuple[str, str]:
+def _only_end(tree: Tree, root: str, below: Mapping[str, Sequence[TreeJoint]]) -> tuple[str, str]:
     """The link at which the arm ends, and a note if other links end there too (behind the same joint). Frames in front
     of a moving joint are not ends."""
     ends: dict[str, list[str]] = {}
@@ -381,7 +380,7 @@ def _only_end(
         if not below[link]:
             ends.setdefault(last, []).append(link)
         for joint in reversed(below[link]):
-            moves = joint.kind != "fixed" and joint.name not in locked
+            moves = joint.kind != "fixed"
             todo.append((joint.child, joint.name if moves else last))
             if moves:
                 passed.add(last)
@@ -408,7 +407,7 @@ TOOL = "tool0"
 
 
 def _way(tree: Tree, above: Mapping[str, TreeJoint], base: str, tip: str) -> list[TreeJoint]:
-    """The joints from the base to the tip."""
+    """The joints from the base to the tip. Raises ModelError unless an arm can have those that move."""
     way = path_to(tip, above)
     first = next((k for k, joint in enumerate(way) if joint.parent == base), None)
     if first is None and tip != base:
@@ -416,7 +415,19 @@ def _way(tree: Tree, above: Mapping[str, TreeJoint], base: str, tip: str) -> lis
             f"{tree.file}: {quote(tip)} is not a descendant of {quote(base)}; expected a --tip that is connected "
             "to the --base by joints"
         )
-    return way[len(way) if first is None else first :]
+    way = way[len(way) if first is None else first :]
+    moving = [joint for joint in way if joint.kind != "fixed"]
+    for joint in moving:
+        _check_moves(tree, joint)
+    between = f"between {quote(base)} and {quote(tip)}"
+    if not moving:
+        raise ModelError(f"{tree.file}: no joint moves {between}; choose others with --base and --tip")
+    if len(moving) > MAX_JOINTS:
+        raise ModelError(
+            f"{tree.file}: {len(moving)} joints move {between}: {some([joint.name for joint in moving])}; expected at "
+            f"most {MAX_JOINTS}: lock some with --lock JOINT=VALUE, or begin later or end earlier with --base and --tip"
+        )
+    return way
 
 
 def _check_moves(tree: Tree, joint: TreeJoint) -> None:
@@ -435,18 +446,6 @@ def _check_moves(tree: Tree, joint: TreeJoint) -> None:
         )
 
 
-def _fail_count(tree: Tree, base: str, tip: str, moving: Sequence[TreeJoint]) -> None:
-    names = [joint.name for joint in moving]
-    if not names:
-        raise ModelError(
-            f"{tree.file}: no joint moves between {quote(base)} and {quote(tip)}; choose others with --base and --tip"
-        )
-    raise ModelError(
-        f"{tree.file}: {len(names)} joints move between {quote(base)} and {quote(tip)}: {some(names)}; expected at "
-        f"most {MAX_JOINTS}: lock some with --lock JOINT=VALUE, or begin later or end earlier with --base and --tip"
-    )
-
-
 # --- what moves with what ---
 
 
@@ -454,67 +453,22 @@ def _place(name: str) -> str:
     return f"joint {shortened(name)}"
 
 
-def _snapped(tree: Tree, joint: TreeJoint, snapping: Snapping) -> TreeJoint:
-    """The joint with exact quarter turns."""
-    where = _place(joint.name)
-    axis = snapping.axis(Place(tree.file, where), where, joint.axis) if joint.kind in MOVING else joint.axis
-    return replace(joint, origin=snapping.frame(where, joint.origin), axis=axis)
-
-
-def _assembled(
-    tree: Tree,
-    base: str,
-    tip: str,
-    way: Sequence[TreeJoint],
-    below: Mapping[str, Sequence[TreeJoint]],
-    locked: Mapping[str, float],
-) -> TreeChain:
-    made: list[ChainJoint] = []
-    held: list[str] = []
-    on_the_way = {joint.name for joint in way}
-    origin = Frame()
-    for joint in way:
-        origin = composed(origin, _origin(joint, locked))
-        if joint.kind == "fixed" or joint.name in locked:
-            continue
-        carried = list(_carried(joint.child, below, locked, on_the_way=on_the_way, held=held))
-        made.append(_chain_joint(tree, joint, origin, carried))
-        origin = Frame()
-    return TreeChain(tree, base, tip, joints=tuple(made), tip=origin, held=tuple(held))
-
-
-def _origin(joint: TreeJoint, locked: Mapping[str, float]) -> Frame:
-    """Origin of the child's frame with the joint locked at its value, or at 0."""
-    value = locked.get(joint.name, 0.0)
-    if not value or joint.kind not in MOVING:
-        return joint.origin
-    if MOVING[joint.kind] == "prismatic":
-        along = scaled(value / math.hypot(*joint.axis), joint.axis)
-        return composed(joint.origin, Frame(along))
-    return composed(joint.origin, Frame(rpy=angles(about(joint.axis, value))))
-
-
 def _carried(
-    link: str,
-    below: Mapping[str, Sequence[TreeJoint]],
-    locked: Mapping[str, float],
-    on_the_way: set[str],
-    held: list[str],
+    link: str, below: Mapping[str, Sequence[TreeJoint]], on_the_way: Set[str], held: list[str]
 ) -> Iterator[_Carried]:
     """The links that move rigidly with a link, itself first, with their poses in its frame. Movable joints that are
     held fixed for this are appended to `held`."""
     todo = [_Carried(link, Frame(), loose=False)]
     while todo:
         one = todo.pop()
-        name, frame = one.link, one.frame
         yield one
-        for joint in below[name]:
-            moves = joint.kind != "fixed" and joint.name not in locked
+        for joint in below[one.link]:
+            moves = joint.kind != "fixed"
             if moves and joint.name in on_the_way:
                 continue
             if moves:
                 held.append(joint.name)
-            todo.append(_Carried(joint.child, composed(frame, _origin(joint, locked)), one.loose or moves))
+            todo.append(_Carried(joint.child, composed(one.frame, joint.origin), one.loose or moves))
 
 
 @dataclass(frozen=True)
@@ -537,17 +491,14 @@ def _chain_joint(tree: Tree, joint: TreeJoint, origin: Frame, carried: Sequence[
             loose += bodies[-1:] if one.loose else []
         elif link.solid:
             silent.append(one.link)
-    made = ChainJoint(
-        joint, origin, None, links, loose=tuple(one.link for one in carried if one.loose), loose_body=together(loose)
-    )
-    if joint.child in silent or (not bodies and tree.links[joint.child].body is None):
-        return made
-    body = together(bodies)
-    wrong = impossible_moment(body.inertia)
-    if wrong is not None:
-        doubt = f"the inertia of {some(links)} has the negative principal moment {wrong:.3g} kg m^2"
-        return replace(made, body=body, doubt=doubt)
-    return replace(made, body=body)
+    body, doubt = None, ""
+    if joint.child not in silent and (bodies or tree.links[joint.child].body is not None):
+        body = together(bodies)
+        wrong = impossible_moment(body.inertia)
+        if wrong is not None:
+            doubt = f"the inertia of {some(links)} has the negative principal moment {wrong:.3g} kg m^2"
+    held = tuple(one.link for one in carried if one.loose)
+    return ChainJoint(joint, origin, body, links, doubt=doubt, loose=held, loose_body=together(loose))
 
 
 # --- words ---
