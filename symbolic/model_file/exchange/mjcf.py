@@ -20,7 +20,7 @@ from symbolic.model_file.checks import LARGEST, ModelError, printable, quote
 from symbolic.model_file.exchange import xml_file
 from symbolic.model_file.exchange.tree import NOTHING, StatedBody, Tree, TreeJoint, TreeLink, packed, shortened
 from symbolic.model_file.exchange.xml_file import XmlNode
-from symbolic.model_file.frames import Rotation, Vector, about, angles, composed, product, scaled, transposed
+from symbolic.model_file.frames import Rotation, Vector, about, added, angles, composed, product, scaled, transposed
 
 MAX_UNFOLDED = 10_000
 """Elements including repetitions; MuJoCo compiles these in a second, with a time that grows quadratically. The largest
@@ -36,17 +36,9 @@ OTHER_FILES = (INCLUDED, "model")
 """Elements whose `file` is another MJCF file."""
 
 
-def check_unfolded(root: XmlNode, path: Path) -> None:
-    """Check that the file, with the files that it includes, expands to at most MAX_UNFOLDED elements.
-
-    Raises ModelError with the line that exceeds the limit.
-    """
-    _Unfolding(path.parent, {path.resolve()}).add(root)
-
-
 @dataclass
 class _Unfolding:
-    """Counts the elements of a file and of the files that it includes.
+    """Counts the elements of a file and of the files that it includes; at most MAX_UNFOLDED are allowed.
 
     seen       files that were read
     largest    elements of the largest model that may be attached
@@ -118,53 +110,37 @@ RESERVED_BY_USERS = ("body", "jnt", "geom", "site", "cam", "tendon", "actuator",
 """Memory sizes and user data that a file may request; MuJoCo determines by itself what an arm needs."""
 
 
-@dataclass(frozen=True)
-class CompiledMjcf:
-    """A compiled file.
-
-    model     MuJoCo's     unknown   bodies whose inertia the file does not state; MuJoCo's is a dummy
-    gravity   m/s²         notes     parts of the file that are not part of an arm, a line each
-    """
-
-    model: Any
-    name: str
-    unknown: frozenset[str]
-    gravity: Vector
-    notes: tuple[str, ...]
-
-
-def compiled(path: Path, root: XmlNode) -> CompiledMjcf:
-    """The file compiled by MuJoCo.
+def compiled(path: Path, root: XmlNode) -> tuple[Any, Any, set[str], list[str]]:
+    """The file compiled by MuJoCo: its specification, the model, the bodies whose inertia the file does not state
+    (MuJoCo's is a dummy), and notes on parts of the file that are not part of an arm.
 
     root   the file's XML, which is checked before MuJoCo expands it
-    Raises ModelError: `mujoco` is not installed or too old, MuJoCo refuses the file, or a number is not finite.
+    Raises ModelError: `mujoco` is not installed or too old, or MuJoCo refuses the file.
     """
     file = printable(str(path))
     mujoco = _package(file)
-    check_unfolded(root, path)
+    _Unfolding(path.parent, {path.resolve()}).add(root)
     try:
         with _heard(mujoco) as warned:
             spec = _spec(mujoco, path, root)
             _check_numbers(root, warned)
-            notes = list(_no_part_of_an_arm(spec))
-            _without_room(spec)
+            notes = _not_of_an_arm(spec)
+            # Requested memory and user data.
+            spec.nuserdata = spec.nkey = 0
+            for name in (*RESERVED, *(f"nuser_{part}" for part in RESERVED_BY_USERS)):
+                setattr(spec, name, -1)
+            for actuator in spec.actuators:
+                actuator.actdim = -1
             unknown = _without_shapes(mujoco, spec)
             model = spec.compile()
     except ModelError:
         raise
     except (ValueError, OSError, RuntimeError, MemoryError) as error:
         raise ModelError(f"{file}: MuJoCo says: {printable(' '.join(str(error).split()))}") from None
-    x, y, z = (float(g) for g in model.opt.gravity)
-    known = ((name, getattr(model, name).flat) for name in NUMBERS if hasattr(model, name))
-    for what, values in (("gravity", (x, y, z)), *known):
-        for value in values:
-            if not abs(value) <= LARGEST:
-                raise ModelError(f"{file}: MuJoCo's {what} is {value:g}; expected magnitudes up to {LARGEST:g}")
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         notes.append("gravity is disabled by a flag of the file: set to 0")
-        x, y, z = 0.0, 0.0, 0.0
-    said = (f"MuJoCo warns: {printable(' '.join(text.split()))}" for text in warned)
-    return CompiledMjcf(model, spec.modelname, frozenset(unknown), gravity=(x, y, z), notes=(*said, *notes))
+        model.opt.gravity[:] = 0.0
+    return spec, model, unknown, [*(f"MuJoCo warns: {printable(' '.join(text.split()))}" for text in warned), *notes]
 
 
 def _package(file: str) -> Any:
@@ -218,23 +194,14 @@ def _heard(mujoco: Any) -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def _no_part_of_an_arm(spec: Any) -> Iterator[str]:
+def _not_of_an_arm(spec: Any) -> list[str]:
     """Notes on forces that MuJoCo has and an arm's equations do not."""
-    if len(spec.equalities) + len(spec.tendons):
-        yield "equality constraints and tendons are not part of an arm: left out"
-    if any(body.gravcomp != 0 for body in spec.bodies):
-        yield "gravcomp (gravity compensation of bodies) is not part of an arm: left out"
-    if spec.option.density or spec.option.viscosity:
-        yield "the drag of air or water (density, viscosity) is not part of an arm: left out"
-
-
-def _without_room(spec: Any) -> None:
-    """Remove requested memory and user data."""
-    spec.nuserdata = spec.nkey = 0
-    for name in (*RESERVED, *(f"nuser_{part}" for part in RESERVED_BY_USERS)):
-        setattr(spec, name, -1)
-    for actuator in spec.actuators:
-        actuator.actdim = -1
+    found = {
+        "equality constraints and tendons are": len(spec.equalities) + len(spec.tendons),
+        "gravcomp (gravity compensation of bodies) is": any(body.gravcomp != 0 for body in spec.bodies),
+        "the drag of air or water (density, viscosity) is": spec.option.density or spec.option.viscosity,
+    }
+    return [f"{what} not part of an arm: left out" for what, there in found.items() if there]
 
 
 def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
@@ -247,12 +214,18 @@ def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
         if actuator.trntype not in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
             spec.delete(actuator)
     bodies, unknown = list(spec.bodies), set()
+    rule, rules = spec.compiler.inertiafromgeom, mujoco.mjtInertiaFromGeom
+    first, last = spec.compiler.inertiagrouprange
     for k, body in enumerate(bodies):
         if not body.name:
             body.name = f"body{k}"
         geoms = list(body.geoms)
         stored = [geom for geom in geoms if geom.meshname or geom.hfieldname]
-        if k > 0 and any(_weighs(mujoco, spec, body, geom) for geom in stored):
+        stated = rule == rules.mjINERTIAFROMGEOM_FALSE or (
+            rule == rules.mjINERTIAFROMGEOM_AUTO and body.explicitinertial
+        )
+        heavy = [geom for geom in stored if geom.mass != 0 and geom.density != 0 and first <= geom.group <= last]
+        if k > 0 and heavy and not stated:
             unknown.add(body.name)
             body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
         for geom in stored:
@@ -269,15 +242,6 @@ def _without_shapes(mujoco: Any, spec: Any) -> set[str]:
     return unknown
 
 
-def _weighs(mujoco: Any, spec: Any, body: Any, geom: Any) -> bool:
-    """Whether the shape contributes to the body's inertia."""
-    source, rules = spec.compiler.inertiafromgeom, mujoco.mjtInertiaFromGeom
-    if source == rules.mjINERTIAFROMGEOM_FALSE or (source == rules.mjINERTIAFROMGEOM_AUTO and body.explicitinertial):
-        return False
-    first, last = spec.compiler.inertiagrouprange
-    return bool(geom.mass != 0 and geom.density != 0 and first <= geom.group <= last)
-
-
 KINDS = ("free", "ball", "prismatic", "revolute")
 """Joint kinds by MuJoCo's number."""
 PLAIN = (0, 0)
@@ -290,17 +254,19 @@ def mjcf_tree(path: Path, root: XmlNode) -> Tree:
     root   the file's XML
     Raises ModelError, see `compiled`.
     """
-    made = compiled(path, root)
-    found = _Bodies(made.model, made.unknown)
-    links, joints = found.tree()
-    notes = list(made.notes)
+    spec, model, unknown, notes = compiled(path, root)
+    x, y, z = _vector(model.opt.gravity)
+    read = ((name, getattr(model, name).flat) for name in NUMBERS if hasattr(model, name))
+    for what, values in (("gravity", (x, y, z)), *read):
+        for value in values:
+            if not abs(value) <= LARGEST:
+                raise ModelError(f"{root.file}: MuJoCo's {what} is {value:g}; expected magnitudes up to {LARGEST:g}")
     # Newer MuJoCo versions have nonlinear damping and springs.
     for what, name in (("damping", "dof_dampingpoly"), ("stiffness", "jnt_stiffnesspoly")):
-        if hasattr(made.model, name) and getattr(made.model, name).any():
+        if hasattr(model, name) and getattr(model, name).any():
             notes.append(f"{what} is a polynomial: its linear coefficient is used, the others are left out")
-    return Tree(
-        printable(str(path)), "MJCF", made.name, links=links, joints=joints, gravity=made.gravity, notes=tuple(notes)
-    )
+    links, joints = _Bodies(model, unknown).tree()
+    return Tree(root.file, "MJCF", spec.modelname, links=links, joints=joints, gravity=(x, y, z), notes=tuple(notes))
 
 
 class _Bodies:
@@ -342,7 +308,7 @@ class _Bodies:
         for k in range(first, first + count):
             child = name if k == first + count - 1 else f"{name} before joint {k + 1 - first}"
             place = _vector(model.jnt_pos[k])
-            origin = composed(origin, Frame(_less(place, at)))
+            origin = composed(origin, Frame(added(place, scaled(-1.0, at))))
             yield self.joint(k, parent, child, origin)
             parent, origin, at = child, Frame(), place
         if count:
@@ -388,7 +354,7 @@ class _Bodies:
         R = _rotation(model.body_iquat[k])
         principal = [float(moment) for moment in model.body_inertia[k]]
         diagonal: Rotation = ((principal[0], 0.0, 0.0), (0.0, principal[1], 0.0), (0.0, 0.0, principal[2]))
-        com = _less(_vector(model.body_ipos[k]), scaled(-1.0, shift))
+        com = added(_vector(model.body_ipos[k]), shift)
         return StatedBody(float(model.body_mass[k]), com, packed(product(product(R, diagonal), transposed(R))))
 
 
@@ -407,7 +373,12 @@ def _drive(model: Any, k: int) -> _Drive:
     at_joint = [a for a in range(model.nu) if int(model.actuator_trnid[a][0]) == k]
     gears = {a: ratio for a in at_joint if (ratio := abs(float(model.actuator_gear[a][0])))}
     # Forces, inertias and damping of several actuators at one joint add up.
-    forces = [ratio * min(_largest(_forces(model, a)), default=math.inf) for a, ratio in gears.items()]
+    forces = []
+    for a, ratio in gears.items():
+        ranges = [model.actuator_forcerange[a]] if model.actuator_forcelimited[a] else []
+        if model.actuator_ctrllimited[a] and (model.actuator_gaintype[a], model.actuator_biastype[a]) == PLAIN:
+            ranges.append(abs(float(model.actuator_gainprm[a][0])) * model.actuator_ctrlrange[a])
+        forces.append(ratio * min(_largest(ranges), default=math.inf))
     own = _largest([model.jnt_actfrcrange[k]] if model.jnt_actfrclimited[k] else [])
     torque = min([*own, *([sum(forces)] if forces else [])], default=math.inf)
     sums = [
@@ -424,21 +395,8 @@ def _largest(ranges: Iterable[Sequence[Any]]) -> list[float]:
     return [value for value in both if 0 < value < LARGEST]
 
 
-def _forces(model: Any, a: int) -> Iterator[Sequence[float]]:
-    """Force ranges of an actuator, before its gear."""
-    if model.actuator_forcelimited[a]:
-        yield model.actuator_forcerange[a]
-    if model.actuator_ctrllimited[a] and (model.actuator_gaintype[a], model.actuator_biastype[a]) == PLAIN:
-        yield abs(float(model.actuator_gainprm[a][0])) * model.actuator_ctrlrange[a]
-
-
 def _vector(values: Sequence[Any]) -> Vector:
     x, y, z = (float(value) for value in values)
-    return x, y, z
-
-
-def _less(left: Vector, right: Vector) -> Vector:
-    x, y, z = (a - b for a, b in zip(left, right, strict=True))
     return x, y, z
 
 
