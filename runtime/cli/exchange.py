@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -19,9 +19,6 @@ from runtime.documents.models import ImportDocument, ImportedJointEntry, LimitsE
 from runtime.setting import Checked, Setting
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import effects_described
-
-if TYPE_CHECKING:
-    from symbolic.model_file.exchange.importing import ImportedArm
 
 app = typer.Typer()
 
@@ -83,10 +80,6 @@ def import_arm(
         file, effects_described(effects, space=True), chain.base, chain.tip, locked=chain.locked(), friction=friction
     )
     files.replace(out, made.text.encode())
-    emit(json, _document(out, made), terminal.printer(models.imported))
-
-
-def _document(out: Path, made: ImportedArm) -> ImportDocument:
     joints = [
         ImportedJointEntry(
             joint=k,
@@ -100,7 +93,7 @@ def _document(out: Path, made: ImportedArm) -> ImportDocument:
         )
         for k, (joint, found) in enumerate(zip(made.arm.joints, made.chain.joints, strict=True), 1)
     ]
-    return ImportDocument(
+    document = ImportDocument(
         out=str(out),
         name=made.arm.name,
         language=made.chain.tree.language,
@@ -111,6 +104,7 @@ def _document(out: Path, made: ImportedArm) -> ImportDocument:
         held=list(made.chain.held),
         notes=list(made.notes),
     )
+    emit(json, document, terminal.printer(models.imported))
 
 
 class Format(StrEnum):

@@ -5,9 +5,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
@@ -20,7 +19,6 @@ from runtime.cli.places import READ, WRITTEN
 from runtime.documents.generated import BuildEntry
 from runtime.execution.options import ExecutionSettings
 from runtime.workspace.names import UsageError
-from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
     from runtime.documents.diagnosis import CommandEntry
@@ -28,25 +26,11 @@ if TYPE_CHECKING:
     from runtime.execution.execute import Execution
     from runtime.execution.real import ArmLine, Setup
     from runtime.hardware.link import BoardLink
+    from runtime.hardware.lockstep import Board
     from runtime.model.loader import Model
     from runtime.planning.trajectory import Trajectory
 
 app = typer.Typer()
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """What the command line says of an execution.
-
-    hide, change   of the simulated arm      arm   whether a real one moves      talks   to a person
-    """
-
-    on: str
-    settings: ExecutionSettings
-    hide: Sequence[str]
-    change: Sequence[str]
-    arm: bool
-    talks: bool
 
 
 @app.command(epilog="Example: tendon execute vishard4 case1D.json --on simulation --out run.csv.gz")
@@ -93,16 +77,29 @@ def execute(
     """Execute a planned motion on a simulated or real arm. Shows cost, tracking and contact beside those planned; exit
     status 1 after a safe stop."""
     from runtime import files
+    from runtime.execution import execute as execution
+    from runtime.execution import real
+    from runtime.planning.trajectory import read
     from runtime.recordings import recording
     from runtime.report import motions, terminal
 
-    asked = _Asked(on, settings, hide=hide or (), change=change or (), arm=arm, talks=json != "-")
-    is_real = _is_real(asked)
+    line = _line_to_real_arm(on, arm=arm, approach=settings.approach, hide=hide, change=change)
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
     check_hidden(source, "--set", change or ())
-    result, document = (_real if is_real else _simulated)(source, trajectory, asked)
-    plan = result.plan.trajectory
+    simulated = execution.SIMULATED["simulation" if line else on]
+    with terminal.working("deriving and compiling the model and its controller"):
+        loaded, controller = source.compiled.model(), source.compiled.controller(simulated.build)
+    if line is not None:
+        real.check_limits(loaded)
+        line.check(on, loaded)
+    plan = read(trajectory, loaded)
+    asked = _Asked(loaded, controller, plan, settings, hide=hide or (), change=change or ())
+    if line is None:
+        result = asked.simulate(settings, simulated.board)
+        document = msgspec.structs.replace(result.document(), image=_image(controller))
+    else:
+        result, document = _real(line, on, asked, moves=arm, talks=json != "-")
     text = source.edits.mount(plan).text
     if result.recording is None or document.status == "refused":
         out = model_out = None
@@ -127,46 +124,56 @@ def execute(
         raise typer.Exit(NO)
 
 
-def _is_real(asked: _Asked) -> bool:
-    """Whether the target is a real arm. Raises UsageError if there is no such target, or an option does not apply."""
+def _line_to_real_arm(
+    on: str, *, arm: bool, approach: bool, hide: Sequence[str] | None, change: Sequence[str] | None
+) -> ArmLine | None:
+    """The link to a real arm; None for a simulated one. Raises UsageError if there is no such target, or an option does
+    not apply."""
     from runtime.execution import execute, real
 
-    if asked.on in execute.SIMULATED:
-        if asked.arm or asked.settings.approach:
-            raise UsageError(f"--{'arm' if asked.arm else 'approach'} is for a real arm, and --on {asked.on} is none")
-        return False
-    line = real.LINES.get(real.scheme(asked.on))
+    if on in execute.SIMULATED:
+        if arm or approach:
+            raise UsageError(f"--{'arm' if arm else 'approach'} is for a real arm, and --on {on} is none")
+        return None
+    line = real.LINES.get(real.scheme(on))
     if line is None:
-        meant = f"; did you mean serial://{asked.on}?" if asked.on.startswith("/dev/") else ""
-        raise UsageError(f"--on {asked.on}: no such target; there is: {', '.join(real.KNOWN)}{meant}")
-    line.parse(asked.on)
-    if asked.hide or asked.change:
-        raise UsageError(
-            f"--{'hide' if asked.hide else 'set'} is for the simulated arm, and --on {asked.on} is a real one"
-        )
-    return True
+        meant = f"; did you mean serial://{on}?" if on.startswith("/dev/") else ""
+        raise UsageError(f"--on {on}: no such target; there is: {', '.join(real.KNOWN)}{meant}")
+    line.parse(on)
+    if hide or change:
+        raise UsageError(f"--{'hide' if hide else 'set'} is for the simulated arm, and --on {on} is a real one")
+    return line
 
 
-class _Arm(NamedTuple):
-    """A trajectory and the arm that it is for."""
+@dataclass(frozen=True)
+class _Asked:
+    """An arm, its trajectory and how it is executed; hide, change: of the simulated arm, as typed."""
 
     model: Model
     controller: Path
     plan: Trajectory
+    settings: ExecutionSettings
+    hide: Sequence[str]
+    change: Sequence[str]
 
+    def simulate(self, settings: ExecutionSettings, board: Callable[[Path, str, int], Board]) -> Execution:
+        """The execution on the simulated arm, by a board of this computer or an emulated one."""
+        from runtime.execution.execute import execute as executed
+        from runtime.interruption import listening
+        from runtime.report import terminal
+        from runtime.simulation.simulate import parse_hidden
 
-def _simulated(source: Source, path: Path, asked: _Asked) -> tuple[Execution, ExecuteDocument]:
-    """On the simulated arm, by a board of this computer or an emulated one."""
-    from runtime.execution.execute import SIMULATED
-    from runtime.planning.trajectory import read
-    from runtime.report import terminal
-
-    target = SIMULATED[asked.on]
-    with terminal.working("deriving and compiling the model and its controller"):
-        compiled = source.compiled
-        model, controller = compiled.model(), compiled.controller(target.build)
-    done = _run(_Arm(model, controller, read(path, model)), asked, target.board)
-    return done, msgspec.structs.replace(done.document(), image=_image(controller))
+        with terminal.working(f"executing {self.plan.scenario} on the simulated arm"):
+            return executed(
+                self.model,
+                self.controller,
+                self.plan,
+                settings,
+                hidden=[parse_hidden(item, self.model) for item in self.hide],
+                changed=[parse_hidden(item, self.model, "--set") for item in self.change],
+                board=board,
+                listening=listening,
+            )
 
 
 def _image(controller: Path) -> ImageEntry | None:
@@ -179,56 +186,43 @@ def _image(controller: Path) -> ImageEntry | None:
     return ImageEntry(target=build.target, compiler=build.toolchain.version, text=build.text)
 
 
-def _run(arm: _Arm, asked: _Asked, board: Any) -> Execution:
-    from runtime.execution.execute import execute as executed
-    from runtime.interruption import listening
-    from runtime.report import terminal
-    from runtime.simulation import simulate
-
-    with terminal.working(f"executing {arm.plan.scenario} on the simulated arm"):
-        return executed(
-            *arm[:3],
-            asked.settings,
-            hidden=[simulate.parse_hidden(item, arm.model) for item in asked.hide],
-            changed=[simulate.parse_hidden(item, arm.model, "--set") for item in asked.change],
-            board=board,
-            listening=listening,
-        )
-
-
-def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, ExecuteDocument]:
+def _real(line: ArmLine, on: str, asked: _Asked, *, moves: bool, talks: bool) -> tuple[Execution, ExecuteDocument]:
     """On a real arm: simulated first, and moved only if that was completed and --arm is given."""
     from runtime.documents.plans import DrivesEntry, LinkEntry
     from runtime.execution import execute, real
     from runtime.interruption import listening
-    from runtime.planning.trajectory import read
     from runtime.report import motions, terminal
 
-    with terminal.working("deriving and compiling the model and its controller"):
-        model, controller = source.compiled.model(), source.compiled.controller()
-    real.check_limits(model)
-    line = real.LINES[real.scheme(asked.on)]
-    line.check(asked.on, model)
-    arm = _Arm(model, controller, read(path, model))
-    once = replace(asked, settings=replace(asked.settings, trials=1))
-    simulated = _run(arm, once, execute.SIMULATED["simulation"].board)
+    simulated = asked.simulate(replace(asked.settings, trials=1), execute.SIMULATED["simulation"].board)
     nothing = replace(simulated, trials=())
     if not simulated.completed:
         reason = f"the simulated arm did not complete it: {simulated.reason}"
         return nothing, msgspec.structs.replace(nothing.document(), status="refused", reason=reason)
     predicted = real.prediction(simulated)
-    connect = partial(_connect, line, arm, asked)
-    if not asked.arm:
+
+    def connect() -> tuple[BoardLink, Setup]:
+        link = line.open(on, asked.model, asked.controller)
+        every = real.decimation(asked.controller, asked.model, link.baud)
+        return link, real.Setup(
+            directory=asked.controller,
+            model=asked.model,
+            trajectory=asked.plan,
+            settings=asked.settings,
+            every=every,
+            late=link.late,
+        )
+
+    if not moves:
         reason = "a real arm moves only with --arm, and nobody in its reach"
         refused = msgspec.structs.replace(nothing.document(), status="refused", reason=reason)
         return nothing, msgspec.structs.replace(refused, prediction=predicted, board=_look(connect))
     link, setup = connect()
 
     def ready() -> None:
-        if asked.talks:
+        if talks:
             terminal.show(motions.prediction(predicted.to_json()))
 
-    with terminal.working(f"executing {arm.plan.scenario} on {asked.on}"), listening() as stop:
+    with terminal.working(f"executing {asked.plan.scenario} on {on}"), listening() as stop:
         done, frames = real.execute_on(link, setup, ready, stop)
     found = msgspec.structs.replace(
         done.document(), prediction=predicted, every=setup.every, link=msgspec.convert(frames, LinkEntry)
@@ -239,21 +233,6 @@ def _real(source: Source, path: Path, asked: _Asked) -> tuple[Execution, Execute
         # Something failed after the motion, such as drives that stay powered.
         found = msgspec.structs.replace(found, status="stopped", reason=link.fault)
     return done, found
-
-
-def _connect(line: ArmLine, arm: _Arm, asked: _Asked) -> tuple[BoardLink, Setup]:
-    """The open link, and the setup for the board behind it. Raises LinkError."""
-    from runtime.execution import real
-
-    link = line.open(asked.on, arm.model, arm.controller)
-    return link, real.Setup(
-        directory=arm.controller,
-        model=arm.model,
-        trajectory=arm.plan,
-        settings=asked.settings,
-        every=real.decimation(arm.controller, arm.model, link.baud),
-        late=link.late,
-    )
 
 
 def _look(connect: Callable[[], tuple[BoardLink, Setup]]) -> BoardEntry:

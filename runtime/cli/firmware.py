@@ -54,7 +54,11 @@ def firmware(
         prepared = source.compiled.controller(target, toolchain)
         tree = source.compiled.firmware_tree(directory)
     tree.write()
-    built = _install(prepared, directory / "build" / target)
+    built, place = decode((prepared / "image.json").read_bytes(), type=BuildEntry), directory / "build" / target
+    place.mkdir(parents=True, exist_ok=True)
+    for path in (*built.outputs, "image.json"):
+        files.replace(place / path, (prepared / path).read_bytes())
+    built = replace(built, outputs=[str(place / path) for path in built.outputs])
     document = FirmwareDocument(
         name=name,
         directory=str(directory),
@@ -67,15 +71,6 @@ def firmware(
     emit(json, document, _show)
     if not built.fits:
         raise typer.Exit(NO)
-
-
-def _install(prepared: Path, place: Path) -> BuildEntry:
-    """Copy the compiled files and their report to a directory; the report with the paths there."""
-    built = decode((prepared / "image.json").read_bytes(), type=BuildEntry)
-    place.mkdir(parents=True, exist_ok=True)
-    for name in (*built.outputs, "image.json"):
-        files.replace(place / name, (prepared / name).read_bytes())
-    return replace(built, outputs=[str(place / name) for name in built.outputs])
 
 
 def _show(document: FirmwareDocument) -> None:

@@ -143,18 +143,15 @@ class Rendered:
         from codegen import disk
         from runtime import files
 
-        with files.locked(self._lock()):
+        # The directory is locked, or a file in it where the parent directory cannot be written.
+        folder = Path(os.path.realpath(self.directory))
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with files.locked(folder if os.access(folder.parent, os.W_OK) else folder / NOTE):
             if self.source.path.is_file():  # a pipe can be read only once
                 check_unchanged(self.source.path, self.source.text)
             disk.write(self.files, self.directory)
             disk.write(self.effect_files, self.beside)
             files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
-
-    def _lock(self) -> Path:
-        """The path that is locked: the directory, or a file in it where the parent directory cannot be written."""
-        folder = Path(os.path.realpath(self.directory))
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        return folder if os.access(folder.parent, os.W_OK) else folder / NOTE
 
     def document(self) -> GeneratedFiles:
         functions = loads(self.files["metadata.json"])["functions"]

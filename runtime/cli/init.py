@@ -29,7 +29,6 @@ from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motor
 
 if TYPE_CHECKING:
     from symbolic.described import AnyEffect
-    from symbolic.model_file.exchange.importing import ImportedArm
 
 app = typer.Typer()
 
@@ -122,7 +121,11 @@ def init(
         called = importing.arm_name("arm" if out is None else out.stem, Path("arm"))
         if urdf is not None:
             arm = importing.imported(urdf, library, chain.base, chain.tip, locked=chain.locked(), friction=friction)
-            keys, write = _MOTOR, partial(_with_motors, arm)
+            count, keys = len(arm.arm.joints), _MOTOR
+
+            def write(stated: Mapping[str, str]) -> str:
+                return with_motors(arm.text, arm.arm, _motors(stated, count))
+
         else:
             assumed = [effect.name for effect in library.values() if effect.assumed and friction]
             keys, write = tuple(_QUESTIONS)[:-1], partial(_new_arm, called, assumed)
@@ -146,44 +149,32 @@ def _interview(
     """The text of the model file, after asking for what no option states. Raises UsageError, ModelError.
 
     called   default name
-    write    makes the text from what is stated; an answer is refused if the reader refuses the text
+    write    makes the text from what is stated; an answer is refused if the reader refuses the text. On a terminal the
+             question is then repeated; elsewhere the error is raised
     """
     from symbolic.model_file import reader
 
-    for key in keys:
-        if key not in stated and (key != "length" or _is_planar(stated)):
-            trial = {"length": "1", **stated}
-
-            def accept(answer: str, key: str = key, trial: Mapping[str, str] = trial) -> None:
-                reader.parse(write({**trial, key: answer}), "the new model file", library)
-
-            question, default = _QUESTIONS[key]
-            answer = _ask(question, called if key == "name" else default, accept)
-            if answer is None:
-                break
-            stated[key] = answer
-    return write(stated)
-
-
-def _ask(question: str, default: str, accept: Callable[[str], None]) -> str | None:
-    """An answer that `accept` takes; None at the end of the input.
-
-    Where it raises ValueError, the question is repeated on a terminal; elsewhere the error is raised.
-    """
     interactive = sys.stdin.isatty()
-    while True:
-        if interactive:
-            print(f"{question} [{default}]: ", end="", file=sys.stderr, flush=True)
-        line = sys.stdin.readline()
-        answer = line.strip() or default
-        try:
-            if line:
-                accept(answer)
-            return answer if line else None
-        except ValueError as error:
-            if not interactive:
-                raise
-            print(error, file=sys.stderr)
+    for key in keys:
+        if key == "length" and not _is_planar(stated):
+            continue
+        question, default = _QUESTIONS[key]
+        default = called if key == "name" else default
+        while key not in stated:
+            if interactive:
+                print(f"{question} [{default}]: ", end="", file=sys.stderr, flush=True)
+            line = sys.stdin.readline()
+            if not line:
+                return write(stated)
+            answer = line.strip() or default
+            try:
+                reader.parse(write({"length": "1", **stated, key: answer}), "the new model file", library)
+                stated[key] = answer
+            except ValueError as error:
+                if not interactive:
+                    raise
+                print(error, file=sys.stderr)
+    return write(stated)
 
 
 def _is_planar(stated: Mapping[str, str]) -> bool:
@@ -209,10 +200,6 @@ def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str]) -> 
     kinds: list[JointType] = ["revolute" if letter == "r" else "prismatic" for letter in letters]
     joints = list(map(NewJoint, kinds, _motors(stated, count), lengths, _each("mass", stated, count)))
     return new_text(stated.get("name", called), [g or 0.0 for g in gravity], joints, assumed)
-
-
-def _with_motors(arm: ImportedArm, stated: Mapping[str, str]) -> str:
-    return with_motors(arm.text, arm.arm, _motors(stated, len(arm.arm.joints)))
 
 
 def _motors(stated: Mapping[str, str], count: int) -> list[Motor]:

@@ -99,13 +99,8 @@ def optimize(
         from runtime.documents.diagnosis import CommandEntry
         from runtime.report.page.reports import plan_page
 
-        arm = Path(asked.model) if is_name(Path(asked.model)) else _as_typed(source.path)
+        below = source.path.is_relative_to(here := Path.cwd())
+        arm = asked.model if is_name(Path(asked.model)) else source.path.relative_to(here) if below else source.path
         line = shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])
         following = [CommandEntry(command=line, what="executes it on the simulated arm")] if out else []
         draw(lambda: plan_page(model, plan.trajectory, document, following).write(report), json)
-
-
-def _as_typed(path: Path) -> Path:
-    """The path relative to the working directory, where it lies below."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path

@@ -68,7 +68,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         # typer's usage errors come from one click or another; both can format themselves.
         if show := getattr(error, "format_message", None):
             return _complain(f"{_command(error)}: {show()} (see {_command(error)} --help)", BAD_INPUT)
-        if _is_for_people(error):
+        # Our own errors, such as ModelError, are for people; any other is a bug and keeps its traceback.
+        if type(error).__module__.split(".")[0] in ("runtime", "symbolic", "codegen"):
             return _complain(str(error), BAD_INPUT)
         raise
 
@@ -97,12 +98,6 @@ def leave(status: int) -> NoReturn:
     sys.exit(status)
 
 
-def _is_for_people(error: Exception) -> bool:
-    """Whether it is one of our own errors, such as ModelError; any other is a bug and keeps its traceback."""
-    home = type(error).__module__.split(".")[0]
-    return home in ("runtime", "symbolic", "codegen")
-
-
 def _reason(error: OSError, nameless: str) -> str:
     name = error.filename or nameless
     return f"{name}{': ' * bool(name)}{error.strerror or error}"
@@ -125,7 +120,11 @@ def emit(target: str | None, document: D, show: Callable[[D], None]) -> None:
     clean = plain(document)
     text = json.dumps(clean, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     if target == "-":
-        sys.stdout.write(text if _shows(text) else json.dumps(clean, indent=1, allow_nan=False) + "\n")
+        try:
+            text.encode(sys.stdout.encoding or "utf-8")
+        except UnicodeEncodeError:
+            text = json.dumps(clean, indent=1, allow_nan=False) + "\n"
+        sys.stdout.write(text)
         sys.stdout.flush()
         return
     show(document if isinstance(document, Document) else clean)
@@ -133,15 +132,6 @@ def emit(target: str | None, document: D, show: Callable[[D], None]) -> None:
         from runtime.files import replace
 
         replace(target, text.encode())
-
-
-def _shows(text: str) -> bool:
-    """Whether standard output can encode a text."""
-    try:
-        text.encode(sys.stdout.encoding or "utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def write_page(directory: Path | None, summary: ResultSummary, target: str | None) -> None:

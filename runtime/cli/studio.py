@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +15,6 @@ from runtime.cli.places import FILLED, READ
 from runtime.workspace.names import UsageError, column_mapping, is_name
 
 if TYPE_CHECKING:
-    from runtime.studio.session import StudioSession
     from runtime.studio.studio import Studio
 
 app = typer.Typer()
@@ -61,68 +60,40 @@ def studio(
     The page is served to this machine only. A session is a directory; tendon studio DIR opens it again.
     """
     from runtime.studio.server import bound, needed, serve
-    from runtime.studio.studio import Studio
+    from runtime.studio.session import FILE, StudioSession
+    from runtime.studio.studio import Studio, check_plan
 
     needed()
     column_mapping(maps)
-    _check_plans(plans or [], bool(recordings or held_out or demo))
-    opened = _reopened(model, bool(recordings or held_out or demo or session or maps or allow_gaps or plans))
+    data = bool(recordings or held_out or demo)
+    if plans and data:
+        raise UsageError("--plan opens plans of MODEL without recordings; drop the plans on the page of the other")
+    for path in plans or ():
+        check_plan(path.name)
+    opened = None
+    if model is not None and (model / FILE).is_file():
+        if data or session or maps or allow_gaps or plans:
+            raise UsageError(f"{model}: is a session and is opened as it is; drop the other arguments")
+        opened = StudioSession.open(model)
+    numbered = (Path(f"{FOLDER}-{number}") for number in count(2))
+    free = session or next(folder for folder in chain([FOLDER], numbered) if not folder.exists())
     with closing(bound(port)) as listening:
-        made = Studio(opened or _new(session), effects)
+        made = Studio(opened or StudioSession.create(free), effects)
         if opened is None:
-            with _kept_whole(made):
+            try:
                 _give(made, model, recordings or [], held_out or [], demo=demo)
                 if maps or allow_gaps:
                     made.read_as(maps or (), allow_gaps)
                 if plans:
                     made.open_plans(*plans)
+            except BaseException:
+                made.close()
+                shutil.rmtree(made.session.folder)
+                raise
         if made.inputs.complete and not made.history.steps:
             made.begin()
         typer.echo(f"Session: {made.session.folder}")
         serve(made, listening, lambda address: typer.echo(f"Studio: {address}"), browser)
-
-
-def _check_plans(plans: list[Path], recordings: bool) -> None:
-    """Refuse plans beside recordings, and files that are not plans. Raises UsageError."""
-    from runtime.studio.studio import check_plan
-
-    if plans and recordings:
-        raise UsageError("--plan opens plans of MODEL without recordings; drop the plans on the page of the other")
-    for path in plans:
-        check_plan(path.name)
-
-
-def _reopened(folder: Path | None, more: bool) -> StudioSession | None:
-    """The session whose directory was given; None if a model was."""
-    from runtime.studio.session import FILE, StudioSession
-
-    if folder is None or not (folder / FILE).is_file():
-        return None
-    if more:
-        raise UsageError(f"{folder}: is a session and is opened as it is; drop the other arguments")
-    return StudioSession.open(folder)
-
-
-def _new(wanted: Path | None) -> StudioSession:
-    from runtime.studio.session import StudioSession
-
-    if wanted is not None:
-        return StudioSession.create(wanted)
-    number = 1
-    while (folder := FOLDER if number == 1 else Path(f"{FOLDER}-{number}")).exists():
-        number += 1
-    return StudioSession.create(folder)
-
-
-@contextmanager
-def _kept_whole(studio: Studio) -> Iterator[None]:
-    """Remove the directory of a session that could not be started."""
-    try:
-        yield
-    except BaseException:
-        studio.close()
-        shutil.rmtree(studio.session.folder)
-        raise
 
 
 def _give(studio: Studio, model: Path | None, recordings: list[Path], held_out: list[Path], demo: bool) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,10 +20,7 @@ from runtime.workspace.names import UsageError, scenario_path
 from runtime.workspace.source import effects_described, scenario_source
 
 if TYPE_CHECKING:
-    from runtime.planning.scenario import Scenario
-    from runtime.sweep.job import Code, Job, JobResult, Pool
-    from runtime.sweep.journal import Journal
-    from runtime.workspace.source import Source
+    from runtime.sweep.job import Code, Pool
 
 app = typer.Typer()
 
@@ -82,8 +78,11 @@ def sweep(
     diary = journal.beside(table)
     if table.exists() and not diary.exists():
         raise UsageError(f"{table}: exists without its journal {diary.name}; move it away, or choose another --table")
-    path, written = scenario_path(scenario), [table, diary, *([Path(json)] if json else [])]
-    asked, source = _read(path, effects, written)
+    path = scenario_path(scenario)
+    asked = scenario_file.read(path)
+    source = scenario_source(asked.model, path, effects)
+    keep([path, source.path], [table, diary, *([Path(json)] if json else [])])
+    print_notes(source)
     axes = grid.parse(over, effects_described(effects, space=True), [joint.name for joint in source.arm().joints])
     with terminal.working("deriving and compiling the model"):
         model = source.compiled.model()
@@ -97,7 +96,13 @@ def sweep(
         journal.opened(diary, journal.heading(case, code, starts, names)) as kept,
     ):
         before = kept.finished(jobs)
-        results = _run(jobs, pool, kept)
+        try:
+            with terminal.sweep_progress(len(jobs), before) as tell:
+                results = journal.run(jobs, pool, kept, lambda result: tell(result.feasible))
+        except BaseException:
+            done = f"{kept.finished(jobs)} of {len(jobs)} jobs are in {diary}"
+            print(f"{done}; the same command continues from there", file=sys.stderr)
+            raise
     journal.write(table, journal.columns(case, model.n, names), jobs, results)
     document = SweepDocument(
         scenario=case.name,
@@ -116,17 +121,6 @@ def sweep(
         raise typer.Exit(NO)
 
 
-def _read(path: Path, effects: Path | None, written: Sequence[Path]) -> tuple[Scenario, Source]:
-    """A scenario and its arm; written: files that the sweep writes, which must not be among those that it reads."""
-    from runtime.planning import scenario_file
-
-    asked = scenario_file.read(path)
-    source = scenario_source(asked.model, path, effects)
-    keep([path, source.path], written)
-    print_notes(source)
-    return asked, source
-
-
 def _pool(code: Code, workers: int | None, scheduler: str | None) -> AbstractContextManager[Pool]:
     """Processes of this machine, or the workers of a cluster."""
     if scheduler is None:
@@ -140,17 +134,3 @@ def _pool(code: Code, workers: int | None, scheduler: str | None) -> AbstractCon
             f"--scheduler needs Dask, the extra `cluster`; run: {sys.executable} -m pip install 'dask[distributed]'"
         ) from error
     return cluster(scheduler, code)
-
-
-def _run(jobs: Sequence[Job], pool: Pool, kept: Journal) -> dict[str, JobResult]:
-    """All results by key, with progress; if it is interrupted, says how many are kept."""
-    from runtime.report import terminal
-    from runtime.sweep import journal
-
-    try:
-        with terminal.sweep_progress(len(jobs), kept.finished(jobs)) as tell:
-            return journal.run(jobs, pool, kept, lambda result: tell(result.feasible))
-    except BaseException:
-        done = kept.finished(jobs)
-        print(f"{done} of {len(jobs)} jobs are in {kept.path}; the same command continues from there", file=sys.stderr)
-        raise

@@ -14,18 +14,14 @@ import base64
 import hashlib
 import hmac
 import re
-import secrets
 from collections.abc import Iterable
-from http.cookies import CookieError, SimpleCookie
-from typing import TYPE_CHECKING
-from urllib.parse import parse_qs
 
-from runtime.studio.settings import MOST_REQUEST, TOKEN_BYTES
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
+from starlette.requests import cookie_parser
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-if TYPE_CHECKING:
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
-Headers = list[tuple[bytes, bytes]]
+from runtime.studio.settings import MOST_REQUEST
 
 _SCRIPT = re.compile(rb"<script(?![^>]*\ssrc=)[^>]*>(.*?)</script>", re.DOTALL)
 """A script inside the page."""
@@ -34,18 +30,15 @@ _REDIRECT = '<!doctype html><title>Tendon studio</title><meta http-equiv="refres
 """For a tab that comes from elsewhere, as from the file that opens the browser: a browser sends a strict cookie only
 with requests from pages of this server, and this is one."""
 
-_ALWAYS: Headers = [
-    (b"x-content-type-options", b"nosniff"),
-    (b"x-frame-options", b"DENY"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"cross-origin-opener-policy", b"same-origin"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-]
-
-
-def new_token() -> str:
-    """A random token for the address."""
-    return secrets.token_urlsafe(TOKEN_BYTES)
+_ALWAYS = {
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+}
+_OWN = _ALWAYS | {"content-security-policy": "default-src 'none'; frame-ancestors 'none'"}
+"""Headers of the guard's own answers."""
 
 
 class Guard:
@@ -67,58 +60,42 @@ class Guard:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        headers: dict[str, list[str]] = {}
-        for name, value in scope["headers"]:
-            headers.setdefault(name.decode("latin-1").lower(), []).append(value.decode("latin-1"))
-        refused = self._wrong_address(headers)
-        if refused is None:
-            own = all(site in ("same-origin", "none") for site in headers.get("sec-fetch-site", []))
-            if self._has_token(scope):
-                if own:
-                    cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict".encode()
-                    await _answer(send, 303, "", [(b"location", b"/"), (b"set-cookie", cookie)])
-                    return
-                if headers.get("sec-fetch-mode") == ["navigate"]:
-                    await _answer(send, 200, _REDIRECT.format(self._token), [], kind=b"text/html")
-                    return
-            if not own:
-                refused = "the request comes from a page of another site; open the address in a tab of its own"
-            elif not self._has_cookie(headers):
-                refused = "open the address that tendon studio has printed: it contains the key to this session"
-        if refused is not None:
-            await _refuse(scope, receive, send, status=403, why=refused)
-        elif scope["type"] != "http":
-            await self._app(scope, receive, send)
-        elif scope["path"] in self._unlimited:
-            await self._app(scope, receive, _with_policy(send))
-        elif any(text.isdigit() and int(text) > MOST_REQUEST for text in headers.get("content-length", [])):
-            await _refuse(scope, receive, send, status=413, why="the request is too large")
+        headers = Headers(scope=scope)
+        answer = self._own_answer(scope, headers)
+        if answer is None and scope["type"] == "http" and scope["path"] not in self._unlimited:
+            if any(text.isdigit() and int(text) > MOST_REQUEST for text in headers.getlist("content-length")):
+                answer = PlainTextResponse("the request is too large\n", 413, _OWN)
+            receive = _limited(receive)
+        if answer is None:
+            await self._app(scope, receive, _with_policy(send) if scope["type"] == "http" else send)
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": 1008, "reason": bytes(answer.body).decode().strip()})
         else:
-            await self._app(scope, _limited(receive), _with_policy(send))
+            await answer(scope, receive, send)
 
-    def _wrong_address(self, headers: dict[str, list[str]]) -> str | None:
-        """What is wrong with the host that a request names, or with its origin."""
-        if len(headers.get("host", [])) != 1 or headers["host"][0] not in self._hosts:
-            return "the request names another host than this server"
-        if any(origin not in self._origins for origin in headers.get("origin", [])):
-            return "the request comes from a page of another site"
-        return None
-
-    def _has_token(self, scope: Scope) -> bool:
-        if scope["type"] != "http" or scope["path"] != "/" or scope["method"] != "GET":
-            return False
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [])
-        return any(map(self._is_token, given))
-
-    def _has_cookie(self, headers: dict[str, list[str]]) -> bool:
-        for text in headers.get("cookie", []):
-            try:
-                cookie = SimpleCookie(text).get(self._cookie)
-            except CookieError:
-                continue
-            if cookie is not None and self._is_token(cookie.value):
-                return True
-        return False
+    def _own_answer(self, scope: Scope, headers: Headers) -> Response | None:
+        """The answer to a request that the application must not see: the cookie for the token, or why it is refused."""
+        own = all(site in ("same-origin", "none") for site in headers.getlist("sec-fetch-site"))
+        token = scope["type"] == "http" and (scope["path"], scope["method"]) == ("/", "GET")
+        token = token and any(map(self._is_token, QueryParams(scope.get("query_string", b"")).getlist("token")))
+        cookies = [cookie_parser(text).get(self._cookie, "") for text in headers.getlist("cookie")]
+        if len(headers.getlist("host")) != 1 or headers["host"] not in self._hosts:
+            why = "the request names another host than this server"
+        elif any(origin not in self._origins for origin in headers.getlist("origin")):
+            why = "the request comes from a page of another site"
+        elif token and own:
+            cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+            return PlainTextResponse("", 303, _OWN | {"location": "/", "set-cookie": cookie})
+        elif token and headers.getlist("sec-fetch-mode") == ["navigate"]:
+            return HTMLResponse(_REDIRECT.format(self._token), 200, _OWN)
+        elif not own:
+            why = "the request comes from a page of another site; open the address in a tab of its own"
+        elif not any(map(self._is_token, cookies)):
+            why = "open the address that tendon studio has printed: it contains the key to this session"
+        else:
+            return None
+        return PlainTextResponse(f"{why}\n", 403, _OWN)
 
     def _is_token(self, text: str) -> bool:
         return hmac.compare_digest(text.encode(), self._token.encode())
@@ -151,8 +128,8 @@ def _with_policy(send: Send) -> Send:
 
     async def restricted(message: Message) -> None:
         if message["type"] == "http.response.start":
-            headers = {name.lower(): value for name, value in message["headers"]}
-            is_page = headers.get(b"content-type", b"").startswith(b"text/html") and b"content-encoding" not in headers
+            headers = Headers(raw=message["headers"])
+            is_page = headers.get("content-type", "").startswith("text/html") and "content-encoding" not in headers
             if is_page:
                 start.update(message)
             else:
@@ -170,9 +147,10 @@ def _with_policy(send: Send) -> Send:
 
 def _restricted(start: Message, page: bytes) -> Message:
     """The beginning of an answer with its policy; one that it has already is narrower and stays."""
-    has_own = any(name.lower() == b"content-security-policy" for name, _ in start["headers"])
-    rule = [] if has_own else [(b"content-security-policy", policy(page).encode())]
-    return {**start, "headers": [*start["headers"], *_ALWAYS, *rule]}
+    headers = MutableHeaders(raw=[*start["headers"]])
+    headers.update(_ALWAYS)
+    headers.setdefault("content-security-policy", policy(page))
+    return {**start, "headers": headers.raw}
 
 
 def policy(page: bytes) -> str:
@@ -185,19 +163,3 @@ def policy(page: bytes) -> str:
         "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
         "frame-ancestors 'none'"
     )
-
-
-async def _refuse(scope: Scope, receive: Receive, send: Send, *, status: int, why: str) -> None:
-    if scope["type"] == "websocket":
-        await receive()
-        await send({"type": "websocket.close", "code": 1008, "reason": why})
-    else:
-        await _answer(send, status, f"{why}\n", [])
-
-
-async def _answer(send: Send, status: int, text: str, headers: Headers, kind: bytes = b"text/plain") -> None:
-    body = text.encode()
-    about = [(b"content-type", kind + b"; charset=utf-8"), (b"content-length", str(len(body)).encode())]
-    rule = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
-    await send({"type": "http.response.start", "status": status, "headers": [*about, *_ALWAYS, rule, *headers]})
-    await send({"type": "http.response.body", "body": body})

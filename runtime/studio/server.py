@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import secrets
 import socket
 import sys
 import webbrowser
@@ -18,9 +19,8 @@ from typing import TYPE_CHECKING
 import runtime
 from runtime.report.page.html import policy
 from runtime.report.signals.signal_set import AskedWrongly, SignalSet
-from runtime.studio.guard import Guard, new_token
 from runtime.studio.session import SessionError, safe_name
-from runtime.studio.settings import MOST_REQUEST, MOST_SETS
+from runtime.studio.settings import MOST_REQUEST, MOST_SETS, TOKEN_BYTES
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkError
 
@@ -55,7 +55,9 @@ def serve(studio: Studio, listening: socket.socket, say: Callable[[str], None], 
     """
     import uvicorn
 
-    port, token = listening.getsockname()[1], new_token()
+    from runtime.studio.guard import Guard
+
+    port, token = listening.getsockname()[1], secrets.token_urlsafe(TOKEN_BYTES)
     # The folder in which NiceGUI keeps what belongs to a user.
     os.environ["NICEGUI_STORAGE_PATH"] = str(studio.session.folder / "browser")
     config = uvicorn.Config(

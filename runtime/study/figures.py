@@ -14,9 +14,8 @@ from runtime.execution.trial import RUN_IN
 from runtime.planning.evaluate import at_times
 from runtime.report.plots.style import BEFORE, FAINT, INK, WIDTH, save, styled
 from runtime.study import published
-from runtime.study.cases import StudyCase
 from runtime.study.identification import JointFriction
-from runtime.study.study import Row, Study
+from runtime.study.study import Row, Study, StudyCase
 
 Array = NDArray[np.float64]
 

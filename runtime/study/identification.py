@@ -309,15 +309,14 @@ def _with_rigid_torque(model: Model, recordings: Sequence[Recording]) -> list[Re
     and so does this fit: the simulated arm has the model's inertia.
     """
     cutoff = choose_band(recordings, np.abs(model.inertia(np.zeros(model.n)))).cutoffs.max()
-    return [replace(r, tau_rigid=_rigid_torque(model, r, cutoff)) for r in recordings]
-
-
-def _rigid_torque(model: Model, recording: Recording, cutoff: float) -> Array:
-    derive = differentiator(cutoff, 1 / recording.dt)
-    found = np.empty_like(recording.tau)
-    for segment in recording.segments:
-        # The fit drops the ends, where the kernel is not covered by samples.
-        whole = np.pad(recording.q[:, segment], ((0, 0), (derive.half, derive.half)), "reflect", reflect_type="odd")
-        q, qd, qdd = (np.array(part) for part in zip(*(derive(row) for row in whole), strict=True))
-        found[:, segment] = model.inverse_dynamics(q, qd, qdd)
+    found = []
+    for recording in recordings:
+        derive, torque = differentiator(cutoff, 1 / recording.dt), np.empty_like(recording.tau)
+        ends = ((0, 0), (derive.half, derive.half))
+        for segment in recording.segments:
+            # The fit drops the ends, where the kernel is not covered by samples.
+            whole = np.pad(recording.q[:, segment], ends, "reflect", reflect_type="odd")
+            q, qd, qdd = (np.array(part) for part in zip(*(derive(row) for row in whole), strict=True))
+            torque[:, segment] = model.inverse_dynamics(q, qd, qdd)
+        found.append(replace(recording, tau_rigid=torque))
     return found

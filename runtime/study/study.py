@@ -17,19 +17,26 @@ from runtime.documents.parts import given
 from runtime.documents.plans import (
     BesideEntry,
     CaseEntry,
+    CaseExecution,
     CasesEntry,
     ClaimEntry,
+    CycleEntry,
+    ExecuteDocument,
     PaperDocument,
     StiffnessEntry,
 )
+from runtime.execution.execute import Execution, execute
+from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
+from runtime.planning import scenario_file
 from runtime.planning.optimize import Plan, optimize
+from runtime.planning.scenario import Scenario
 from runtime.planning.trajectory import Trajectory
 from runtime.progress import each
 from runtime.recordings import recording
 from runtime.report.sections import Paragraph, Section, table, texts, words
+from runtime.simulation.simulate import parse_hidden
 from runtime.study import identification, published
-from runtime.study.cases import CaseRun, Plans, StudyCase, StudyExperiment
 from runtime.study.identification import Table1
 from runtime.study.published import Cost
 from runtime.wording import number, percent
@@ -40,6 +47,15 @@ EXECUTED = ("table1", "figure4", "figure6", "figure7", "figure8")
 """Parts that need the experiment."""
 _TIMES = [float(T) for T in np.round(np.arange(1.0, 3.01, 0.2), 2)]
 """s; cycle times of Figure 5."""
+FREE, CONTACT = "scenario1", "scenario2"
+PLATE: Mapping[float, dict[str, float]] = {
+    600.0: {"stiffness": 600.0, "pretension": 24.0},
+    1300.0: {"stiffness": 1300.0, "pretension": 10.0},
+}
+"""Plates by stiffness: the softer plate's pretension is published, the stiffer one's calibrated."""
+HIDDEN: Sequence[str] = ("plate_damping:coefficient=40",)
+"""Effects of the simulated arm that the model does not have; assumed. The paper suspects viscous friction there."""
+_CYCLES = 2
 WHAT_IS_WHAT = (
     "Published: costs and stiffnesses, Table I, gear ratio, pulley, the softer plate, phases and degrees.",
     "Calibrated on the published costs: what joint 4 moves, its cubic friction; the geometry of the arm, where plate "
@@ -47,6 +63,75 @@ WHAT_IS_WHAT = (
     "Assumed: gains, encoders, noise, limits of position, what is hidden in the simulated arm, the springs between 1.3 "
     "and 5.1 kN/m, the amplitudes of the identification. The arm's file says it number by number.",
 )
+
+
+# --- the cases: A and B without friction, C and D with it; B and D with a spring ---
+
+
+@dataclass(frozen=True)
+class StudyCase:
+    """letter: A to D; cycle_time in s; plate: its stiffness in N/m, None in scenario 1."""
+
+    letter: str
+    cycle_time: float
+    plate: float | None = None
+
+    @property
+    def friction(self) -> bool:
+        """Whether the motion is planned with friction."""
+        return self.letter in "CD"
+
+    @property
+    def sprung(self) -> bool:
+        """Whether springs are sought."""
+        return self.letter in "BD"
+
+    def __str__(self) -> str:
+        number = 1 if self.plate is None else 2
+        plate = "" if self.plate is None else f", plate {self.plate / 1000:g} kN/m"
+        return f"{number}{self.letter} at {self.cycle_time:g} s{plate}"
+
+    def scenario(self, model: Model) -> Scenario:
+        """The paper's scenario for this case and its arm."""
+        path = Path(__file__).parent / f"{FREE if self.plate is None else CONTACT}.toml"
+        base = scenario_file.fitted(scenario_file.read(path), model, path.name)
+        contact: Mapping[str, dict[str, float]] = base.contact
+        if self.plate is not None:
+            contact = {**contact, "plate": {**contact.get("plate", {}), **PLATE[self.plate]}}
+        case = replace(base, cycle_time=self.cycle_time, friction=self.friction, contact=contact)
+        return case if self.sprung else case.without_springs()
+
+
+@dataclass(frozen=True)
+class CaseRun:
+    """Trials of a case; joints: whose torque counts (1-based)."""
+
+    execution: Execution
+    joints: tuple[int, ...]
+
+    @cached_property
+    def document(self) -> ExecuteDocument:
+        return self.execution.document()
+
+    @property
+    def mean(self) -> CycleEntry:
+        """Over all cycles."""
+        assert self.document.mean is not None
+        return self.document.mean
+
+    @property
+    def cost(self) -> float:
+        """N² m² s per cycle, of the joints that count."""
+        return float(sum(self.mean.cost[j - 1] for j in self.joints))
+
+    @property
+    def reversal(self) -> float:
+        """rad, where joint 4 turns back."""
+        return self.mean.q_min[3]
+
+    def entry(self) -> CaseExecution:
+        """The document without the single cycles."""
+        return CaseExecution(**{name: getattr(self.document, name) for name in CaseExecution.__struct_fields__})
 
 
 @dataclass(frozen=True)
@@ -93,9 +178,24 @@ class Study:
     trials: int
     say: Callable[[str], None]
 
-    @cached_property
-    def plans(self) -> Plans:
-        return Plans(self.model)
+    def __post_init__(self) -> None:
+        self._plans: dict[StudyCase, Plan] = {}
+
+    def plan(self, case: StudyCase) -> Plan:
+        """The optimized case, computed once."""
+        if case not in self._plans:
+            self._plans[case] = optimize(self.model, case.scenario(self.model))
+        return self._plans[case]
+
+    def execute(self, case: StudyCase) -> CaseRun:
+        """A case on a simulated arm that differs from the model: without friction compensation in cases A and B, with
+        the plate's damper in scenario 2."""
+        hidden = [] if case.plate is None else [parse_hidden(text, self.model) for text in HIDDEN]
+        settings = ExecutionSettings(self.trials, _CYCLES, friction_compensation=case.friction)
+        plan = self.plan(case)
+        execution = execute(self.model, self.controller, plan.trajectory, settings, hidden=hidden)
+        self.say(f"executed {case}")
+        return CaseRun(execution, plan.scenario.counted)
 
     @cached_property
     def table1(self) -> Table1:
@@ -116,12 +216,10 @@ class Study:
         return self._rows(cases)
 
     def _rows(self, cases: Mapping[StudyCase, Cost]) -> list[Row]:
-        arm = StudyExperiment(self.model, self.controller, self.trials, lambda case: self.say(f"executed {case}"))
-        found = []
-        for case, cost in each("cases", tuple(cases.items())):
-            plan = self.plans.of(case)
-            found.append(Row(case, plan, arm.run(case, plan) if self.trials else None, cost))
-        return found
+        return [
+            Row(case, self.plan(case), self.execute(case) if self.trials else None, cost)
+            for case, cost in each("cases", tuple(cases.items()))
+        ]
 
     @cached_property
     def curves(self) -> dict[StudyCase, float]:

@@ -111,11 +111,11 @@ def test_a_port_that_is_taken_is_said_before_a_folder_is_made(here, served, caps
 
 
 def test_the_browser_is_handed_a_file_that_others_cannot_read_and_not_the_key(here, monkeypatch):
-    """What stands on a command line everybody on the machine can read."""
+    """What stands on a command line everybody on the machine can read. The key is long, and another each time."""
     pytest.importorskip("nicegui", reason="no studio: pip install 'tendon[studio]'")
     import uvicorn
 
-    opened, said = [], []
+    opened, said, keys = [], [], []
     monkeypatch.setattr(server.webbrowser, "open", opened.append)
 
     def run(_self, _sockets) -> None:
@@ -124,11 +124,16 @@ def test_the_browser_is_handed_a_file_that_others_cannot_read_and_not_the_key(he
         assert said[0] in path.read_text()
 
     monkeypatch.setattr(uvicorn.Server, "run", run)
-    studio = Studio(StudioSession.create(here / "session"))
-    with server.bound(0) as listening:
-        server.serve(studio, listening, said.append, browser=True)
-    assert said[0].partition("token=")[2] not in opened[0]
-    assert not (here / "session" / "open.html").exists()
+    for name in ("session", "another"):
+        said.clear()
+        opened.clear()
+        with server.bound(0) as listening:
+            server.serve(Studio(StudioSession.create(here / name)), listening, said.append, browser=True)
+        keys.append(said[0].partition("token=")[2])
+        assert keys[-1] not in opened[0]
+        assert not (here / name / "open.html").exists()
+    assert len(keys[0]) >= 43
+    assert keys[0] != keys[1]
 
 
 def test_without_nicegui_it_says_what_to_install(tmp_path, monkeypatch, capsys):

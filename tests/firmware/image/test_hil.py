@@ -21,7 +21,7 @@ from runtime.model.loader import Model
 from runtime.planning.optimize import optimize
 from runtime.planning.settings import PlanningSettings
 from runtime.planning.trajectory import Trajectory
-from runtime.study.cases import HIDDEN, StudyCase
+from runtime.study.study import HIDDEN, StudyCase
 from runtime.workspace.source import Source
 
 pytestmark = pytest.mark.xdist_group("hil")

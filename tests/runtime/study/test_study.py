@@ -14,9 +14,8 @@ from runtime.cli.main import app
 from runtime.documents.plans import ClaimEntry
 from runtime.model.loader import Model
 from runtime.study import figures, published
-from runtime.study.cases import StudyCase, StudyExperiment
 from runtime.study.identification import Table1
-from runtime.study.study import Row, Study
+from runtime.study.study import Row, Study, StudyCase
 from runtime.workspace.source import CompiledArm, Source
 
 
@@ -33,6 +32,14 @@ def model(source: Source) -> Model:
 @pytest.fixture(scope="module")
 def study(model: Model) -> Study:
     return Study(model, Path(), 0, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def executing(source: Source, study: Study) -> Study:
+    """The same with one trial of each case, and its plans."""
+    made = Study(study.model, source.compiled.controller(), 1, lambda _: None)
+    made._plans = study._plans
+    return made
 
 
 def test_table_2_within_three_percent_or_what_the_print_shows(study: Study) -> None:
@@ -78,11 +85,9 @@ def test_the_arm_is_the_calibrated_one(model: Model) -> None:
     assert D[3, 3] == pytest.approx(0.2365, abs=5e-5)
 
 
-def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Source, study: Study) -> None:
-    bench = StudyExperiment(study.model, source.compiled.controller(), 1, lambda _: None)
+def test_the_figures_of_contact_show_the_plan_and_what_was_executed(study: Study, executing: Study) -> None:
     case = StudyCase("D", 1.6, 600.0)
-    plan = study.plans.of(case)
-    row = Row(case, plan, bench.run(case, plan), published.TABLE_3[1.6, 600.0, "D"])
+    row = Row(case, study.plan(case), executing.execute(case), published.TABLE_3[1.6, 600.0, "D"])
     softer = figures.figure7([row]).axes[1]
     planned, executed = (np.asarray(line.get_ydata()) for line in softer.lines[:2])
     # 5 cm are planned; the damper at the plate, which the model has not, takes some of them.
@@ -98,10 +103,9 @@ def test_the_figures_of_contact_show_the_plan_and_what_was_executed(source: Sour
     assert "paper 13 to 16" in figures.figure8([row]).axes[0].texts[0].get_text()
 
 
-def test_without_compensation_friction_costs_and_joint_4_turns_early(source: Source, study: Study) -> None:
-    bench = StudyExperiment(study.model, source.compiled.controller(), 1, lambda _: None)
-    runs = {letter: bench.run(case, study.plans.of(case)) for letter in "BD" if (case := StudyCase(letter, 1.2))}
-    planned = {letter: study.plans.of(StudyCase(letter, 1.2)).cost for letter in "BD"}
+def test_without_compensation_friction_costs_and_joint_4_turns_early(study: Study, executing: Study) -> None:
+    runs = {letter: executing.execute(StudyCase(letter, 1.2)) for letter in "BD"}
+    planned = {letter: study.plan(StudyCase(letter, 1.2)).cost for letter in "BD"}
     friction = planned["D"] - planned["B"]
     assert 0.5 * friction < runs["B"].cost - planned["B"] < 1.2 * friction
     assert runs["D"].cost == pytest.approx(planned["D"], rel=0.05)
