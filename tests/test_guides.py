@@ -49,7 +49,7 @@ NOT_TYPED = {
     "ur10.toml run1.csv": "likewise",
     "dask ": "runs until it is stopped; tests/runtime/sweep/test_sweep.py has a cluster",
     "tcp://": "needs that cluster",
-    "tendon studio": "serves until it is stopped; tests/studio opens it in a browser",
+    "tendon studio": "serves until it is stopped; tests/runtime/studio opens it in a browser",
     '"NumPy"]': "a piece of a back end; tests/codegen/test_codegen_guide.py puts it together",
     "numpy_code": "likewise",
 }

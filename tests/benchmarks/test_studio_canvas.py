@@ -12,8 +12,8 @@ import pytest
 
 from runtime.report.signals.signal_set import DrawnLine, SignalPanel, SignalSet, around
 from tests.benchmarks import harness
-from tests.studio.browser import CHROMIUM
-from tests.studio.signal_page import served
+from tests.runtime.studio.browser import CHROMIUM
+from tests.runtime.studio.signal_page import served
 
 SAMPLES = harness.sized(1_000_000, 50_000)
 FRAMES = harness.sized(200, 10)

@@ -28,8 +28,8 @@ from runtime.report.signals.signal_set import (
     around,
     curve,
 )
-from tests.studio.signal_page import served
-from tests.studio.waiting import PATIENCE
+from tests.runtime.studio.signal_page import served
+from tests.runtime.studio.waiting import PATIENCE
 
 
 def walk(samples: int, seed: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -27,8 +27,8 @@ from runtime.studio.documents import (
 from runtime.studio.session import PlacedEffect, SessionError, StudioSession
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkError
-from tests.studio.conftest import EVIL, SPRING, Prepared
-from tests.studio.waiting import done, failed, until
+from tests.runtime.studio.conftest import EVIL, SPRING, Prepared
+from tests.runtime.studio.waiting import done, failed, until
 
 pytestmark = pytest.mark.xdist_group("studio")
 

@@ -21,7 +21,7 @@ from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import arm, there
-from tests.studio.waiting import done, failed
+from tests.runtime.studio.waiting import done, failed
 
 
 @pytest.fixture(scope="module")

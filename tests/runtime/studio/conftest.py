@@ -19,8 +19,8 @@ from runtime.studio.session import PlacedEffect, StudioSession
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkState
 from tests import one_joint
-from tests.studio.browser import Server, Watched, launched, served
-from tests.studio.waiting import done
+from tests.runtime.studio.browser import Server, Watched, launched, served
+from tests.runtime.studio.waiting import done
 
 SPRING = PlacedEffect("linear_spring", 1)
 EVIL = "<img src=x onerror=document.title='evil'>.csv"

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.studio.browser import Server
-from tests.studio.waiting import PATIENCE
+from tests.runtime.studio.browser import Server
+from tests.runtime.studio.waiting import PATIENCE
 
 pytestmark = pytest.mark.xdist_group("studio")
 
