@@ -13,7 +13,7 @@ import os
 import re
 import select
 import stat
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn
@@ -34,7 +34,7 @@ typeof typeof_unqual using virtual wchar_t xor xor_eq main NULL errno
 _WORDS = frozenset(_RESERVED.split())
 _SIGNS = "°µ·²³"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
-_LABEL = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ .:/()-]*", re.ASCII)
+LABEL = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ .:/()-]*", re.ASCII)
 
 
 class ModelError(ValueError):
@@ -178,36 +178,6 @@ def number(
     if abs(x) > LARGEST or 0 < abs(x) < SMALLEST:
         place.fail(f"{key} is {x:.6g}; expected 0 or a magnitude between {SMALLEST:g} and {LARGEST:g}")
     return x
-
-
-def pair(place: Place, key: str, value: Any, unit: str) -> tuple[float, float]:
-    """A list of two numbers in `unit`. Raises ModelError."""
-    if not isinstance(value, list) or len(value) != 2:
-        place.fail(f"{key} is {found(value)}; expected a list of two numbers in {unit}, such as [0.0, 0.0]")
-    return number(place, f"{key}[0]", value[0], unit), number(place, f"{key}[1]", value[1], unit)
-
-
-def vector(
-    place: Place, key: str, value: Any, unit: str, names: Sequence[str], one: Callable[..., float]
-) -> tuple[float, ...]:
-    """A list of numbers, one for each name. one: the check of each, `number` or `real`."""
-    if not isinstance(value, list) or len(value) != len(names):
-        inside = f" in {unit}" if unit else ""
-        place.fail(f"{key} is {found(value)}; expected a list of {len(names)} numbers{inside}: {', '.join(names)}")
-    return tuple(one(place, f"{key}[{k}]", entry, unit) for k, entry in enumerate(value))
-
-
-def label(place: Place, key: str, value: Any) -> str:
-    """A display name: printable, without characters that could end a C comment or string."""
-    if not isinstance(value, str):
-        place.fail(f"{key} is {found(value)}; expected a text")
-    if not _LABEL.fullmatch(value):
-        place.fail(
-            f"{key} {quote(value)}: expected letters a-z, digits, spaces and _ - . : / ( ), a letter or digit first"
-        )
-    if len(value) > MAX_LABEL:
-        place.fail(f"{key} {quote(value)} has {len(value)} letters; expected at most {MAX_LABEL}")
-    return value
 
 
 def identifier(place: Place, what: str, value: Any) -> str:

@@ -14,19 +14,17 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal
 
 from symbolic.model_file.checks import (
+    LABEL,
     MAX_LABEL,
     MAX_NAME,
     Place,
     found,
     identifier,
-    label,
     number,
-    pair,
     quote,
     real,
     table_at,
     unknown,
-    vector,
 )
 
 JointType = Literal["revolute", "prismatic"]
@@ -269,27 +267,25 @@ class Name(SingleField):
 
 @dataclass(frozen=True)
 class Label(SingleField):
-    """A display name."""
+    """A display name: printable, without characters that could end a C comment or string."""
 
     def read(self, place: Place, value: Any, _: JointType) -> str:
-        return label(place, self.key, value)
+        if not isinstance(value, str):
+            place.fail(f"{self.key} is {found(value)}; expected a text")
+        if not LABEL.fullmatch(value):
+            place.fail(
+                f"{self.key} {quote(value)}: expected letters a-z, digits, spaces and _ - . : / ( ), a letter or digit "
+                "first"
+            )
+        if len(value) > MAX_LABEL:
+            place.fail(f"{self.key} {quote(value)} has {len(value)} letters; expected at most {MAX_LABEL}")
+        return value
 
     def schema(self) -> Schema:
-        return {"type": "string", "pattern": r"^[A-Za-z0-9_][A-Za-z0-9_ .:/()-]*$", "maxLength": MAX_LABEL}
+        return {"type": "string", "pattern": f"^{LABEL.pattern}$", "maxLength": MAX_LABEL}
 
 
 # --- several numbers ---
-
-
-@dataclass(frozen=True)
-class Pair(SingleField):
-    """Two numbers."""
-
-    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
-        return pair(place, self.key, value, self.unit_of(joint))
-
-    def schema(self) -> Schema:
-        return _row_schema(2)
 
 
 @dataclass(frozen=True)
@@ -300,19 +296,26 @@ class NumberRow(SingleField):
     tiny: bool = False
 
     def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, ...]:
-        return vector(
-            place, self.key, value, unit=self.unit_of(joint), names=self.names, one=real if self.tiny else number
-        )
+        unit, one = self.unit_of(joint), real if self.tiny else number
+        if not isinstance(value, list) or len(value) != len(self.names):
+            inside = f" in {unit}" if unit else ""
+            place.fail(
+                f"{self.key} is {found(value)}; expected a list of {len(self.names)} numbers{inside}: "
+                f"{', '.join(self.names)}"
+            )
+        return tuple(one(place, f"{self.key}[{k}]", entry, unit) for k, entry in enumerate(value))
 
     def schema(self) -> Schema:
         return _row_schema(len(self.names))
 
 
 @dataclass(frozen=True)
-class Interval(Pair):
+class Interval(NumberRow):
     """Two numbers, the smaller one first."""
 
-    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
+    names: tuple[str, ...] = ("smallest", "largest")
+
+    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, ...]:
         low, high = super().read(place, value, joint)
         if low >= high:
             place.fail(f"{self.key} is [{low:g}, {high:g}]; expected the smaller end first")
@@ -320,20 +323,19 @@ class Interval(Pair):
 
 
 @dataclass(frozen=True)
-class Bounds(Pair):
+class Bounds(NumberRow):
     """Two bounds of at least `low`, or one number for both."""
 
+    names: tuple[str, ...] = ("lower", "upper")
     low: float = -math.inf
 
-    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, float]:
-        unit = self.unit_of(joint)
-        if not isinstance(value, list):
-            value = [number(place, self.key, value, unit)] * 2
-        low, high = pair(place, self.key, value, unit)
+    def read(self, place: Place, value: Any, joint: JointType) -> tuple[float, ...]:
+        one = value if isinstance(value, list) else [number(place, self.key, value, self.unit_of(joint))] * 2
+        low, high = super().read(place, one, joint)
         if low > high:
             place.fail(f"{self.key} is [{low:g}, {high:g}]; expected the smaller bound first")
         if low < self.low:
-            place.fail(f"{self.key} is {low:g}; expected {self.low:g} {unit} or more")
+            place.fail(f"{self.key} is {low:g}; expected {self.low:g} {self.unit_of(joint)} or more")
         return low, high
 
     def schema(self) -> Schema:

@@ -22,7 +22,6 @@ from symbolic.model_file.fields import (
     Number,
     NumberRow,
     OpenTable,
-    Pair,
     Schema,
     Several,
     Table,
@@ -73,7 +72,9 @@ ABOUT_COM = "about the centre of mass"
 LINK = (
     Number("length", "distance to the next joint or the tip", unit="m", low=0.0),
     MASS,
-    Pair("com", f"centre of mass, along and across the link; {UNKNOWN}", unit="m", default=None),
+    NumberRow(
+        "com", f"centre of mass, along and across the link; {UNKNOWN}", ("along", "across"), unit="m", default=None
+    ),
     Number("inertia", f"{ABOUT_COM}; {UNKNOWN}", unit="kg m^2", low=0.0, default=None),
 )
 SPATIAL_LINK = (
@@ -233,7 +234,7 @@ def _model(gravity: Field, joint: Sequence[Field], *end: Field) -> tuple[Field, 
 
 
 PLANAR = _model(
-    Pair("gravity", "acceleration vector in the plane of motion", unit="m/s^2"),
+    NumberRow("gravity", "acceleration vector in the plane of motion", ("x", "y"), unit="m/s^2"),
     _joint(Inner("link", MOVED, LINK), *NOT_IN_THE_PLANE),
     Inner("contact", "a plate at the end-effector", CONTACT, default=None),
     Misplaced("tip", IN_SPACE.format("the length of the last link")),

@@ -9,6 +9,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,38 +101,47 @@ def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None)
     top = Place(printable(where))
     table = _toml(text, top)
     kind = fields_of(top, table)
-    arm = (_arm_in_space if kind is SPATIAL else _arm_in_plane)(top, fields.read(top, table, kind), effects)
+    said = fields.read(top, table, kind)
+    name, n = said["name"], len(said["joint"])
+    joints = [
+        _joint(top.inside(f"joint {k}"), one, effects, last=k == n) for k, one in enumerate(said["joint"], start=1)
+    ]
+    if is_taken(name):
+        top.fail(f"name {quote(name)} is reserved for the toolkit's own generated files; choose another name")
+    arm = Arm(
+        name,
+        (*said["gravity"], 0.0)[:3],
+        tuple(joints),
+        effects=_effects(top, said["effects"], "arm", effects),
+        inertial=said["inertial"],
+        controller=said["controller"] and Control(**said["controller"]),
+    )
+    if arm.controller is not None:
+        cutoff = arm.controller.velocity_cutoff
+        number(top.inside("controller"), "velocity_cutoff", cutoff, "Hz", high=arm.controller.rate / 2)
+    if kind is SPATIAL:
+        arm = _in_space(top, replace(arm, tip=Frame(**said["tip"]["origin"])))
+    else:
+        if (contact := said["contact"]) is not None:
+            active = _effects(top.inside("contact"), contact["effects"], "contact", effects)
+            arm = replace(arm, contact=Contact(contact["x"], active))
+        arm = planar(arm, [one["link"]["length"] for one in said["joint"]])
     check_distinct(top, arm.joints)
     check_inertia_seen(top, arm)
     return arm
 
 
-def _arm_in_plane(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> Arm:
-    made, lengths = [], []
-    for one, common in _joints(top, said["joint"], effects):
-        body = dict(one["link"])
-        lengths.append(body.pop("length"))
-        made.append(Joint(**common, link=planar_link(**body)))
-    contact = _contact(top, said["contact"], effects)
-    return planar(
-        Arm(**_common(top, said, effects), gravity=(*said["gravity"], 0.0), joints=tuple(made), contact=contact),
-        lengths,
-    )
-
-
-def _arm_in_space(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> Arm:
+def _in_space(top: Place, arm: Arm) -> Arm:
     """Angles and axes close to quarter turns are made exact; the arm's notes list these and doubtful inertias."""
     made, snapping, notes = [], Snapping(), []
-    for k, (one, common) in enumerate(_joints(top, said["joint"], effects), 1):
+    for k, joint in enumerate(arm.joints, 1):
         place = top.inside(f"joint {k}")
-        link = Link(**one["link"])
-        notes += body_notes(place, link)
-        origin = snapping.frame(f"joint {k}", Frame(**one["origin"]))
-        axis = snapping.axis(place, f"joint {k}", one["axis"])
-        made.append(Joint(**common, axis=axis, origin=origin, link=link))
-    tip = snapping.frame("the tip", Frame(**said["tip"]["origin"]))
+        notes += body_notes(place, joint.link)
+        origin = snapping.frame(f"joint {k}", joint.origin)
+        made.append(replace(joint, origin=origin, axis=snapping.axis(place, f"joint {k}", joint.axis)))
+    tip = snapping.frame("the tip", arm.tip)
     notes += [f"{top.file}: {note}" for note in snapping.notes()]
-    return Arm(**_common(top, said, effects), gravity=said["gravity"], joints=tuple(made), tip=tip, notes=tuple(notes))
+    return replace(arm, joints=tuple(made), tip=tip, notes=tuple(notes))
 
 
 # --- structure ---
@@ -154,58 +164,26 @@ def _toml(text: str, top: Place) -> dict[str, Any]:
         top.fail(f"not valid TOML: {printable(str(error)).split(';')[0][:120]}")
 
 
-# --- common to planar and spatial arms ---
-
-
-def _common(top: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect]) -> dict[str, Any]:
-    name = said["name"]
-    if is_taken(name):
-        top.fail(f"name {quote(name)} is reserved for the toolkit's own generated files; choose another name")
-    return {
-        "name": name,
-        "effects": _effects(top, said["effects"], "arm", effects),
-        "inertial": said["inertial"],
-        "controller": _control(top, said["controller"]),
-    }
-
-
-def _joints(
-    top: Place, said: Sequence[Mapping[str, Any]], effects: Mapping[str, AnyEffect]
-) -> Iterator[tuple[Mapping[str, Any], dict[str, Any]]]:
-    """Each joint's table, and the arguments of Joint that planar and spatial joints share."""
-    for k, one in enumerate(said, 1):
-        yield one, _joint(top.inside(f"joint {k}"), one, effects, k == len(said))
-
-
-def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect], last: bool) -> dict[str, Any]:
+def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect], last: bool) -> Joint:
+    """The joint as stated; a planar one has no pose yet."""
+    spatial, link = "axis" in said, said["link"]
     encoder = said["encoder"] or {"counts": None, "zero": 0}
-    return {
-        "type": said["type"],
-        "rotor_inertia": said["rotor_inertia"],
-        "gear_ratio": said["gear_ratio"],
-        "effects": _effects(place, said["effects"], "joint", library=effects, kind=said["type"], last=last),
-        "torque_constant": said["torque_constant"],
-        "limits": Limits(**said["limits"]),
-        "gains": said["controller"] and Gains(**said["controller"]),
-        "encoder_counts": encoder["counts"],
-        "encoder_zero": encoder["zero"],
-        "drive": said["drive"] and Drive(**said["drive"]),
-        "name": said["name"],
-    }
-
-
-def _control(top: Place, said: Mapping[str, float] | None) -> Control | None:
-    if said is None:
-        return None
-    made = Control(**said)
-    number(top.inside("controller"), "velocity_cutoff", made.velocity_cutoff, "Hz", high=made.rate / 2)
-    return made
-
-
-def _contact(top: Place, said: Mapping[str, Any] | None, effects: Mapping[str, AnyEffect]) -> Contact | None:
-    if said is None:
-        return None
-    return Contact(said["x"], _effects(top.inside("contact"), said["effects"], "contact", effects))
+    return Joint(
+        said["type"],
+        said["rotor_inertia"],
+        said["gear_ratio"],
+        effects=_effects(place, said["effects"], "joint", library=effects, kind=said["type"], last=last),
+        torque_constant=said["torque_constant"],
+        limits=Limits(**said["limits"]),
+        gains=said["controller"] and Gains(**said["controller"]),
+        encoder_counts=encoder["counts"],
+        encoder_zero=encoder["zero"],
+        drive=said["drive"] and Drive(**said["drive"]),
+        name=said["name"],
+        axis=said["axis"] if spatial else (0.0, 0.0, 1.0),
+        origin=Frame(**said["origin"]) if spatial else Frame(),
+        link=Link(**link) if spatial else planar_link(link["mass"], link["com"], link["inertia"]),
+    )
 
 
 # --- effects ---
@@ -226,27 +204,19 @@ def _effects(
     kind: str = "revolute",
     last: bool = False,
 ) -> dict[str, Values]:
-    """The active effects of a table, in the file's order. last: the joint is the outermost one."""
-    return {
-        name: _effect(place, name, values, scope=scope, library=library, kind=kind, last=last)
-        for name, values in table.items()
-    }
-
-
-def _effect(
-    place: Place, name: str, value: Any, scope: str, library: Mapping[str, AnyEffect], kind: str, last: bool
-) -> Values:
-    check_effect(place, name, scope, library=library, last=last)
-    effect = declared(name, library)
-    place = place.inside(name)
-    known = {p.name: p for p in effect.parameters}
-    table = table_at(place, value, f"with {', '.join(known) or 'no keys'}, or an empty one if the values are unknown")
-    for key in table:
-        if key not in known:
-            unknown(place, "parameter", key, tuple(known))
-    return {
-        key: number(place, key, entry, known[key].unit.text(kind), *known[key].bounds) for key, entry in table.items()
-    }
+    """The active effects of a table with their stated values, in the file's order. last: the joint is the outermost."""
+    made: dict[str, Values] = {}
+    for name, value in table.items():
+        check_effect(place, name, scope, library=library, last=last)
+        known = {p.name: p for p in declared(name, library).parameters}
+        here = place.inside(name)
+        expected = f"with {', '.join(known) or 'no keys'}, or an empty one if the values are unknown"
+        made[name] = {}
+        for key, entry in table_at(here, value, expected).items():
+            if key not in known:
+                unknown(here, "parameter", key, tuple(known))
+            made[name][key] = number(here, key, entry, known[key].unit.text(kind), *known[key].bounds)
+    return made
 
 
 def check_effect(place: Place, name: str, scope: str, library: Mapping[str, AnyEffect], last: bool = False) -> None:
