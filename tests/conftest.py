@@ -132,14 +132,14 @@ def vishard4() -> Arm:
 def library(cache: Path) -> loader.Library:
     """The compiled library of effects."""
     with alone(cache):
-        return loader.load_library(prepare.prepare_effects())
+        return loader.Library(prepare.prepare_effects())
 
 
 @pytest.fixture(scope="session")
 def model(vishard4: Arm, library: loader.Library, cache: Path) -> loader.Model:
     """The compiled arm of the paper."""
     with alone(cache):
-        return loader.load_model(prepare.prepare_arm(vishard4), library)
+        return loader.Model(prepare.prepare_arm(vishard4), library)
 
 
 @pytest.fixture(scope="session")

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from runtime import files
-from runtime.model.loader import Library, Model, load_library, load_model
+from runtime.model.loader import Library, Model
 from runtime.workspace.source import CompiledArm, Source
 from tests import sources
 
@@ -149,12 +149,12 @@ class _Reader(pickle.Unpickler):
             return _library(CACHE / name)
         key = repr(name)
         if key not in self._models:
-            self._models[key] = load_model(CACHE / name[0], _library(CACHE / name[1]))
+            self._models[key] = Model(CACHE / name[0], _library(CACHE / name[1]))
             vars(self._models[key]).update(name[2])
         return self._models[key]
 
 
-_library = cache(load_library)
+_library = cache(Library)
 
 
 @cache

@@ -36,21 +36,9 @@ __all__ = [
     "LoaderError",
     "LumpInfo",
     "Model",
-    "load_library",
-    "load_model",
 ]
 
 Array = NDArray[np.float64]
-
-
-def load_library(directory: Path) -> Library:
-    """Loads the effects compiled by codegen.prepare.prepare_effects."""
-    return Library(Path(directory))
-
-
-def load_model(directory: Path, effects: Library) -> Model:
-    """Loads the arm compiled by codegen.prepare.prepare_arm."""
-    return Model(Path(directory), effects)
 
 
 def _load_page(directory: Path, page: str) -> tuple[dict[str, Any], ctypes.CDLL]:

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import msgspec
 
-from runtime.model.loader import Model, load_library, load_model
+from runtime.model.loader import Library, Model
 from runtime.planning.optimize import Infeasible, StartError, optimize
 from runtime.planning.scenario import Scenario
 from runtime.planning.settings import PlanningSettings
@@ -51,7 +51,7 @@ class Code:
     library: Path
 
     def load(self) -> Model:
-        return load_model(self.model, load_library(self.library))
+        return Model(self.model, Library(self.library))
 
     def identity(self) -> str:
         """A hash of the generated sources: the same for one arm wherever it was compiled."""

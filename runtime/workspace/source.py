@@ -129,10 +129,10 @@ class CompiledArm:
     def model(self) -> Model:
         """The generated functions, loaded."""
         from codegen.prepare import prepare_arm, prepare_effects
-        from runtime.model.loader import load_library, load_model
+        from runtime.model.loader import Library, Model
 
         effects = prepare_effects(None if self.own is None else tuple(self.own.values()), self.arm.space)
-        return load_model(prepare_arm(self.arm), load_library(effects))
+        return Model(prepare_arm(self.arm), Library(effects))
 
     def with_guesses(self) -> CompiledArm:
         """The same arm with a library that also holds drafted laws."""

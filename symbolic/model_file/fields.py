@@ -11,7 +11,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from symbolic.model_file.checks import (
     LABEL,
@@ -32,14 +32,8 @@ Table = Mapping[str, Any]
 Schema = dict[str, Any]
 
 
-class _Required:
-    """The default of a key that must be present."""
-
-    def __repr__(self) -> str:
-        return "required"
-
-
-REQUIRED = _Required()
+REQUIRED: Final = object()
+"""The default of a key that must be present."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +114,8 @@ class Misplaced(Field):
 
 def _default(value: Any) -> str:
     """The default as it would appear in the file; empty for None."""
+    if value is REQUIRED:
+        return "required"
     if value is None or value in ({}, ()):
         return ""
     if isinstance(value, tuple):

@@ -170,7 +170,8 @@ class Snapping:
 
     def frame(self, where: str, frame: Frame) -> Frame:
         """The frame with exact quarter turns."""
-        snapped = [snapped_angle(angle) for angle in frame.rpy]
+        turns = [round(angle / QUARTER) * QUARTER for angle in frame.rpy]
+        snapped = [b if abs(a - b) < CLOSE else a for a, b in zip(frame.rpy, turns, strict=True)]
         off = max(abs(a - b) for a, b in zip(frame.rpy, snapped, strict=True))
         if off > UNREPORTED:
             self.turned.append((where, off))
@@ -185,7 +186,10 @@ class Snapping:
         length = math.hypot(*axis)
         if not SHORTEST <= length <= 1 / SHORTEST:
             place.fail(f"axis has the length {length:g}; expected a direction, such as [0.0, 0.0, 1.0]")
-        snapped = snapped_axis(axis)
+        x, y, z = (0.0 if abs(a / length) < CLOSE else a for a in axis)
+        if sum(component != 0.0 for component in (x, y, z)) == 1:
+            x, y, z = (math.copysign(1.0, a) if a else 0.0 for a in (x, y, z))
+        snapped = (x, y, z)
         off = max(abs(a / length - b / math.hypot(*snapped)) for a, b in zip(axis, snapped, strict=True))
         if off > UNREPORTED:
             self.directed.append((where, off))
@@ -199,7 +203,11 @@ class Snapping:
     def notes(self) -> list[str]:
         """A warning, or an empty list."""
         kinds = (("the angles", " rad", self.turned), ("the axis", "", self.directed))
-        parts = [_snapped_text(what, unit, places) for what, unit, places in kinds if places]
+        parts = []
+        for what, unit, places in kinds:
+            if places:
+                off = max(off for _, off in places)
+                parts.append(f"{what} of {listed([where for where, _ in places])} (off by up to {off:.1g}{unit})")
         return [f"taken as exact quarter turns: {'; '.join(parts)}"] if parts else []
 
 
@@ -207,28 +215,6 @@ LISTED = 8
 """Joints listed in a message; of further ones, only the count is given."""
 SHORTEST = 1e-6
 """Minimum length of an axis, below which rounding decides its direction; the inverse is the maximum."""
-
-
-def snapped_angle(angle: float) -> float:
-    """The angle in rad, or the quarter turn that it is close to."""
-    nearest = round(angle / QUARTER) * QUARTER
-    return nearest if abs(angle - nearest) < CLOSE else angle
-
-
-def snapped_axis(axis: Sequence[float]) -> Vector:
-    """The axis with components below CLOSE (relative) set to 0; a single remaining component becomes ±1."""
-    length = math.hypot(*axis)
-    x, y, z = (0.0 if abs(a / length) < CLOSE else a for a in axis)
-    if sum(component != 0.0 for component in (x, y, z)) > 1:
-        return x, y, z
-    x, y, z = (math.copysign(1.0, a) if a else 0.0 for a in (x, y, z))
-    return x, y, z
-
-
-def _snapped_text(what: str, unit: str, places: Sequence[tuple[str, float]]) -> str:
-    return (
-        f"{what} of {listed([where for where, _ in places])} (off by up to {max(off for _, off in places):.1g}{unit})"
-    )
 
 
 def listed(places: Sequence[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -22,6 +21,7 @@ from symbolic.model_file.fields import (
     Number,
     NumberRow,
     OpenTable,
+    Real,
     Schema,
     Several,
     Table,
@@ -326,12 +326,12 @@ def _effect_schema(effect: Effect) -> Schema:
         "type": "object",
         "description": effect.summary,
         "properties": {
-            p.name: {"type": "number", "description": f"{p.meaning}; {p.unit.text('revolute')}", **_bounds(*p.bounds)}
+            p.name: {
+                "type": "number",
+                "description": f"{p.meaning}; {p.unit.text('revolute')}",
+                **Real(p.name, p.meaning, *p.bounds).schema(),
+            }
             for p in effect.parameters
         },
         "additionalProperties": False,
     }
-
-
-def _bounds(low: float, high: float) -> Schema:
-    return {key: x for key, x in (("minimum", low), ("maximum", high)) if math.isfinite(x)}

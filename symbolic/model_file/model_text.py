@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from symbolic.model_file.arm import Arm, Frame, Joint, Limits, Link
+from symbolic.model_file.arm import Arm, Frame, Joint
 from symbolic.model_file.checks import SMALLEST
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.frames import QUARTER
@@ -63,38 +63,36 @@ def _joint(joint: Joint, gear: str) -> Iterator[str]:
     yield _line("gear_ratio", f"{joint.gear_ratio:.{DIGITS}g}", gear)
     yield _line("origin", _frame(joint.origin), "m, rad")
     yield _line("axis", row(joint.axis))
-    yield from _link(joint.link)
-    yield from _limits(joint.limits, revolute)
+    link, limits = joint.link, joint.limits
+    body: _Stated = [
+        ("mass", link.mass, "kg"),
+        ("com", None if link.com is None else row(link.com), "m"),
+        ("inertia", None if link.inertia is None else row(link.inertia), "kg m^2: ixx, ixy, ixz, iyy, iyz, izz"),
+    ]
+    yield from _section("[joint.link]", body)
+    if unknown := [key for key, value, _ in body if value is None]:
+        yield f"# {', '.join(unknown)} of the link: unknown"
+    position, speed, torque = ("rad", "rad/s", "N m") if revolute else ("m", "m/s", "N")
+    stated: _Stated = [
+        ("position", None if limits.position is None else row(limits.position), position),
+        ("speed", limits.speed, speed),
+        ("torque", limits.torque, torque),
+    ]
+    yield from _section("[joint.limits]", stated)
     for name, values in joint.effects.items():
         yield _beside(f"[joint.effects.{name}]", "" if values else "values unknown")
         yield from (_line(key, value) for key, value in values.items())
 
 
-def _link(link: Link) -> Iterator[str]:
-    stated = (
-        ("mass", link.mass, "kg"),
-        ("com", None if link.com is None else row(link.com), "m"),
-        ("inertia", None if link.inertia is None else row(link.inertia), "kg m^2: ixx, ixy, ixz, iyy, iyz, izz"),
-    )
+_Stated = list[tuple[str, str | float | None, str]]
+"""Keys of a table, their values (None: unknown) and units."""
+
+
+def _section(header: str, stated: _Stated) -> Iterator[str]:
+    """A table of the known keys; nothing if there are none."""
     lines = [_line(key, value, unit) for key, value, unit in stated if value is not None]
-    unknown = [key for key, value, _ in stated if value is None]
     if lines:
-        yield "[joint.link]"
-        yield from lines
-    if unknown:
-        yield f"# {', '.join(unknown)} of the link: unknown"
-
-
-def _limits(limits: Limits, revolute: bool) -> Iterator[str]:
-    units = ("rad", "rad/s", "N m") if revolute else ("m", "m/s", "N")
-    stated = (
-        ("position", None if limits.position is None else row(limits.position)),
-        ("speed", limits.speed),
-        ("torque", limits.torque),
-    )
-    lines = [_line(key, value, unit) for (key, value), unit in zip(stated, units, strict=True) if value is not None]
-    if lines:
-        yield "[joint.limits]"
+        yield header
         yield from lines
 
 

@@ -295,7 +295,13 @@ def _moments_seen(joints: Sequence[Joint]) -> Iterator[float | None]:
     turned, origin = IDENTITY, (0.0, 0.0, 0.0)
     for k, joint in enumerate(joints):
         if k > 0:
-            turned, origin = _moved(joint, turned, origin, SOMEWHERE * (k + 1))
+            q = SOMEWHERE * (k + 1)
+            origin = added(origin, applied(turned, joint.origin.xyz))
+            turned = product(turned, rotation(joint.origin.rpy))
+            if joint.type == "revolute":
+                turned = product(turned, about(joint.axis, q))
+            else:
+                origin = added(origin, applied(turned, scaled(q / math.hypot(*joint.axis), joint.axis)))
         mass, com, inertia = joint.link.mass, joint.link.com, joint.link.inertia
         if first.type == "prismatic":
             yield mass
@@ -306,15 +312,6 @@ def _moments_seen(joints: Sequence[Joint]) -> Iterator[float | None]:
             moment = _moment(first.axis, turned, centre, mass=mass or 0.0, inertia=inertia)
             heavier = _moment(first.axis, turned, centre, mass=1.0, inertia=inertia)
             yield None if mass is None and heavier > moment else moment
-
-
-def _moved(joint: Joint, turned: Rotation, origin: Vector, q: float) -> tuple[Rotation, Vector]:
-    """The joint's frame at q, from the previous one."""
-    origin = added(origin, applied(turned, joint.origin.xyz))
-    turned = product(turned, rotation(joint.origin.rpy))
-    if joint.type == "revolute":
-        return product(turned, about(joint.axis, q)), origin
-    return turned, added(origin, applied(turned, scaled(q / math.hypot(*joint.axis), joint.axis)))
 
 
 def _moment(axis: Vector, turned: Rotation, com: Vector, mass: float, inertia: Sequence[float]) -> float:

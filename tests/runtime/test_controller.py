@@ -21,7 +21,7 @@ from stepped import Controller
 
 from codegen.prepare import prepare_arm, prepare_firmware
 from runtime.hardware.settings import ControllerError
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.planning.trajectory import Phase
 from symbolic.effects import LIBRARY
 from symbolic.model_file import reader
@@ -230,9 +230,9 @@ def test_every_effect_that_can_be(vishard4: Arm, library: Library) -> None:
     joints = [replace(joint, effects=joint_effects) for joint in vishard4.joints]
     joints[1] = replace(joints[1], effects={**joint_effects, "coupled_friction": {"torque": 0.8}})
     arm = replace(vishard4, joints=tuple(joints), effects={"gravity": {"gx": 0.3, "gy": -9.0}})
-    model = load_model(prepare_arm(arm), library)
+    model = Model(prepare_arm(arm), library)
     c = Controller(prepare_firmware(arm, LIBRARY), model, still())
-    bare = Controller(prepare_firmware(vishard4, LIBRARY), load_model(prepare_arm(vishard4), library), still(), False)
+    bare = Controller(prepare_firmware(vishard4, LIBRARY), Model(prepare_arm(vishard4), library), still(), False)
     counts = c.counts(POSTURE)[:, None] + np.array([[7], [-5], [9], [3]]) * np.arange(30)
     found = (run(c, counts) - run(bare, counts))[:, -1]
     q, qd = c.q.astype(float), c.qd.astype(float)
@@ -258,7 +258,7 @@ def test_joints_that_slide(library: Library) -> None:
     base = MIXED["rp"]
     joints = tuple(replace(joint, gains=Gains(300.0, 20.0), encoder_counts=4096) for joint in base.joints)
     arm = replace(base, joints=joints, controller=settings)
-    model = load_model(prepare_arm(arm), library)
+    model = Model(prepare_arm(arm), library)
     q = np.array([0.3, 0.2])
     plan = replace(still(), arm=arm.name, phases=(Phase("q", 1.0, np.tile(q[:, None], 3)),))
     c = Controller(prepare_firmware(arm, LIBRARY), model, plan)
@@ -273,7 +273,7 @@ def test_joints_that_slide(library: Library) -> None:
 def test_torques_are_limited(vishard4: Arm, library: Library) -> None:
     joints = tuple(replace(joint, limits=Limits(torque=2.0)) for joint in vishard4.joints)
     arm = replace(vishard4, joints=joints)
-    c = Controller(prepare_firmware(arm, LIBRARY), load_model(prepare_arm(arm), library), still())
+    c = Controller(prepare_firmware(arm, LIBRARY), Model(prepare_arm(arm), library), still())
     off = POSTURE + np.array([0.5, -0.5, 0.001, 0.0])
     c.reset(c.counts(off))
     torque = c.step(c.counts(off))
@@ -345,7 +345,7 @@ def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
     bare = reader.parse(text[: text.index("[controller]")] + text[text.index("[[joint]]") :], "drive.toml")
     bare = replace(bare, joints=tuple(replace(joint, gains=None, encoder_counts=None) for joint in bare.joints))
     plan = replace(still(), arm="drive", phases=(Phase("q", 1.0, np.zeros((1, 3))),))
-    model = load_model(prepare_arm(bare), library)
+    model = Model(prepare_arm(bare), library)
     with pytest.raises(ControllerError) as caught:
         Controller(prepare_firmware(bare, LIBRARY), model, plan)
     # 0.10 + 2.0 * 0.2^2 + 0.0565 kg m^2
@@ -354,7 +354,7 @@ def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
         assert key in str(caught.value)
     arm = reader.parse(text, "drive.toml")
     with pytest.raises(ControllerError, match=r"no value of joint1_coulomb_asymmetric_positive, .*tendon identify"):
-        Controller(prepare_firmware(arm, LIBRARY), load_model(prepare_arm(arm), library), plan)
+        Controller(prepare_firmware(arm, LIBRARY), Model(prepare_arm(arm), library), plan)
 
 
 def test_a_step_costs_little(make: Callable[..., Controller]) -> None:

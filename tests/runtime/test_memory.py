@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from codegen.prepare import prepare_effects
-from runtime.model.loader import Library, load_library
+from runtime.model.loader import Library
 from tests.effect_values import simulate
 
 T = np.arange(400) / 1000
@@ -15,7 +15,7 @@ LOAD = 5 * np.cos(2 * np.pi * 4 * T) + np.sin(2 * np.pi * 11 * T)
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    return load_library(prepare_effects())
+    return Library(prepare_effects())
 
 
 @pytest.mark.parametrize(

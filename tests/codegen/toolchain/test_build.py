@@ -179,7 +179,7 @@ def test_wider_vectors_change_no_bit(library: loader.Library, monkeypatch: pytes
     results = []
     for flags in (build.vector_flags(), (), ("-O0",)):
         monkeypatch.setattr(build, "vector_flags", lambda _=None, flags=flags: flags)
-        model = loader.load_model(prepare.prepare_arm(arm), library)
+        model = loader.Model(prepare.prepare_arm(arm), library)
         results.append([model.forward_dynamics(q, qd, qdd), model.inverse_dynamics(q, qd, qdd)])
     for other in results[1:]:
         assert np.array_equal(results[0], other)

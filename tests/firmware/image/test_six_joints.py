@@ -20,7 +20,7 @@ from codegen.toolchain import cross
 from runtime.execution.execute import SIMULATED, Execution, execute
 from runtime.execution.options import ExecutionSettings
 from runtime.hardware.boards import UnicornBoard
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.planning.trajectory import Phase, Trajectory
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
@@ -64,7 +64,7 @@ def arm() -> Arm:
 
 @pytest.fixture(scope="module")
 def six(arm: Arm, library: Library) -> Model:
-    return load_model(prepare.prepare_arm(arm), library)
+    return Model(prepare.prepare_arm(arm), library)
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,7 @@ from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.link import LinkError, LinkLost, SerialLink
 from runtime.hardware.lockstep import Board
 from runtime.hardware.settings import Settings
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.planning.evaluate import mounted
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
@@ -287,7 +287,7 @@ def test_a_record_each_control_period_at_1_khz_over_1_mbaud(
     """Of the paper's arm: 73 bytes, of 10 bits each, and a tenth of the line left for acknowledgements."""
     assert vishard4.controller is not None
     made = replace(vishard4, controller=replace(vishard4.controller, rate=float(rate)))
-    model = load_model(prepare_arm(made), library)
+    model = Model(prepare_arm(made), library)
     assert decimation(prepare_firmware(made, LIBRARY), model, baud) == every
 
 

@@ -110,7 +110,7 @@ def test_a_function_that_is_not_there(model: Model) -> None:
 
 def test_a_directory_without_code(tmp_path: Path, library: Library) -> None:
     with pytest.raises(LoaderError, match="no compiled code here"):
-        loader.load_model(tmp_path, library)
+        loader.Model(tmp_path, library)
 
 
 RATE = np.linspace(-2, 2, 11)

@@ -13,7 +13,7 @@ import pytest
 from codegen.prepare import prepare_arm
 from runtime.estimation.regressors import Signals
 from runtime.model import terms
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Structure, Term
 from runtime.motion.piece import Piece
 from runtime.planning import physics
@@ -31,7 +31,7 @@ SHARP = 1e-12  # rad/s: a switch so narrow that rates of a tenth are far beyond 
 
 @pytest.fixture(scope="module", params=["r", "rp", "prr", "rrrr"])
 def arm(request: pytest.FixtureRequest, library: Library) -> Model:
-    return load_model(prepare_arm(MIXED[request.param]), library)
+    return Model(prepare_arm(MIXED[request.param]), library)
 
 
 def acting(model: Model) -> Structure:

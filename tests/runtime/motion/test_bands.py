@@ -13,7 +13,7 @@ from codegen.prepare import prepare_arm
 from runtime.diagnosis.diagnose import diagnose
 from runtime.estimation.identify import Identification, identify_motion, prepared
 from runtime.estimation.regressors import Regressors
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Term, structure
 from runtime.motion.band import choose_band, coupled
 from runtime.motion.prepare import prepare
@@ -149,7 +149,7 @@ def six_joints_moved(model: Model, seed: int) -> Recording:
 
 def test_a_soft_shoulder_reaches_a_wrist_s_rows_as_far_as_the_shoulder_s_own_band(library: Library) -> None:
     """A resonance between the two bands multiplies the noise of the shoulder's encoder, and nothing else is there."""
-    six = load_model(prepare_arm(six_joints()), library)
+    six = Model(prepare_arm(six_joints()), library)
     recording, shoulder, wrist_joint = six_joints_moved(six, seed=8), 2, 3
     own = prepared(six, [recording])
     low, high = own.band.cutoffs[[shoulder, wrist_joint]]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from codegen.prepare import prepare_arm
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
 from symbolic.model_file.arm import Arm, Joint, Limits, planar, planar_link
@@ -37,9 +37,7 @@ def arm(
         )
         for i, kind in enumerate(kinds)
     ]
-    return load_model(
-        prepare_arm(planar(Arm(f"arm_{kinds}", (0.0, 0.0, 0.0), tuple(joints)), [0.3] * len(kinds))), library
-    )
+    return Model(prepare_arm(planar(Arm(f"arm_{kinds}", (0.0, 0.0, 0.0), tuple(joints)), [0.3] * len(kinds))), library)
 
 
 def parsed(model: Model, table: Mapping[str, Any]) -> Scenario:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from codegen.prepare import prepare_arm
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.planning.optimize import Plan, StartError, optimize
 from runtime.planning.physics import rotation, target_frame
 from runtime.planning.results import document
@@ -25,7 +25,7 @@ DOWN = [0.0, 0.0, -2.0]
 
 @pytest.fixture(scope="module")
 def six(library: Library) -> Model:
-    return load_model(prepare_arm(six_joints()), library)
+    return Model(prepare_arm(six_joints()), library)
 
 
 def planned(model: Model, end: dict[str, Any], **other: Any) -> Plan:

@@ -48,14 +48,14 @@ link = { length = 0.25, mass = 1.0, com = [0.1, 0.0], inertia = 0.01 }
 def sliding(library: loader.Library, tmp_path_factory) -> loader.Model:
     path = tmp_path_factory.mktemp("arm") / "sliding.toml"
     path.write_text(SLIDING)
-    return loader.load_model(prepare.prepare_arm(reader.load(path)), library)
+    return loader.Model(prepare.prepare_arm(reader.load(path)), library)
 
 
 @pytest.fixture(scope="module")
 def spatial(library: loader.Library):
     """An arm in space with a slide in it, and its file."""
     arm = spatial_arms.drawn("rrpr", 5)
-    return arm, loader.load_model(prepare.prepare_arm(arm), library)
+    return arm, loader.Model(prepare.prepare_arm(arm), library)
 
 
 def turned(q: float) -> np.ndarray:
@@ -188,7 +188,7 @@ def test_a_link_without_length_is_seen_to_turn(library, tmp_path):
         'name = "bare"\ngravity = [0.0, 0.0]\n[[joint]]\ntype = "revolute"\nrotor_inertia = 0.1\ngear_ratio = 50\n'
         "link = { length = 0.0, mass = 1.0, com = [0.1, 0.0], inertia = 0.1 }\n"
     )
-    bare = loader.load_model(prepare.prepare_arm(reader.load(path)), library)
+    bare = loader.Model(prepare.prepare_arm(reader.load(path)), library)
     _, data = moving(bare, np.array([[0.0, math.pi / 2, math.pi]]))
     base, east = np.array(data["bodies"][0][0]).reshape(-1, 2)[[0, -1]]
     north, west = (np.array(row).reshape(-1, 2)[-1] for row in data["bodies"][0][1:])

@@ -12,7 +12,7 @@ import pytest
 from codegen.prepare import prepare_arm, prepare_effects
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.model.loader import Model, load_library, load_model
+from runtime.model.loader import Library, Model
 from runtime.model.terms import Term
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
@@ -30,12 +30,12 @@ MEMORYLESS_AT_A_JOINT = ["stribeck", "linear_spring", "torque_ripple", "torque_d
 
 @pytest.fixture(scope="module")
 def drive() -> Model:
-    return load_model(prepare_arm(reader.load(ARMS / "drive.toml")), load_library(prepare_effects()))
+    return Model(prepare_arm(reader.load(ARMS / "drive.toml")), Library(prepare_effects()))
 
 
 @pytest.fixture(scope="module")
 def arm() -> Model:
-    return load_model(prepare_arm(reader.load(ARMS / "vishard4.toml")), load_library(prepare_effects()))
+    return Model(prepare_arm(reader.load(ARMS / "vishard4.toml")), Library(prepare_effects()))
 
 
 def test_noise_free_recording_is_the_inverse_dynamics(drive: Model) -> None:
@@ -94,7 +94,7 @@ def test_sizes_of_one_sign_beside_a_stated_one_are_moderate(drive: Model) -> Non
 
 
 def test_gravity_in_space_has_the_stated_direction() -> None:
-    model = load_model(prepare_arm(drawn("rr", seed=3)), load_library(prepare_effects(space=True)))
+    model = Model(prepare_arm(drawn("rr", seed=3)), Library(prepare_effects(space=True)))
     for axis in "xyz":
         hidden = parse_hidden(f"gravity:g{axis}=1.5", model)
         _, values = simulate(model, [hidden], SimulationSettings(seconds=10.0))
@@ -103,7 +103,7 @@ def test_gravity_in_space_has_the_stated_direction() -> None:
 
 def test_a_payload_in_space_sits_at_the_tip_unless_its_centre_is_stated() -> None:
     """As on a planar arm; also on a gantry, whose torques no centre changes."""
-    model = load_model(prepare_arm(drawn("pp", seed=3)), load_library(prepare_effects(space=True)))
+    model = Model(prepare_arm(drawn("pp", seed=3)), Library(prepare_effects(space=True)))
     hidden = [parse_hidden(text, model) for text in ("payload", "payload:mass=2,y=0.1")]
     values = [simulate(model, [item], SimulationSettings(seconds=10.0))[1][item.term] for item in hidden]
     centres = [tuple(each[axis] for axis in "xyz") for each in values]

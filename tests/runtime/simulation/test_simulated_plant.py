@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from codegen.prepare import prepare_arm
-from runtime.model.loader import Library, Model, load_model
+from runtime.model.loader import Library, Model
 from runtime.model.terms import Structure, Term, structure
 from runtime.simulation.plant import RATE_WIDTH, Plant, PlantError
 from runtime.simulation.simulate import complete, torque_along
@@ -46,7 +46,7 @@ inertia = 0.005
 
 @pytest.fixture(scope="module")
 def hanging(library: Library) -> Model:
-    return load_model(prepare_arm(reader.parse(HANGING, "hanging.toml")), library)
+    return Model(prepare_arm(reader.parse(HANGING, "hanging.toml")), library)
 
 
 def moved(plant: Plant, torque: Callable[[float], object], seconds: float) -> np.ndarray:
@@ -347,9 +347,7 @@ def test_a_motor_without_inertia_in_front_of_a_spring_is_refused(library: Librar
     with pytest.raises(
         PlantError, match=r"^hanging: no inertia moves with the motor, .* at joint 2; state a rotor_inertia"
     ):
-        Plant(
-            load_model(prepare_arm(bare), library), {Term("elasticity", 2): {"stiffness": 50.0, "damping": 0.0}}, PERIOD
-        )
+        Plant(Model(prepare_arm(bare), library), {Term("elasticity", 2): {"stiffness": 50.0, "damping": 0.0}}, PERIOD)
 
 
 def test_the_joint_that_is_too_stiff_is_named(library: Library) -> None:
@@ -358,7 +356,7 @@ def test_the_joint_that_is_too_stiff_is_named(library: Library) -> None:
     rubbing = {Term("viscous", j): {"coefficient": 1000.0 if j == 2 else 0.5} for j in (1, 2)}
     terms = rubbing | {Term("elasticity", 2): {"stiffness": 50.0, "damping": 0.0}}
     with pytest.raises(PlantError) as caught:
-        Plant(load_model(prepare_arm(light), library), terms, PERIOD)
+        Plant(Model(prepare_arm(light), library), terms, PERIOD)
     said = str(caught.value)
     assert "viscous@2, elasticity@2, or a larger rotor_inertia (joint 2: 1e-05)" in said
     assert "@1" not in said
