@@ -61,7 +61,7 @@ def _in_the_plane(arm: Arm) -> ArmModel:
     rotors = [_rotor(joint, i, base, symbols) for i, joint in enumerate(arm.joints)]
     author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, layout.fields))
     functions = [
-        *dynamics.functions(author, layout.scaled, symbols, layout.frame, rotors),
+        *dynamics.functions(author, layout.scaled, symbols, frame=layout.frame, rotors=rotors),
         *kinematics.functions(author, arm, layout.metric, layout.frame),
         *(contact_functions(author, layout.metric) if has_contact_phase(layout.metric) else ()),
     ]
@@ -80,8 +80,8 @@ def _in_space(arm: Arm) -> ArmModel:
     chain = g.symbolic()
     bodies, rotors = spatial_dynamics.bodies(symbols, g.n)
     functions = [
-        *spatial_dynamics.functions(author, chain, layout, symbols, own),
-        *composites.functions(author, chain, bodies, rotors, own),
+        *spatial_dynamics.functions(author, chain, layout, symbols=symbols, own=own),
+        *composites.functions(author, chain, bodies, rotors=rotors, own=own),
         spatial_dynamics.forward_dynamics(author, chain, bodies, rotors),
         *spatial_kinematics.functions(author, arm, chain),
     ]

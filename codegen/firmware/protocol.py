@@ -88,43 +88,48 @@ STATES = (
 
 REASONS = (
     Reason("none", 0, "nothing has stopped the arm", "since start or reset"),
-    Reason("done", 1, "the run is over", "so many periods as `run` asked for have been driven", "damping"),
-    Reason("host", 2, "stopped by the host", "`stop` was received", "damping"),
-    Reason("link_lost", 3, "no valid frame from the host", "for more than safety.silence periods", "damping"),
-    Reason("corrupted", 4, "too many corrupted frames", "more than safety.errors since `arm`", "damping"),
+    Reason("done", 1, "the run is over", "so many periods as `run` asked for have been driven", torque="damping"),
+    Reason("host", 2, "stopped by the host", "`stop` was received", torque="damping"),
+    Reason("link_lost", 3, "no valid frame from the host", "for more than safety.silence periods", torque="damping"),
+    Reason("corrupted", 4, "too many corrupted frames", "more than safety.errors since `arm`", torque="damping"),
     Reason(
-        "sequence", 5, "too many commands out of sequence", "more than safety.errors refused since `arm`", "damping"
+        "sequence", 5, "too many commands out of sequence", "more than safety.errors refused since `arm`",
+        torque="damping",
     ),
     Reason(
         "not_finite", 6, "the controller met a number that is not finite", "a torque that is infinite or no number",
-        "zero", True,
+        torque="zero", joint=True,
     ),
-    Reason("tracking", 7, "tracking error", "|q_d - q| over safety.tracking", "damping", True),
-    Reason("speed", 8, "speed", "|qd|, filtered, over safety.speed (in turn)", "damping", True),
+    Reason("tracking", 7, "tracking error", "|q_d - q| over safety.tracking", torque="damping", joint=True),
+    Reason("speed", 8, "speed", "|qd|, filtered, over safety.speed (in turn)", torque="damping", joint=True),
     Reason(
-        "position", 9, "position", "q below safety.low or above safety.high, in whole counts (in turn)", "damping", True
+        "position", 9, "position", "q below safety.low or above safety.high, in whole counts (in turn)",
+        torque="damping", joint=True,
     ),
     Reason(
         "torque_limit", 10, "the torque has been at its limit for too long",
-        "some torque limited in more than safety.saturated periods in a row", "damping", True,
+        "some torque limited in more than safety.saturated periods in a row", torque="damping", joint=True,
     ),
     Reason(
         "encoder_frozen", 11, "the encoder does not count",
         "q_d more than safety.frozen from where it was at the last change of the count (in turn)",
-        "zero", True,
+        torque="zero", joint=True,
     ),
     Reason(
-        "encoder_jump", 12, "the encoder jumps", "more than safety.jump counts between two periods", "zero", True
+        "encoder_jump", 12, "the encoder jumps", "more than safety.jump counts between two periods",
+        torque="zero", joint=True,
     ),
     Reason(
         "watchdog", 13, "a control period was missed, or came too soon",
-        "less than safety.early or more than safety.late microseconds between two steps", "damping",
+        "less than safety.early or more than safety.late microseconds between two steps", torque="damping",
     ),
     Reason(
         "start_position", 14, "the arm does not stand where the trajectory starts",
-        "|q_d - q| over safety.start in a run's first period", "damping", True,
+        "|q_d - q| over safety.start in a run's first period", torque="damping", joint=True,
     ),
-    Reason("drive", 15, "a drive reports a fault", "the board's fault code is not 0; `state` carries it", "zero"),
+    Reason(
+        "drive", 15, "a drive reports a fault", "the board's fault code is not 0; `state` carries it", torque="zero"
+    ),
 )  # fmt: skip
 
 RESULTS = (

@@ -212,7 +212,7 @@ def execute(
     Raises ControllerError, ModelError, PlantError, SimulationError, LinkError, LinkLost.
     """
     compensated = settings.compensates(trajectory)
-    told = Settings.of(controller, model, trajectory, compensated, settings.tracking_limit)
+    told = Settings.of(controller, model, trajectory, friction=compensated, tracking=settings.tracking_limit)
     plan = PlannedCycle(model, trajectory)
     seconds = length(trajectory, settings.cycles)
     trials = TRIALS if settings.trials is None else settings.trials

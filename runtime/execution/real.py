@@ -126,7 +126,9 @@ class Setup:
 
     def board_settings(self, trajectory: Trajectory) -> Settings:
         """Settings of the board for a trajectory."""
-        found = Settings.of(self.directory, self.model, trajectory, self.compensated, self.settings.tracking_limit)
+        found = Settings.of(
+            self.directory, self.model, trajectory, friction=self.compensated, tracking=self.settings.tracking_limit
+        )
         return found if self.late is None else found.tolerating(self.late)
 
 

@@ -131,9 +131,8 @@ class PlantEquations:
 
     @cached_property
     def _newton_steps(self) -> int:
-        q, qd, qdd, t, memory = self._symbols
-        inertia = self.balance(q, qd, qdd, t, memory)[1]
-        return NEWTON_STEPS if ca.depends_on(inertia, qdd) else 1
+        inertia = self.balance(*self._symbols)[1]
+        return NEWTON_STEPS if ca.depends_on(inertia, self._symbols[2]) else 1
 
     @cached_property
     def _symbols(self) -> tuple[Any, ...]:
@@ -143,7 +142,9 @@ class PlantEquations:
     def force(self, term: Term, joint: int, signals: SignalContext, states: Any) -> Any:
         """Torque of a term at a joint (0-based)."""
         read = signals.reader(term, joint)
-        return effect_torque(self.model, term.effect, read, self._values(term), self._width(term, joint), states)
+        return effect_torque(
+            self.model, term.effect, read, self._values(term), width=self._width(term, joint), states=states
+        )
 
     def _values(self, term: Term) -> list[float]:
         return ordered(self.model, term.effect, self.terms[term])
@@ -192,7 +193,7 @@ class PlantEquations:
         return states
 
     def _step(self, own: Memory, signals: _Signals, dt: Any, states: Any) -> Any:
-        return self._called(own, "step", signals, [dt], states)
+        return self._called(own, "step", signals, time=[dt], states=states)
 
     def _called(self, own: Memory, what: str, signals: _Signals, time: list[Any], states: Any) -> Any:
         read = signals.reader(own.term, (own.term.joint or 1) - 1)
@@ -210,7 +211,9 @@ class PlantEquations:
         """States of an arm that has been at rest."""
         still = ca.SX.zeros(self.n)
         signals = _Signals(self, PlantInstant(q, still, still, ca.SX(0.0)))
-        parts = [self._called(own, "start", signals, [], ca.SX.zeros(len(own.at_once))) for own in self.memories]
+        parts = [
+            self._called(own, "start", signals, time=[], states=ca.SX.zeros(len(own.at_once))) for own in self.memories
+        ]
         return ca.vertcat(*parts) if parts else ca.SX(0, 1)
 
     # --- drives ---
@@ -247,7 +250,7 @@ class _Signals(SignalContext):
         return evaluate(self.model, function, self.model.struct_values, self.coordinate)
 
     def growth(self, function: str, by: str, own: int) -> Any:
-        return slope(self.model, function, by, self.model.struct_values, self.coordinate)[:, own]
+        return slope(self.model, function, by, struct=self.model.struct_values, coordinate=self.coordinate)[:, own]
 
     def given(self, name: str) -> float | None:
         return given(self.model.library, self.equations.terms, name)
@@ -416,7 +419,7 @@ class Plant:
         n, equations = self.model.n, self._equations
         q, v, acting = (ca.SX.sym(name, n) for name in ("q", "v", "acting"))
         memory, t = ca.SX.sym("memory", equations.states), ca.SX.sym("t")
-        qdd = equations.acceleration(q, v, acting, t, memory)
+        qdd = equations.acceleration(q, v, acting, t=t, memory=memory)
         return ca.Function("slope", [q, v, memory, acting, t], ca.cse([qdd]))
 
     def _later(self) -> ca.Function:

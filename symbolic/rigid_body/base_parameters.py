@@ -177,7 +177,7 @@ def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Colum
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, 0, q, qd=qd, qdd=qdd, notes=notes)
         for column in columns:
-            tau = torques(chain, unit_lumps(n, column), moving, qdd, notes)
+            tau = torques(chain, unit_lumps(n, column), moving, qdd=qdd, notes=notes)
             result[column] += [t % PRIME for t in tau]
     return result
 

@@ -191,7 +191,7 @@ def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame:
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(chain, frame, q, qd=qd, qdd=qdd, notes=recorder)
     parts = [
-        torques(chain, unit_lumps(n, column), moving, qdd, Suffixed(recorder, f"_{column[0]}{column[1] + 1}"))
+        torques(chain, unit_lumps(n, column), moving, qdd=qdd, notes=Suffixed(recorder, f"_{column[0]}{column[1] + 1}"))
         for column in columns
     ]
     Y = [part[i] for i in range(n) for part in parts]

@@ -127,7 +127,7 @@ def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
     recorder, n = author.recorder(), chain.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(chain, frame, q, qd=qd, qdd=qdd, notes=recorder)
-    load = torques(chain, unit_lumps(n, ("mu", n - 1)), moving, qdd, recorder)
+    load = torques(chain, unit_lumps(n, ("mu", n - 1)), moving, qdd=qdd, notes=recorder)
     return author.function(
         "tip_load",
         ("q", "qd", "qdd"),

@@ -129,7 +129,7 @@ def mechanics(
     ]
     V = _potential(chain, bodies)
     g = [sp.diff(V, x) for x in coordinates]
-    back = _relative_angles(chain, q, A, C, g, V)
+    back = _relative_angles(chain, q, [A, C, g, V])
     D = relative(chain, _replaced(A, back, notes, "A"), notes, half="AS", name="D")
     for i in range(n):
         D[i][i] = D[i][i] + rotors[i]
@@ -153,7 +153,7 @@ def _inertia(chain: Chain, bodies: list[Body], slides: set[Any], notes: Notes) -
         moving = [derivative(body.at, chain, i) for i in range(last + 1)]
         for i in range(last + 1):
             for j in range(i, last + 1):
-                add(i, j, body.mass, moving[i], moving[j])
+                add(i, j, body.mass, u=moving[i], v=moving[j])
         if not frame:
             continue
         turning = frame - 1
@@ -162,7 +162,7 @@ def _inertia(chain: Chain, bodies: list[Body], slides: set[Any], notes: Notes) -
         hx, hy = body.moment
         for i in range(last + 1):
             base = derivative(body.about, chain, i)
-            add(min(i, turning), max(i, turning), 2 if i == turning else 1, base, (frame, -hy, hx))
+            add(min(i, turning), max(i, turning), 2 if i == turning else 1, u=base, v=(frame, -hy, hx))
     A = [[sp.Integer(0)] * n for _ in range(n)]
     for i in range(n):
         for j in range(i, n):
@@ -225,7 +225,7 @@ def gravity_along(gravity: Gravity, angle: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
     return gravity.strength * sp.cos(turned), -gravity.strength * sp.sin(turned)
 
 
-def _relative_angles(chain: Chain, q: list[Any], *parts: Any) -> dict[sp.Expr, sp.Expr]:
+def _relative_angles(chain: Chain, q: list[Any], parts: list[Any]) -> dict[sp.Expr, sp.Expr]:
     """Substitutions of cos and sin of absolute angles by those of sums of joint angles."""
     absolute = {}
     angle: Any = 0

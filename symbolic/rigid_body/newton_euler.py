@@ -109,7 +109,7 @@ def inverse_dynamics(
     chain: Chain, lumps: Lumps, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes
 ) -> list[Any]:
     """Joint torques or forces (n,); vectors are in the frame of revolute joint `frame` (0: the base)."""
-    return torques(chain, lumps, motion(chain, frame, q, qd=qd, qdd=qdd, notes=notes), qdd, notes)
+    return torques(chain, lumps, motion(chain, frame, q, qd=qd, qdd=qdd, notes=notes), qdd=qdd, notes=notes)
 
 
 def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes) -> LinkMotion:

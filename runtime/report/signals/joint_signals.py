@@ -74,7 +74,7 @@ def of_series(
             "time",
             ("time, s", f"{torque}, {before.force_unit}"),
             *around([lines[line.line] for line in drawn]),
-            drawn,
+            lines=drawn,
         ),
         SignalPanel(
             "time",
@@ -127,7 +127,7 @@ def of_recording(recording: Recording, joint: int) -> SignalSet:
             "time",
             ("time, s", f"{name}, {unit}"),
             *around([values]),
-            (DrawnLine(name, name, "ink"),),
+            lines=(DrawnLine(name, name, "ink"),),
         )
         for name, (values, unit) in rows.items()
     )

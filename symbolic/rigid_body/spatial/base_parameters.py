@@ -210,7 +210,7 @@ def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
         q = [random_turn(rng) if link.revolute else rng.randrange(PRIME) for link in g.links]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, range(n), q, qd=qd, qdd=qdd, notes=notes)
-        for column, tau in columns(chain, kept, moving, qdd, notes).items():
+        for column, tau in columns(chain, kept, moving, qdd=qdd, notes=notes).items():
             found[column] += [t % PRIME for t in tau]
     return found
 

@@ -111,7 +111,7 @@ def _regressor(author: Author, g: Geometry, kept: Sequence[Column]) -> SymbolicF
     recorder, n = author.recorder(), g.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(g, range(n), q, qd=qd, qdd=qdd, notes=recorder)
-    found = columns(g, kept, moving, qdd, recorder)
+    found = columns(g, kept, moving, qdd=qdd, notes=recorder)
     Y = [-found[c][i] if c[0] in MIRRORED else found[c][i] for i in range(n) for c in kept]
     return equation(
         author,
