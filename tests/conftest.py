@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import sys
 import threading
 
 # As the command line does: small matrices, and several of us may run at once.
@@ -25,6 +26,10 @@ from runtime.model import loader
 from runtime.workspace.source import Source
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
+
+# Bytecode is kept, whatever the environment says: else each process compiles all modules, and rewrites all tests.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # On a busy machine an example takes as long as it takes.
 settings.register_profile("unhurried", deadline=None)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from runtime.cli import output
+from runtime.cli.main import app
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
@@ -50,6 +53,29 @@ def shared(cache: Path) -> Callable[[str, Model], Recording]:  # noqa: ARG001
         return read(path, RecordedArm.of(model.joints, model.spatial))
 
     return open_recording
+
+
+@pytest.fixture
+def interrupts() -> Iterator[None]:
+    """Ctrl-C interrupts, as in a terminal: a process that a shell started in the background ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def tendon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """`tendon ARGUMENTS` in the test's own folder: status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def called(*arguments: object) -> tuple[int, str, str]:
+        status = output.run(app, [str(a) for a in arguments])
+        return status, *capsys.readouterr()
+
+    return called
 
 
 def recorded(hidden: str | None, seed: int, size: float | None = None) -> Recording:

@@ -55,13 +55,8 @@ def here(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def run(here, capsys) -> Run:  # noqa: ARG001
-    def called(*arguments: object) -> tuple[int, str, str]:
-        status = output.run(app, [str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return status, out, err
-
-    return called
+def run(here, tendon: Run) -> Run:  # noqa: ARG001
+    return tendon
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.notebook import verbs
 from symbolic.model_file import reader
 
@@ -21,21 +19,8 @@ UR10, PANDA = ROBOTS / "ur10_robot.urdf", ROBOTS / "panda.urdf"
 Run = Callable[..., tuple[int, str, str]]
 
 
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """`tendon ARGUMENTS` in an empty folder: status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def typed(*arguments: object) -> tuple[int, str, str]:
-        status = output.run(app, [str(a) for a in arguments])
-        printed = capsys.readouterr()
-        return status, printed.out, printed.err
-
-    return typed
-
-
-def test_a_ur10_is_one_line_away(run: Run) -> None:
-    status, out, err = run("import", UR10, "--out", "ur10.toml")
+def test_a_ur10_is_one_line_away(tendon: Run) -> None:
+    status, out, err = tendon("import", UR10, "--out", "ur10.toml")
     assert (status, err) == (0, "")
     assert out.startswith("ur10.toml: ur10, 6 joints from world to tool0\n")
     assert "shoulder_pan_joint" in out
@@ -57,8 +42,8 @@ def test_no_equation_is_needed(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=environment, check=True, capture_output=True)
 
 
-def test_figures_are_in_the_json_alone(run: Run) -> None:
-    status, out, _ = run("import", PANDA, "--tip", "panda_hand_tcp", "--out", "panda.toml", "--json", "-")
+def test_figures_are_in_the_json_alone(tendon: Run) -> None:
+    status, out, _ = tendon("import", PANDA, "--tip", "panda_hand_tcp", "--out", "panda.toml", "--json", "-")
     document = json.loads(out)
     assert status == 0
     assert (document["base"], document["tip"], document["language"]) == ("panda_link0", "panda_hand_tcp", "URDF")
@@ -67,13 +52,13 @@ def test_figures_are_in_the_json_alone(run: Run) -> None:
     assert any("placeholder" in note for note in document["notes"])
 
 
-def test_nothing_is_written_over(run: Run, tmp_path: Path) -> None:
+def test_nothing_is_written_over(tendon: Run, tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("precious")
-    status, out, err = run("import", UR10, "--out", "mine.toml")
+    status, out, err = tendon("import", UR10, "--out", "mine.toml")
     assert (status, out, err) == (2, "", "mine.toml: already exists; choose another name\n")
     copy = tmp_path / "copy.urdf"
     copy.write_bytes(UR10.read_bytes())
-    assert run("import", copy, "--out", copy)[0] == 2
+    assert tendon("import", copy, "--out", copy)[0] == 2
     assert copy.read_bytes() == UR10.read_bytes()
 
 
@@ -93,17 +78,17 @@ def test_nothing_is_written_over(run: Run, tmp_path: Path) -> None:
         ((ROBOTS,), "is a directory; expected a URDF or MJCF file"),
     ],
 )
-def test_mistakes_are_one_line_and_nothing_is_written(run: Run, arguments: tuple, message: str) -> None:
-    status, out, err = run("import", *arguments, "--out", "new.toml")
+def test_mistakes_are_one_line_and_nothing_is_written(tendon: Run, arguments: tuple, message: str) -> None:
+    status, out, err = tendon("import", *arguments, "--out", "new.toml")
     assert (status, out) == (2, "")
     assert message in err
     assert err.count("\n") == 1
     assert not Path("new.toml").exists()
 
 
-def test_an_arm_without_friction_and_with_a_held_joint(run: Run) -> None:
+def test_an_arm_without_friction_and_with_a_held_joint(tendon: Run) -> None:
     asked = ("--no-friction", "--lock", "elbow_joint=0.5", "--base", "base_link", "--tip", "wrist_2_link")
-    assert run("import", UR10, *asked, "--out", "short.toml")[0] == 0
+    assert tendon("import", UR10, *asked, "--out", "short.toml")[0] == 0
     arm = reader.load("short.toml")
     assert [joint.name for joint in arm.joints] == [
         *("shoulder_pan_joint", "shoulder_lift_joint", "wrist_1_joint", "wrist_2_joint")
@@ -111,17 +96,17 @@ def test_an_arm_without_friction_and_with_a_held_joint(run: Run) -> None:
     assert not any(joint.effects for joint in arm.joints)
 
 
-def test_what_was_snapped_is_said_by_every_verb_that_opens_the_file(run: Run, tmp_path: Path) -> None:
-    run("import", UR10, "--out", "ur10.toml")
+def test_what_was_snapped_is_said_by_every_verb_that_opens_the_file(tendon: Run, tmp_path: Path) -> None:
+    tendon("import", UR10, "--out", "ur10.toml")
     text = (tmp_path / "ur10.toml").read_text().replace("1.5707963267948966", "1.5708")
     (tmp_path / "rounded.toml").write_text(text)
-    status, out, err = run("init", "--like", "rounded.toml", "--out", "like.toml", "--json", "-")
+    status, out, err = tendon("init", "--like", "rounded.toml", "--out", "like.toml", "--json", "-")
     assert (status, json.loads(out)["joints"]) == (0, 6)
     assert err.startswith("rounded.toml: taken as exact quarter turns: the angles of joints 2, 4")
     assert err.count("\n") == 1
 
 
-def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - an empty folder
+def test_in_a_notebook(tendon: Run) -> None:  # noqa: ARG001 - an empty folder
     arm = verbs.import_(UR10, tip="tool0", lock={"wrist_3_joint": 0.1})
     assert any(note.startswith("the rotor's inertia of all joints") for note in arm.notes)
     arm.save("five.toml")

@@ -132,14 +132,7 @@ def casadi_is_asked() -> None:
         ca.sin(Pressed())
 
 
-@pytest.fixture
-def own_ctrl_c() -> Iterator[None]:
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("own_ctrl_c")
+@pytest.mark.usefixtures("interrupts")
 def test_control_c_is_not_lost_in_casadi() -> None:
     casadi_is_asked()
     with pytest.raises(KeyboardInterrupt), heard_in_casadi():
@@ -149,7 +142,7 @@ def test_control_c_is_not_lost_in_casadi() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.usefixtures("own_ctrl_c")
+@pytest.mark.usefixtures("interrupts")
 @pytest.mark.parametrize("error", [NotImplementedError, RuntimeError])
 def test_what_control_c_became_in_casadi_is_control_c_again(error: type[Exception]) -> None:
     def fails(pressed: bool) -> None:
@@ -163,7 +156,7 @@ def test_what_control_c_became_in_casadi_is_control_c_again(error: type[Exceptio
         fails(pressed=False)
 
 
-@pytest.mark.usefixtures("own_ctrl_c")
+@pytest.mark.usefixtures("interrupts")
 def test_control_c_waits_for_the_end_where_it_would_be_forgotten() -> None:
     done = []
 
@@ -187,6 +180,7 @@ def test_control_c_while_compiled_code_is_imported(capsys: pytest.CaptureFixture
     assert capsys.readouterr().err == "interrupted\n"
 
 
+@pytest.mark.usefixtures("interrupts")
 @pytest.mark.parametrize("seconds", [0.05, 0.1])
 def test_a_solver_does_not_take_control_c_for_an_answer(library: Library, seconds: float) -> None:
     """IPOPT ends where it is; what it has then is no plan. seconds: of processor time until Ctrl-C."""
@@ -196,7 +190,6 @@ def test_a_solver_does_not_take_control_c_for_an_answer(library: Library, second
     x = optimize.random_start(solver.program, np.random.default_rng(0))
     p = solver.program.task.p.vector(solver.program.task.values(0.1, 1.0))
     whole = Bounded(solver._kernels, p, *solver.rows, *solver.bounds({}))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     alarmed = signal.signal(signal.SIGPROF, lambda *_: os.kill(os.getpid(), signal.SIGINT))
     try:
         signal.setitimer(signal.ITIMER_PROF, seconds)
@@ -205,4 +198,3 @@ def test_a_solver_does_not_take_control_c_for_an_answer(library: Library, second
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, alarmed)
-        signal.signal(signal.SIGINT, before)

@@ -14,8 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.exchange.bodies import (
     PER_BODY,
     ChainGeometry,
@@ -97,17 +95,10 @@ origin = { xyz = [0.0, 0.0, 0.1] }
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], cache: Path) -> Run:  # noqa: ARG001
-    """`tendon ARGUMENTS` in a folder with small.toml: status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
+def run(tendon: Run, tmp_path: Path) -> Run:
+    """`tendon ARGUMENTS` in a folder with small.toml."""
     (tmp_path / "small.toml").write_text(SMALL)
-
-    def typed(*arguments: object) -> tuple[int, str, str]:
-        status = output.run(app, [str(a) for a in arguments])
-        printed = capsys.readouterr()
-        return status, printed.out, printed.err
-
-    return typed
+    return tendon
 
 
 def geometry(arm: Arm) -> ChainGeometry:

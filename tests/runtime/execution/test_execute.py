@@ -20,19 +20,6 @@ from runtime.recordings import recording
 from runtime.simulation.simulate import parse_hidden
 from runtime.workspace.source import Source
 
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
-    path = tmp_path_factory.mktemp("bench") / "bench.toml"
-    path.write_text(BENCH)
-    return Source.read(path, None)
-
-
-@pytest.fixture(scope="module")
-def arm(bench: Source) -> Model:
-    return bench.compiled.model()
-
-
 Executed = Callable[..., Execution]
 
 

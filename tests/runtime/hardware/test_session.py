@@ -288,14 +288,6 @@ def test_no_wait_is_without_an_end(one: Rig, line: Callable[[], Any]) -> None:
 # --- Ctrl-C ---
 
 
-@pytest.fixture
-def interrupts() -> Iterator[None]:
-    """As in a terminal: whoever is started in the background is deaf to Ctrl-C."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("interrupts")
 def test_control_c_is_counted_and_the_third_one_interrupts() -> None:
     with listening() as asked:

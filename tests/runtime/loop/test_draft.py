@@ -9,8 +9,6 @@ from pathlib import Path
 import pytest
 from guides import blocks
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.diagnosis import grammar_search
 from runtime.diagnosis.diagnose import begin
 from runtime.diagnosis.steps import errors_elsewhere
@@ -42,12 +40,11 @@ def here(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def run(here, capsys) -> Run:  # noqa: ARG001
+def run(here, tendon) -> Run:  # noqa: ARG001
     """Status, the JSON of standard output (empty if there is none), standard error."""
 
     def called(*arguments: object) -> tuple[int, dict, str]:
-        status = output.run(app, [str(a) for a in arguments])
-        out, err = capsys.readouterr()
+        status, out, err = tendon(*arguments)
         return status, json.loads(out) if out.startswith("{") else {}, err
 
     return called

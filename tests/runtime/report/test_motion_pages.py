@@ -29,13 +29,6 @@ from tests.runtime.planning.planning_cases import arm, there
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Source:
-    path = tmp_path_factory.mktemp("bench") / "bench.toml"
-    path.write_text(BENCH)
-    return Source.read(path, None)
-
-
-@pytest.fixture(scope="module")
 def executed(bench: Source) -> Execution:
     plan = trajectory(THERE_AND_BACK, springs={1: SPRING})
     return execute(bench.compiled.model(), bench.compiled.controller(), plan, ExecutionSettings(trials=2, cycles=2))

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.experiments.design import parse_rivals
 from runtime.notebook import verbs
 from runtime.notebook.results import load
@@ -50,17 +48,10 @@ Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """`tendon ARGUMENTS` in a folder with arm.toml: status, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-    Path("arm.toml").write_text(ARM)
-
-    def typed(*arguments: str) -> tuple[int, str, str]:
-        status = output.run(app, list(arguments))
-        printed = capsys.readouterr()
-        return status, printed.out, printed.err
-
-    return typed
+def run(tendon: Run, tmp_path: Path) -> Run:
+    """`tendon ARGUMENTS` in a folder with arm.toml."""
+    (tmp_path / "arm.toml").write_text(ARM)
+    return tendon
 
 
 @pytest.mark.parametrize(("said", "joint"), [("shoulder", 1), ("1", 1), ("2", 2), ("left:wrist", 3), ("3", 3)])
