@@ -144,39 +144,98 @@ class Residues(Exact):
         return value % self.prime
 
 
-@dataclass(frozen=True)
-class Count:
-    """Operations of a straight-line program: + − * / and separate negations, and pairs of sine and cosine."""
+@dataclass(frozen=True, slots=True)
+class CountedValue:
+    """± a node of an OperationCounter."""
 
-    operations: int
-    sincos: int
+    counter: OperationCounter
+    sign: int
+    node: int
 
-    @property
-    def cost(self) -> int:
-        """A cost for comparing programs: an inlined sine and cosine cost about twenty operations."""
-        return self.operations + 20 * self.sincos
+    def __neg__(self) -> CountedValue:
+        return CountedValue(self.counter, -self.sign, self.node)
+
+    def __add__(self, other: Any) -> Any:
+        counter = self.counter
+        if not isinstance(other, CountedValue):
+            return self if other == 0 else counter.make("shift", other * self.sign, self.node, self.sign)
+        if self.node == other.node:
+            return 0 if self.sign != other.sign else self * 2
+        if self.sign == other.sign:
+            return counter.make("add", min(self.node, other.node), max(self.node, other.node), self.sign)
+        above, below = (self.node, other.node) if self.sign > 0 else (other.node, self.node)
+        if ("sub", below, above) in counter.known:
+            return counter.make("sub", below, above, -1)
+        return counter.make("sub", above, below, 1)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, CountedValue):
+            return self.counter.make(
+                "mul", min(self.node, other.node), max(self.node, other.node), self.sign * other.sign
+            )
+        if other == 0:
+            return 0
+        if abs(other) == 1:
+            return self if other > 0 else -self
+        return self.counter.make("scale", abs(other), self.node, self.sign if other > 0 else -self.sign)
+
+    __rmul__ = __mul__
 
 
-def count(definitions: Definitions, outputs: Sequence[sp.Expr]) -> Count:
-    """Count a program as it is printed; integer powers are chains of products."""
-    expressions = [*(e for _, e in definitions), *map(sp.sympify, outputs)]
-    angles = {f.args[0] for e in expressions for f in e.atoms(sp.sin, sp.cos)}
-    return Count(sum(_operations(e) for e in expressions), len(angles))
+class OperationCounter:
+    """Notes whose values only count operations, which is much faster than SymPy.
 
+    Equal operations count once, signs belong to values and numbers fold, as in generated code.
+    """
 
-def _operations(expr: sp.Expr) -> int:
-    if expr.is_Atom:
-        return 0
-    if expr.is_Add:
-        terms = [a.as_coeff_Mul() for a in expr.args]
-        inner = sum(_operations(rest if sign == -1 else a) for a, (sign, rest) in zip(expr.args, terms, strict=True))
-        return inner + len(terms) - 1 + all(sign == -1 for sign, _ in terms)
-    if expr.is_Mul:
-        return sum(_operations(a) for a in expr.args) + len(expr.args) - 1
-    if expr.is_Pow and expr.exp.is_Integer:
-        power = int(expr.exp)
-        return _operations(expr.base) + abs(power) - (power > 0)
-    return 1 * (not isinstance(expr, (sp.sin, sp.cos))) + sum(_operations(a) for a in expr.args)
+    def __init__(self) -> None:
+        self.known: dict[tuple[str, Any, Any], int] = {}
+
+    def leaf(self, name: str) -> CountedValue:
+        """An input."""
+        return self.make("leaf", name, None, 1)
+
+    def make(self, operation: str, a: Any, b: Any, sign: int) -> CountedValue:
+        """The value of an operation on a and b; a repeated operation costs nothing."""
+        key = (operation, a, b)
+        node = self.known.get(key)
+        if node is None:
+            node = self.known[key] = len(self.known)
+        return CountedValue(self, sign, node)
+
+    def let(self, name: str, value: Any) -> Any:  # noqa: ARG002
+        """The value itself."""
+        return value
+
+    def sincos(self, angle: Any) -> tuple[Any, Any]:
+        """Cosine and sine; 1 and 0 of a constant angle 0."""
+        if not isinstance(angle, CountedValue):
+            return 1, 0
+        return self.make("cos", angle.node, None, 1), self.make("sin", angle.node, None, angle.sign)
+
+    def cost(self, outputs: Iterable[Any]) -> int:
+        """The operations that the outputs need; an inlined sine and cosine cost about twenty."""
+        nodes = list(self.known)
+        todo = [o.node for o in outputs if isinstance(o, CountedValue)]
+        live: set[int] = set()
+        while todo:
+            i = todo.pop()
+            if i not in live:
+                live.add(i)
+                operation, a, b = nodes[i]
+                if operation != "leaf":
+                    todo += {"sin": (a,), "cos": (a,), "shift": (b,), "scale": (b,)}.get(operation, (a, b))
+        kinds = [nodes[i] for i in live]
+        angles = {a for operation, a, _ in kinds if operation in ("sin", "cos")}
+        return sum(operation not in ("leaf", "sin", "cos") for operation, _, _ in kinds) + 20 * len(angles)
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from math import isqrt
 from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import Coordinates, Recorder, Residues, Turn, count
+from symbolic.functions import OperationCounter, Residues, Turn
 from symbolic.model_file.arm import Arm, Link
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
@@ -250,11 +250,16 @@ def choose_layout(arm: Arm, base: BaseParameters) -> RecursionLayout:
 
 
 def _cost(arm: Arm, layout: RecursionLayout, base: BaseParameters) -> int:
-    coordinates, recorder = Coordinates(tuple(j.type for j in arm.joints)), Recorder()
-    lumps = lumps_of({c: sp.Symbol(f"{c[0]}{c[1]}", real=True) for c in base.values}, len(arm.joints))
-    q, qd, qdd = (coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    tau = inverse_dynamics(layout.scaled, lumps, layout.frame, q=q, qd=qd, qdd=qdd, notes=recorder)
-    return count(recorder.live(tau), tau).cost
+    counter, n, chain = OperationCounter(), len(arm.joints), layout.scaled
+
+    def leaf(value: Any) -> Any:
+        return counter.leaf(value.name) if isinstance(value, sp.Symbol) else value
+
+    gravity = chain.gravity and Gravity(*(leaf(getattr(chain.gravity, f.name)) for f in fields(Gravity)))
+    counted = Chain(chain.revolute, tuple(map(leaf, chain.lengths)), gravity)
+    lumps = lumps_of({c: counter.leaf(f"{c[0]}{c[1]}") for c in base.values}, n)
+    q, qd, qdd = ([counter.leaf(f"{name}{i}") for i in range(n)] for name in ("q", "qd", "qdd"))
+    return counter.cost(inverse_dynamics(counted, lumps, layout.frame, q=q, qd=qd, qdd=qdd, notes=counter))
 
 
 def _layout(arm: Arm, frame: int, reference: int | None) -> RecursionLayout:

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-from symbolic.functions import Count, Notes, Residues, Turn
+from symbolic.functions import Notes, OperationCounter, Residues, Turn
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import (
     PRIME,
@@ -48,108 +48,6 @@ from symbolic.rigid_body.spatial.recursion import (
     twisted,
     wrench,
 )
-
-_Node = tuple[Any, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class CountedValue:
-    """± a node of an OperationCounter."""
-
-    counter: OperationCounter
-    sign: int
-    node: int
-
-    def __neg__(self) -> CountedValue:
-        return CountedValue(self.counter, -self.sign, self.node)
-
-    def __add__(self, other: Any) -> Any:
-        counter = self.counter
-        if not isinstance(other, CountedValue):
-            return self if other == 0 else counter.make("shift", other * self.sign, self.node, self.sign)
-        if self.node == other.node:
-            return 0 if self.sign != other.sign else self * 2
-        if self.sign == other.sign:
-            return counter.make("add", min(self.node, other.node), max(self.node, other.node), self.sign)
-        above, below = (self.node, other.node) if self.sign > 0 else (other.node, self.node)
-        if ("sub", below, above) in counter.known:
-            return counter.make("sub", below, above, -1)
-        return counter.make("sub", above, below, 1)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Any:
-        return self + -other
-
-    def __rsub__(self, other: Any) -> Any:
-        return -self + other
-
-    def __mul__(self, other: Any) -> Any:
-        if isinstance(other, CountedValue):
-            return self.counter.make(
-                "mul", min(self.node, other.node), max(self.node, other.node), self.sign * other.sign
-            )
-        if other == 0:
-            return 0
-        if abs(other) == 1:
-            return self if other > 0 else -self
-        return self.counter.make("scale", abs(other), self.node, self.sign if other > 0 else -self.sign)
-
-    __rmul__ = __mul__
-
-
-class OperationCounter:
-    """Notes whose values only count operations, which is much faster than SymPy.
-
-    Equal operations count once, signs belong to values and numbers fold, as in generated code.
-    """
-
-    def __init__(self) -> None:
-        self.known: dict[_Node, int] = {}
-
-    def leaf(self, name: str) -> CountedValue:
-        """An input."""
-        return self.make("leaf", name, None, 1)
-
-    def make(self, operation: str, a: Any, b: Any, sign: int) -> CountedValue:
-        """The value of an operation on a and b; a repeated operation costs nothing."""
-        key = (operation, a, b)
-        node = self.known.get(key)
-        if node is None:
-            node = self.known[key] = len(self.known)
-        return CountedValue(self, sign, node)
-
-    def let(self, name: str, value: Any) -> Any:  # noqa: ARG002
-        """The value itself."""
-        return value
-
-    def sincos(self, angle: Any) -> tuple[Any, Any]:
-        """Cosine and sine; 1 and 0 of a constant angle 0."""
-        if not isinstance(angle, CountedValue):
-            return 1, 0
-        return self.make("cos", angle.node, None, 1), self.make("sin", angle.node, None, angle.sign)
-
-    def count(self, outputs: Iterable[Any]) -> Count:
-        """The operations that the outputs need."""
-        nodes = list(self.known)
-        todo = [o.node for o in outputs if isinstance(o, CountedValue)]
-        live: set[int] = set()
-        while todo:
-            i = todo.pop()
-            if i not in live:
-                live.add(i)
-                todo += _arguments(nodes[i])
-        kinds = [nodes[i] for i in live]
-        angles = {a for operation, a, _ in kinds if operation in ("sin", "cos")}
-        return Count(sum(operation not in ("leaf", "sin", "cos") for operation, _, _ in kinds), len(angles))
-
-
-def _arguments(node: _Node) -> tuple[int, ...]:
-    operation, a, b = node
-    if operation == "leaf":
-        return ()
-    return {"sin": (a,), "cos": (a,), "shift": (b,), "scale": (b,)}.get(operation, (a, b))
-
 
 ROTOR = "I"
 MIRRORED = ("xy", "xz", "yz")
@@ -328,7 +226,7 @@ def _cost(g: Geometry, layout: SpatialLayout) -> int:
     qdd = leaves("qdd")
     moments, rotors = moments_of({c: counter.leaf(str(c)) for c in layout.merged.kept}, g.n)
     moving = motion(chain, layout.axes, leaves("q"), qd=leaves("qd"), qdd=qdd, notes=counter)
-    return counter.count(torques(chain, moments, rotors, moving=moving, qdd=qdd, notes=counter)).cost
+    return counter.cost(torques(chain, moments, rotors, moving=moving, qdd=qdd, notes=counter))
 
 
 NAMES = {"xx": "YY", "yy": "XX", "xy": "XY", "xz": "XZ", "yz": "YZ", "x": "MX", "y": "MY", "z": "MZ", "m": "M"}
