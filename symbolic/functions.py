@@ -7,8 +7,10 @@ numbers of an exact ring it returns the value. Code generation sees SymbolicFunc
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -120,6 +122,18 @@ class Turn:
 
     def __rsub__(self, _zero: int) -> Turn:
         return -self
+
+
+def residue(number: Fraction | int, prime: int) -> int:
+    """A fraction modulo a prime."""
+    return number.numerator * pow(number.denominator, -1, prime) % prime
+
+
+def random_turn(rng: random.Random, prime: int) -> Turn:
+    """A random angle modulo a prime, from the tangent of its half."""
+    t = rng.randrange(prime)
+    inverse = pow(1 + t * t, -1, prime)
+    return Turn((1 - t * t) * inverse % prime, 2 * t * inverse % prime)
 
 
 class Exact:

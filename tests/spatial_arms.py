@@ -12,7 +12,7 @@ from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
 from symbolic.model import ArmModel, derive
 from symbolic.model_file.arm import Arm, Frame, Joint, Link
-from symbolic.rigid_body.spatial.geometry import rotation
+from symbolic.model_file.frames import rotation
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 

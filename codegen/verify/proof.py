@@ -2,11 +2,12 @@
 
 Masses, moments, rotors and the state are random residues; the base parameters follow from them, and each tape is
 evaluated with the same numbers. The comparison is exact, except for the frames, whose decimals are compared with the
-model file's. symbolic/rigid_body/spatial/lagrangian.py computes the expected values.
+model file's. lagrangian.py computes the expected values.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import operator
 import random
@@ -15,18 +16,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import sympy as sp
 
 from codegen.tape.tape import Tape, balanced
-from symbolic.functions import SymbolicFunction, Turn
-from symbolic.model import ASSUMED_SHARE, ArmModel
-from symbolic.model_file.arm import Link
-from symbolic.rigid_body.base_parameters import Lump, exact
-from symbolic.rigid_body.kinematics import NOMINAL_MASS
-from symbolic.rigid_body.spatial import lagrangian
-from symbolic.rigid_body.spatial.geometry import Geometry, geometry, offset_symbol
-from symbolic.rigid_body.spatial.kinematics import nominal_com
-from symbolic.rigid_body.spatial.lagrangian import (
+from codegen.verify import lagrangian
+from codegen.verify.lagrangian import (
     ELEMENTS,
     PRIME,
     ExactChain,
@@ -35,6 +30,13 @@ from symbolic.rigid_body.spatial.lagrangian import (
     pseudo_inertia,
     residue,
 )
+from symbolic.functions import SymbolicFunction, Turn, random_turn
+from symbolic.model import ASSUMED_SHARE, ArmModel
+from symbolic.model_file.arm import Link
+from symbolic.rigid_body.base_parameters import Lump, exact
+from symbolic.rigid_body.kinematics import NOMINAL_MASS
+from symbolic.rigid_body.spatial.geometry import Geometry, geometry, offset_symbol
+from symbolic.rigid_body.spatial.kinematics import nominal_com
 
 LOADS: Mapping[str, tuple[int, int]] = {
     "1": (3, 3),
@@ -137,7 +139,7 @@ class _State:
     @classmethod
     def drawn(cls, rng: random.Random, model: ArmModel, frames: Geometry, chain: ExactChain) -> _State:
         n, joints = frames.n, model.arm.joints
-        q = [random_turn(rng) if turns else rng.randrange(PRIME) for turns in chain.revolute]
+        q = [random_turn(rng, PRIME) if turns else rng.randrange(PRIME) for turns in chain.revolute]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         bodies = [[rng.randrange(PRIME) for _ in ELEMENTS] for _ in range(n)]
         stated = [joint.rotor_inertia for joint in joints]
@@ -188,7 +190,7 @@ class _State:
         arm = self.model.arm
         assert arm.space
         bodies = tuple(pseudo_inertia(_mass(joint.link, nominal_com(arm, j))) for j, joint in enumerate(arm.joints))
-        return _flat(self.posture.carrying(bodies).moment_jacobian())
+        return _flat(dataclasses.replace(self.posture, bodies=bodies).moment_jacobian())
 
 
 TRUTH: Mapping[str, Callable[[_State], list[int]]] = {
@@ -212,7 +214,7 @@ TRUTH: Mapping[str, Callable[[_State], list[int]]] = {
 
 def _unit_load(place: tuple[int, int]) -> Square:
     """The symmetric pseudo-inertia with a 1 at one element and its mirror image."""
-    return [[int((i, j) in (place, place[::-1])) for j in range(4)] for i in range(4)]
+    return np.array([[int((i, j) in (place, place[::-1])) for j in range(4)] for i in range(4)], dtype=object)
 
 
 def _merged(lump: Lump, bodies: Sequence[Sequence[int]], rotors: Sequence[int]) -> int:
@@ -246,13 +248,6 @@ def _mass(link: Link, com: Sequence[float]) -> list[int]:
     m = exact(NOMINAL_MASS if link.mass is None else link.mass)
     first = [m * exact(c) for c in (com if link.com is None else link.com)]
     return [*[0] * 6, *map(residue, first), residue(m)]
-
-
-def random_turn(rng: random.Random) -> Turn:
-    """A random point of the unit circle modulo PRIME."""
-    t = rng.randrange(PRIME)
-    scale = pow(1 + t * t, -1, PRIME)
-    return Turn((1 - t * t) * scale % PRIME, 2 * t * scale % PRIME)
 
 
 def operations(points: int) -> Mapping[str, Callable[..., Any]]:

@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isqrt
 from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import OperationCounter, Residues, Turn
+from symbolic.functions import OperationCounter, Residues, Turn, random_turn, residue
 from symbolic.model_file.arm import Arm, Link
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
@@ -85,19 +85,6 @@ def dependencies(rows: Mapping[Column, Sequence[int]]) -> dict[Column, Combinati
         independent.append(column)
         reduced.append((pivot_row, [v * inverse % PRIME for v in vector], own))
     return dependent
-
-
-def random_turn(rng: random.Random) -> Turn:
-    """A random angle modulo PRIME, from the tangent of its half."""
-    t = rng.randrange(PRIME)
-    inverse = pow(1 + t * t, -1, PRIME)
-    return Turn((1 - t * t) * inverse % PRIME, 2 * t * inverse % PRIME)
-
-
-def residue(x: Fraction | int) -> int:
-    """A fraction modulo PRIME."""
-    x = Fraction(x)
-    return x.numerator * pow(x.denominator, -1, PRIME) % PRIME
 
 
 def fraction(residue: int) -> Fraction:
@@ -170,10 +157,10 @@ def base_parameters(arm: Arm) -> BaseParameters:
 def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Column, list[int]]:
     """Columns of the regressor over `points` random states, modulo PRIME, from a fixed seed."""
     rng, notes, n = random.Random(1), Residues(PRIME), len(arm.joints)
-    chain = _modular(exact_chain(arm))
+    chain = exact_chain(arm).over(lambda x: residue(x, PRIME))
     result: dict[Column, list[int]] = {c: [] for c in columns}
     for _ in range(points):
-        q = [random_turn(rng) if r else rng.randrange(PRIME) for r in chain.revolute]
+        q = [random_turn(rng, PRIME) if r else rng.randrange(PRIME) for r in chain.revolute]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, 0, q, qd=qd, qdd=qdd, notes=notes)
         for column in columns:
@@ -192,14 +179,6 @@ def unit_lumps(n: int, column: Column) -> Lumps:
 def lumps_of(values: dict[Column, Any], n: int) -> Lumps:
     """The recursion's parameters: base parameters have values, all others are 0."""
     return Lumps(**{kind: tuple(values.get((kind, i), 0) for i in range(n)) for kind in KINDS})
-
-
-def _modular(chain: Chain) -> Chain:
-    g = chain.gravity
-    if g is not None:
-        angle = Turn(residue(g.angle.cos), residue(g.angle.sin))
-        g = Gravity(residue(g.x), residue(g.y), residue(g.strength), angle)
-    return Chain(chain.revolute, tuple(residue(l) for l in chain.lengths), g)
 
 
 @dataclass(frozen=True)
@@ -250,16 +229,11 @@ def choose_layout(arm: Arm, base: BaseParameters) -> RecursionLayout:
 
 
 def _cost(arm: Arm, layout: RecursionLayout, base: BaseParameters) -> int:
-    counter, n, chain = OperationCounter(), len(arm.joints), layout.scaled
-
-    def leaf(value: Any) -> Any:
-        return counter.leaf(value.name) if isinstance(value, sp.Symbol) else value
-
-    gravity = chain.gravity and Gravity(*(leaf(getattr(chain.gravity, f.name)) for f in fields(Gravity)))
-    counted = Chain(chain.revolute, tuple(map(leaf, chain.lengths)), gravity)
+    counter, n = OperationCounter(), len(arm.joints)
+    chain = layout.scaled.over(lambda x: counter.leaf(x.name) if isinstance(x, sp.Symbol) else x)
     lumps = lumps_of({c: counter.leaf(f"{c[0]}{c[1]}") for c in base.values}, n)
     q, qd, qdd = ([counter.leaf(f"{name}{i}") for i in range(n)] for name in ("q", "qd", "qdd"))
-    return counter.cost(inverse_dynamics(counted, lumps, layout.frame, q=q, qd=qd, qdd=qdd, notes=counter))
+    return counter.cost(inverse_dynamics(chain, lumps, layout.frame, q=q, qd=qd, qdd=qdd, notes=counter))
 
 
 def _layout(arm: Arm, frame: int, reference: int | None) -> RecursionLayout:

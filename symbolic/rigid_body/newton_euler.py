@@ -14,10 +14,11 @@ Source: Luh, Walker & Paul 1980 (recursive Newton-Euler); Khalil & Kleinfinger 1
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from symbolic.functions import Notes
+from symbolic.functions import Notes, Turn
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,14 @@ class Chain:
             last = i if revolute else last
             frames.append(last)
         return tuple(frames)
+
+    def over(self, number: Callable[[Any], Any]) -> Chain:
+        """The same with numbers of another ring."""
+        g = self.gravity
+        if g is not None:
+            angle = Turn(number(g.angle.cos), number(g.angle.sin)) if isinstance(g.angle, Turn) else number(g.angle)
+            g = Gravity(number(g.x), number(g.y), number(g.strength), angle)
+        return Chain(self.revolute, tuple(map(number, self.lengths)), g)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symbolic.model_file.arm import Arm, Joint
-from symbolic.rigid_body.spatial.geometry import rotation
+from symbolic.model_file.frames import rotation
 
 Array = NDArray[np.float64]
 

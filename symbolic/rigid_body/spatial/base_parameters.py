@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-from symbolic.functions import Notes, OperationCounter, Residues, Turn
+from symbolic.functions import Notes, OperationCounter, Residues, Turn, random_turn
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import (
     PRIME,
@@ -31,7 +31,6 @@ from symbolic.rigid_body.base_parameters import (
     exact,
     known_sum,
     overridden,
-    random_turn,
 )
 from symbolic.rigid_body.spatial.geometry import Geometry, Vector, dot, offset_symbol, scaled
 from symbolic.rigid_body.spatial.recursion import (
@@ -105,7 +104,7 @@ def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
     rng, notes, n, chain = random.Random(1), Residues(PRIME), g.n, g.residues(PRIME)
     found: dict[Column, list[int]] = {c: [] for c in kept}
     for _ in range(-(-len(kept) // n) + 2):
-        q = [random_turn(rng) if link.revolute else rng.randrange(PRIME) for link in g.links]
+        q = [random_turn(rng, PRIME) if link.revolute else rng.randrange(PRIME) for link in g.links]
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, range(n), q, qd=qd, qdd=qdd, notes=notes)
         for column, tau in columns(chain, kept, moving, qdd=qdd, notes=notes).items():

@@ -26,6 +26,7 @@ Source: Khalil & Kleinfinger 1986 (modified Denavit-Hartenberg notation).
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -34,9 +35,9 @@ from typing import Any, NamedTuple
 
 import sympy as sp
 
-from symbolic.functions import Notes, Turn
+from symbolic.functions import Notes, Turn, residue
 from symbolic.model_file.arm import Arm, Frame
-from symbolic.model_file.frames import transposed
+from symbolic.model_file.frames import IDENTITY, rotation, transposed
 
 Vector = tuple[Any, Any, Any]
 Matrix = tuple[Vector, Vector, Vector]
@@ -90,53 +91,53 @@ def applied(R: Sequence[Sequence[Any]], v: Sequence[Any]) -> Vector:
     return dot(R[0], v), dot(R[1], v), dot(R[2], v)
 
 
-def placed(turn: Sequence[Sequence[Any]], at: Sequence[Any], point: Sequence[Any]) -> Vector:
-    """A point of a frame with origin `at` and rotation `turn`, in the outer frame."""
-    return added(applied(turn, point), at)
-
-
 PARALLEL = 1e-10
 """Sine of an angle below which two axes are parallel: rounding of rpy in double precision."""
 COINCIDENT = 1e-12
 """m; axes closer than this coincide."""
 
 
-class Standing(NamedTuple):
-    """A frame's pose in the base: rotation matrix and origin."""
+class Placement(NamedTuple):
+    """The pose of a frame in another: point p is turn · p + at there. turn (3, 3) orthogonal; at (3,) m."""
 
     turn: Matrix
     at: Vector
 
-    def inside(self, other: Standing) -> Standing:
+    def placed(self, point: Sequence[Any]) -> Vector:
+        """A point of the frame in the other."""
+        return added(applied(self.turn, point), self.at)
+
+    def joined(self, inner: Placement) -> Placement:
+        """The pose of a frame that has the pose `inner` in this one."""
+        return Placement(_times(self.turn, inner.turn), self.placed(inner.at))
+
+    def inside(self, other: Placement) -> Placement:
         """The pose in another frame."""
         back = transposed(other.turn)
-        columns = [applied(back, column) for column in transposed(self.turn)]
-        return Standing(transposed(columns), applied(back, less(self.at, other.at)))
+        return Placement(_times(back, self.turn), applied(back, less(self.at, other.at)))
 
-    def followed(self, origin: Frame) -> Standing:
-        """The pose of the frame that has the pose `origin` in this one."""
-        columns = [applied(self.turn, column) for column in transposed(rotation(origin.rpy))]
-        return Standing(transposed(columns), added(self.at, applied(self.turn, origin.xyz)))
-
-
-def rotation(rpy: Sequence[float]) -> Matrix:
-    """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll), as in URDF."""
-    (cr, cp, cy), (sr, sp, sy) = ([f(angle) for angle in rpy] for f in (math.cos, math.sin))
-    return (
-        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
-        (-sp, cp * sr, cp * cr),
-    )
+    def over(self, number: Callable[[Fraction], Any]) -> Placement:
+        """The same with numbers of another ring."""
+        a, b, c = (vector([number(e) for e in row]) for row in self.turn)
+        return Placement((a, b, c), vector([number(e) for e in self.at]))
 
 
-BASE = Standing(rotation((0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
+def _times(left: Matrix, right: Matrix) -> Matrix:
+    return transposed([applied(left, column) for column in transposed(right)])
 
 
-def file_frames(arm: Arm) -> list[Standing]:
+BASE = Placement(IDENTITY, (0.0, 0.0, 0.0))
+
+
+def _pose(frame: Frame) -> Placement:
+    return Placement(rotation(frame.rpy), frame.xyz)
+
+
+def file_frames(arm: Arm) -> list[Placement]:
     """Poses of the model file's joint frames at q = 0, (n,)."""
     frames, last = [], BASE
     for joint in arm.joints:
-        last = last.followed(joint.origin)
+        last = last.joined(_pose(joint.origin))
         frames.append(last)
     return frames
 
@@ -146,12 +147,12 @@ def places(arm: Arm) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(map(float, frame.at[: len(arm.stated_gravity)])) for frame in file_frames(arm))
 
 
-def file_axes(arm: Arm, files: Sequence[Standing]) -> list[Vector]:
+def file_axes(arm: Arm, files: Sequence[Placement]) -> list[Vector]:
     """The joints' axes at q = 0, (n,) unit vectors in the base."""
     return [applied(file.turn, _unit(joint.axis)) for joint, file in zip(arm.joints, files, strict=True)]
 
 
-def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
+def link_frames(arm: Arm, files: Sequence[Placement]) -> list[Placement]:
     """The links' DH frames at q = 0, (n,). z is along the joint's axis; along the previous z if the axes are parallel
     or the joint is a slide behind a revolute joint."""
     own = file_axes(arm, files)
@@ -161,7 +162,7 @@ def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
         stays = turning and joint.type == "prismatic"
         axes.append(axes[-1] if stays or (axes and _length(cross(axes[-1], z)) < PARALLEL) else z)
         turning = turning or joint.type == "revolute"
-    frames: list[Standing] = []
+    frames: list[Placement] = []
     foot = files[0].at  # foot of the common normal with the previous axis
     for j, z in enumerate(axes):
         x, origin = None, foot
@@ -172,7 +173,7 @@ def link_frames(arm: Arm, files: Sequence[Standing]) -> list[Standing]:
                 x, origin = _slope(z, axes[j + 1], own[j + 1]), foot
         before = transposed(frames[-1].turn) if frames else transposed(BASE.turn)
         x = _across(z, before) if x is None else _nearer(x, before[0], z) if frames else x
-        frames.append(Standing(transposed((x, cross(z, x), z)), origin))
+        frames.append(Placement(transposed((x, cross(z, x), z)), origin))
     return frames
 
 
@@ -225,19 +226,6 @@ TURN_DIGITS = 13
 """Decimals of the tangent of half an angle; a chain of seven frames has errors of some 1e-15."""
 NO_ANGLE: Any = 0
 UPRIGHT = Turn(Fraction(1), Fraction(0))
-
-
-@dataclass(frozen=True)
-class Placement:
-    """The pose of a frame in another: point p is turn · p + at there. turn (3, 3) orthogonal; at (3,) m."""
-
-    turn: Matrix
-    at: Vector
-
-    def over(self, number: Callable[[Fraction], Any]) -> Placement:
-        """The same with numbers of another ring."""
-        a, b, c = (vector([number(e) for e in row]) for row in self.turn)
-        return Placement((a, b, c), vector([number(e) for e in self.at]))
 
 
 @dataclass(frozen=True)
@@ -338,10 +326,7 @@ class Geometry:
 
     def residues(self, prime: int) -> Geometry:
         """Modulo a prime."""
-
-        def number(x: Fraction) -> int:
-            return x.numerator * pow(x.denominator, -1, prime) % prime
-
+        number = functools.partial(residue, prime=prime)
         return self.over(number, [r if isinstance(r, int) else _turn_over(r, number) for r in self.rests])
 
     @property
@@ -375,16 +360,16 @@ def geometry(arm: Arm) -> Geometry:
         _link(joint.type == "revolute", axis, *standing)
         for joint, axis, *standing in zip(arm.joints, axes, frames, before, files, strict=True)
     )
-    gravity = Standing(BASE.turn, arm.gravity).inside(Standing(frames[0].turn, (0.0, 0.0, 0.0))).at
+    gravity = Placement(BASE.turn, arm.gravity).inside(Placement(frames[0].turn, (0.0, 0.0, 0.0))).at
     return Geometry(
         links,
         _settled(vector([exact_length(g) for g in gravity]), _still_axes(links)),
-        _placement(frames[0]),
-        _placement(files[-1].followed(arm.tip).inside(frames[-1])),
+        _exact(frames[0]),
+        _exact(files[-1].joined(_pose(arm.tip)).inside(frames[-1])),
     )
 
 
-def _link(revolute: bool, axis: Vector, frame: Standing, before: Standing, file: Standing) -> LinkFrame:
+def _link(revolute: bool, axis: Vector, frame: Placement, before: Placement, file: Placement) -> LinkFrame:
     x, z = transposed(before.turn)[0], transposed(frame.turn)[2]
     sign = 1 if dot(axis, z) > -PARALLEL else -1
     tilt = UPRIGHT if revolute else exact_turn(sign * dot(axis, z), sign * dot(axis, x))
@@ -395,7 +380,7 @@ def _link(revolute: bool, axis: Vector, frame: Standing, before: Standing, file:
         offset, rest = UPRIGHT, offset
     a, d = exact_length(reach[0]), exact_length(dot(reach, (0.0, -float(twist.sin), float(twist.cos))))
     return LinkFrame(
-        revolute, sign, twist, a=a, offset=offset, rest=rest, d=d, tilt=tilt, body=_placement(file.inside(frame))
+        revolute, sign, twist, a=a, offset=offset, rest=rest, d=d, tilt=tilt, body=_exact(file.inside(frame))
     )
 
 
@@ -404,8 +389,7 @@ def _still_axes(links: Sequence[LinkFrame]) -> list[Vector]:
     axes: list[Vector] = []
     turn: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
     for link in links:
-        start = link.start.turn
-        turn = transposed([applied(turn, column) for column in transposed(start)])
+        turn = _times(turn, link.start.turn)
         axes.append(transposed(turn)[2])
         if link.revolute:
             break
@@ -476,5 +460,5 @@ def _scaled(elements: Sequence[float]) -> list[Fraction]:
     return [Fraction(repr(round(e / largest, TURN_DIGITS))) for e in elements]
 
 
-def _placement(frame: Standing) -> Placement:
+def _exact(frame: Placement) -> Placement:
     return Placement(exact_rotation(frame.turn), vector([exact_length(e) for e in frame.at]))

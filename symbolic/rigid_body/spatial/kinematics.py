@@ -23,7 +23,6 @@ from symbolic.rigid_body.spatial.geometry import (
     dot,
     less,
     negative,
-    placed,
     scaled,
 )
 from symbolic.rigid_body.spatial.recursion import Moments
@@ -81,7 +80,7 @@ def _pose(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
             step.named([f"{name}{e}_" for e in "xyz"], step.twisted(step.turned(column, name)))
             for name, column in zip("xyz", columns, strict=True)
         ]
-    p = placed(geometry.base.turn, geometry.base.at, point)
+    p = geometry.base.placed(point)
     R = list(zip(*(applied(geometry.base.turn, column) for column in columns), strict=True))
     return [
         author.function(
@@ -302,7 +301,7 @@ def _mass(arm: Arm, geometry: Geometry, j: int) -> Moments:
     link, body = arm.joints[j].link, geometry.links[j].body
     m = rational(NOMINAL_MASS if link.mass is None else link.mass)
     com = nominal_com(arm, j) if link.com is None else link.com
-    x, y, z = placed(body.turn, body.at, [rational(c) for c in com])
+    x, y, z = body.placed([rational(c) for c in com])
     return Moments(m=m, x=m * x, y=m * y, z=m * z)
 
 

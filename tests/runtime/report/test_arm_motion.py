@@ -19,7 +19,7 @@ from runtime.model.loader import carried, joint_places, tip_place
 from runtime.report.page import arm_motion
 from runtime.report.page.arm_motion import ArmMotion, Course, JointMarks, SpringTorque
 from symbolic.model_file import reader
-from symbolic.rigid_body.spatial.geometry import rotation
+from symbolic.model_file.frames import rotation
 from tests import spatial_arms
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>'

@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose
 
 from symbolic.functions import Turn
 from symbolic.model_file.arm import Arm, Frame
+from symbolic.model_file.frames import rotation
 from symbolic.rigid_body.spatial.base_parameters import merging
-from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry, rotation
+from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry
 
 Array = spatial_arms.Array
 TYPES = ("r", "p", "rr", "pr", "rp", "rrr", "prp", "rrrrrr", "rrprrpr", "pprrrr")

@@ -10,20 +10,20 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import spatial_arms
 
 from codegen.tape.numbering import Node
 from codegen.tape.tape import Tape
-from codegen.verify import proof
-from codegen.verify.proof import prove, random_turn
-from symbolic.functions import Turn
+from codegen.verify import lagrangian, proof
+from codegen.verify.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
+from codegen.verify.proof import prove
+from symbolic.functions import Turn, random_turn
 from symbolic.model import ArmModel
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Frame
-from symbolic.rigid_body.spatial import lagrangian
 from symbolic.rigid_body.spatial.geometry import geometry
-from symbolic.rigid_body.spatial.lagrangian import ELEMENTS, PRIME, ExactChain, ExactPosture, pseudo_inertia, times
 
 ARMS = Path(__file__).resolve().parents[3] / "symbolic" / "arms"
 KNOWN = [pytest.param(name, marks=pytest.mark.xdist_group(f"arm_{name}")) for name in spatial_arms.TABLES]
@@ -111,7 +111,7 @@ def test_frames_that_are_not_the_files_are_found() -> None:
 def posture(arm: Arm, seed: int) -> tuple[ExactPosture, list[int], list[int]]:
     rng = random.Random(seed)
     chain = ExactChain.of(lagrangian.exact_file_chain(geometry(arm)))
-    q = [random_turn(rng) if turns else rng.randrange(PRIME) for turns in chain.revolute]
+    q = [random_turn(rng, PRIME) if turns else rng.randrange(PRIME) for turns in chain.revolute]
     bodies = [pseudo_inertia([rng.randrange(PRIME) for _ in ELEMENTS]) for _ in q]
     qd, qdd = ([rng.randrange(PRIME) for _ in q] for _ in range(2))
     return chain.posture(q, bodies), qd, qdd
@@ -169,10 +169,10 @@ def test_rate_of_inertia_less_twice_coriolis_is_skew(types: str, seed: int) -> N
     n = len(arm.joints)
     values = {s: rng.randrange(PRIME) for s in model.struct.symbols}
     qd = [rng.randrange(PRIME) for _ in range(n)]
-    q = [random_turn(rng) if j.type == "revolute" else rng.randrange(PRIME) for j in arm.joints]
+    q = [random_turn(rng, PRIME) if j.type == "revolute" else rng.randrange(PRIME) for j in arm.joints]
     for symbol in model.struct.symbols:
         if symbol.name.startswith("offset"):
-            values[symbol] = random_turn(rng)
+            values[symbol] = random_turn(rng, PRIME)
     names = model.function("coriolis").inputs
     at = values | dict(zip((*names[0].symbols, *names[1].symbols), (*q, *qd), strict=True))
     found = tapes["coriolis"].evaluate({symbol: [value] for symbol, value in at.items()}, proof.operations(1))
@@ -226,4 +226,7 @@ def test_matrices_are_short(name: str, inertia: int, forward: int, pairs: int) -
 def test_residues_of_matrices() -> None:
     """The product on which all of the proof rests, once by hand."""
     a = [[i * 4 + j + 1 for j in range(4)] for i in range(4)]
-    assert times(a, a) == [[sum(a[i][k] * a[k][j] for k in range(4)) for j in range(4)] for i in range(4)]
+    square = np.array(a, dtype=object)
+    assert times(square, square).tolist() == [
+        [sum(a[i][k] * a[k][j] for k in range(4)) for j in range(4)] for i in range(4)
+    ]
