@@ -174,11 +174,33 @@ def project(B: Array, W: Array, base: Array, bodies: Array, rotors: Array) -> Ph
 
     x = start
     for near in NEAR_REFERENCE:
-        x = _between(problem, x, start, scale / near)
-    x = _exact(problem, x, scale)
+        x = _nearest(problem, x, start, scale / near)
+    # Newton steps of least length to the exact base parameters, as long as the torque error falls.
+    missing = problem.missing(x)
+    for _ in range(EXACT_STEPS):
+        if np.linalg.norm(missing) < EXACT_TORQUE:
+            break
+        step = -scale * (np.linalg.pinv(problem.slope(x) * scale) @ missing)
+        step *= min(1.0, LARGEST_TURN / np.abs(step / scale).max())
+        tried = problem.missing(x + step)
+        if np.linalg.norm(tried) > LEAST_GAIN * np.linalg.norm(missing):
+            break
+        x, missing = x + step, tried
     made, turning = problem.unpacked(x)
     full = np.concatenate([pseudo_parameters(theta) for theta in made])
-    return PhysicalBodies(full.reshape(-1, PER_BODY), turning, float(np.linalg.norm(problem.missing(x))))
+    return PhysicalBodies(full.reshape(-1, PER_BODY), turning, float(np.linalg.norm(missing)))
+
+
+def _nearest(problem: _Problem, x: Array, start: Array, reach: Array) -> Array:
+    """Minimises squared torque error plus squared distance from `start` in units of `reach`, beginning at x."""
+    found = least_squares(
+        lambda x: np.concatenate([problem.missing(x), (x - start) / reach]),
+        x,
+        lambda x: np.concatenate([problem.slope(x), np.diag(1 / reach)]),
+        x_scale=reach,
+        max_nfev=SEARCH_STEPS,
+    )
+    return np.asarray(found.x)
 
 
 def rotors_asked(B: Array, W: Array, base: Array, bodies: Array, likely: Array, guessed: NDArray[np.bool_]) -> Array:
@@ -192,33 +214,6 @@ def rotors_asked(B: Array, W: Array, base: Array, bodies: Array, likely: Array, 
     rotors = likely.copy()
     rotors[guessed] += np.maximum(np.linalg.lstsq(W @ B[:, at], left, rcond=None)[0], 0.0)
     return rotors
-
-
-def _between(problem: _Problem, x: Array, start: Array, reach: Array) -> Array:
-    """Minimises squared torque error plus squared distance from `start` in units of `reach`, beginning at x."""
-    found = least_squares(
-        lambda x: np.concatenate([problem.missing(x), (x - start) / reach]),
-        x,
-        lambda x: np.concatenate([problem.slope(x), np.diag(1 / reach)]),
-        x_scale=reach,
-        max_nfev=SEARCH_STEPS,
-    )
-    return np.asarray(found.x)
-
-
-def _exact(problem: _Problem, x: Array, scale: Array) -> Array:
-    """Newton steps of least length to the exact base parameters, as long as the torque error falls."""
-    missing = problem.missing(x)
-    for _ in range(EXACT_STEPS):
-        if np.linalg.norm(missing) < EXACT_TORQUE:
-            break
-        step = -scale * (np.linalg.pinv(problem.slope(x) * scale) @ missing)
-        step *= min(1.0, LARGEST_TURN / np.abs(step / scale).max())
-        tried = problem.missing(x + step)
-        if np.linalg.norm(tried) > LEAST_GAIN * np.linalg.norm(missing):
-            break
-        x, missing = x + step, tried
-    return x
 
 
 @dataclass(frozen=True)

@@ -137,11 +137,6 @@ _OPERATIONS: dict[str, Callable[[list[float]], float]] = {
 }
 
 
-def effect_info(data: Mapping[str, Any]) -> EffectInfo:
-    """An effect from effects.json."""
-    return cast(EffectInfo, from_json(EffectInfo, data))
-
-
 def effects_of(listed: Iterable[Mapping[str, Any]]) -> dict[str, EffectInfo]:
     """The effects of effects.json by name."""
-    return {e["name"]: effect_info(e) for e in listed}
+    return {e["name"]: cast(EffectInfo, from_json(EffectInfo, e)) for e in listed}

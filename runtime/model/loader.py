@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from math import prod
 from pathlib import Path
@@ -41,23 +42,12 @@ __all__ = [
 Array = NDArray[np.float64]
 
 
-def _load_page(directory: Path, page: str) -> tuple[dict[str, Any], ctypes.CDLL]:
+@contextmanager
+def _reading(directory: Path) -> Iterator[None]:
     try:
-        data = json.loads((directory / page).read_text(encoding="utf-8"))
+        yield
     except OSError as error:
-        raise _not_there(directory, error) from error
-    return data, _load_compiled(directory, "lib.so")
-
-
-def _load_compiled(directory: Path, name: str) -> ctypes.CDLL:
-    try:
-        return ctypes.CDLL(str(directory / name))
-    except OSError as error:
-        raise _not_there(directory, error) from error
-
-
-def _not_there(directory: Path, error: OSError) -> LoaderError:
-    return LoaderError(f"{directory}: no compiled code here ({error}); compile it with codegen.prepare")
+        raise LoaderError(f"{directory}: no compiled code here ({error}); compile it with codegen.prepare") from error
 
 
 _MOST_AT_ONCE = 20_000_000
@@ -78,7 +68,9 @@ class Model:
 
     def __init__(self, directory: Path, library: Library) -> None:
         self.directory, self.library = directory, library
-        self.metadata, self._lib = _load_page(directory, "metadata.json")
+        with _reading(directory):
+            self.metadata = json.loads((directory / "metadata.json").read_text(encoding="utf-8"))
+            self._lib = ctypes.CDLL(str(directory / "lib.so"))
         self.name: str = self.metadata["name"]
         self.n: int = self.metadata["n"]
         self.spatial: bool = self.metadata["space"]
@@ -210,7 +202,9 @@ class Library:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
-        self.metadata, self._lib = _load_page(directory, "effects.json")
+        with _reading(directory):
+            self.metadata = json.loads((directory / "effects.json").read_text(encoding="utf-8"))
+            self._lib = ctypes.CDLL(str(directory / "lib.so"))
         self.signal: dict[str, SignalInfo] = {s["name"]: SignalInfo(**s) for s in self.metadata["signals"]}
         self.signals: tuple[str, ...] = tuple(self.signal)
         self._place = {name: place for place, name in enumerate(self.signals)}
@@ -224,7 +218,8 @@ class Library:
     @cached_property
     def machine(self) -> ctypes.CDLL:
         """Evaluates CasADi functions at many points in parallel: codegen/casadi/machine.py."""
-        return _load_compiled(self.directory, "machine.so")
+        with _reading(self.directory):
+            return ctypes.CDLL(str(self.directory / "machine.so"))
 
     def __getitem__(self, effect: str) -> EffectInfo:
         if effect not in self.effects:

@@ -202,11 +202,52 @@ class SignalContext(ABC):
         """A signal at a joint (0-based) for an effect at the joint `own`; None: an effect of the arm or the contact."""
         source = self.model.library.signal[name].source
         if source is None:
-            return _ROWS[name](self, joint, own)
-        if source["kind"] == "Given":
-            value = self.given(name)
-            return source["absent"] if value is None else value
-        return _SOURCES[source["kind"]](self, source, joint, own)
+            return self._of_others(name, joint, own)
+        at = joint if own is None else own
+        match source["kind"]:
+            case "Given":
+                value = self.given(name)
+                return source["absent"] if value is None else value
+            case "Coordinate":
+                there = joint + source["step"]
+                return self.coordinate(source["name"])[there] if 0 <= there < self.model.n else 0.0
+            case "ArmOutput":
+                joints = {"joint": joint, "own": at}
+                shape = self.model.metadata["functions"][source["function"]]["outputs"][0][1]
+                index = tuple(joints.get(i, i) for i in source["index"][: len(shape)])
+                return self.arm(source["function"])[index if len(index) > 1 else index[0]]
+            case "ArmSlope":
+                return self.growth(source["function"], source["by"], at)[joint]
+            case "JointConstant":
+                return getattr(self.model.joints[joint], source["name"])
+        raise ValueError(source["kind"])
+
+    def _of_others(self, name: str, joint: int, own: int | None) -> Any:
+        """A signal without a source: of time, temperature or other effects."""
+        library = self.model.library
+        match name:
+            case "t":
+                return self.time()
+            case "elapsed":
+                return self.elapsed()
+            case "level":
+                dry = (Term(name, joint + 1) for name, info in library.effects.items() if info.dry)
+                return abs(sum(self.torque(term, joint) for term in dry if term in self.terms()))
+            case "load":
+                borne = (t for t in self.terms() if library[t.effect].carried and joint in joints_of(self.model, t))
+                return self.arm("link_load")[joint] + sum(self.torque(term, joint) for term in borne)
+            case "predicted":
+                return self.predicted(joint)
+            case "predicted_rate":
+                return self.predicted_rate(joint)
+            case "warmth":
+                warmth = self.warmth(joint)
+                return 0.0 if warmth is None else warmth
+            case "unmeasured":
+                return 1.0 if self.warmth(joint) is None else 0.0
+            case "has_next":
+                return 1.0 if joint == own else 0.0
+        raise KeyError(name)
 
     def reader(self, term: Term, joint: int) -> Callable[[str], Any]:
         """Signals by name as a term reads them for its torque at a joint (0-based)."""
@@ -220,64 +261,6 @@ class SignalContext(ABC):
             return self.signal(name, at, own)
 
         return read
-
-
-def _coordinate(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
-    there = joint + source["step"]
-    return at.coordinate(source["name"])[there] if 0 <= there < at.model.n else 0.0
-
-
-def _output(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
-    joints = {"joint": joint, "own": joint if own is None else own}
-    shape = at.model.metadata["functions"][source["function"]]["outputs"][0][1]
-    index = tuple(joints.get(i, i) for i in source["index"][: len(shape)])
-    return at.arm(source["function"])[index if len(index) > 1 else index[0]]
-
-
-def _slope(at: SignalContext, source: Mapping[str, Any], joint: int, own: int | None) -> Any:
-    return at.growth(source["function"], source["by"], joint if own is None else own)[joint]
-
-
-def _constant(at: SignalContext, source: Mapping[str, Any], joint: int, _: int | None) -> Any:
-    return getattr(at.model.joints[joint], source["name"])
-
-
-_SOURCES: dict[str, Callable[[SignalContext, Mapping[str, Any], int, int | None], Any]] = {
-    "Coordinate": _coordinate,
-    "ArmOutput": _output,
-    "ArmSlope": _slope,
-    "JointConstant": _constant,
-}
-
-
-def _level(at: SignalContext, joint: int, _: int | None) -> Any:
-    terms = (Term(name, joint + 1) for name, info in at.model.library.effects.items() if info.dry)
-    return abs(sum(at.torque(term, joint) for term in terms if term in at.terms()))
-
-
-def _load(at: SignalContext, joint: int, _: int | None) -> Any:
-    model = at.model
-    carried = (t for t in at.terms() if model.library[t.effect].carried and joint in joints_of(model, t))
-    return at.arm("link_load")[joint] + sum(at.torque(term, joint) for term in carried)
-
-
-def _warmth(at: SignalContext, joint: int, _: int | None) -> Any:
-    warmth = at.warmth(joint)
-    return 0.0 if warmth is None else warmth
-
-
-_ROWS: dict[str, Callable[[SignalContext, int, int | None], Any]] = {
-    "t": lambda at, _, __: at.time(),
-    "elapsed": lambda at, _, __: at.elapsed(),
-    "level": _level,
-    "load": _load,
-    "predicted": lambda at, joint, _: at.predicted(joint),
-    "predicted_rate": lambda at, joint, _: at.predicted_rate(joint),
-    "warmth": _warmth,
-    "unmeasured": lambda at, joint, _: 1.0 if at.warmth(joint) is None else 0.0,
-    "has_next": lambda _, joint, own: 1.0 if joint == own else 0.0,
-}
-"""Signals without a source: (context, joint, joint of the effect)."""
 
 
 IDENTIFIED = frozenset({"arm", "friction", "effect", "torque", "torque_rate"})
