@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from runtime.exchange.settings import (
     BODY_LENGTH,
@@ -30,48 +31,38 @@ from runtime.exchange.settings import (
     NEAR_REFERENCE,
     SEARCH_STEPS,
 )
+from symbolic.model_file.arm import Arm, Joint
 
 Array = NDArray[np.float64]
 PER_BODY = 10
 """Inertial parameters of a body: m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the joint frame's origin."""
 
 
-@dataclass(frozen=True)
-class ChainGeometry:
-    """The kinematics of a chain.
-
-    turned (n, 3, 3), place (n, 3) m   rotation and origin of each joint's frame in the one before, at q = 0
-    axis (n, 3)                         unit vectors in the joints' frames     revolute (n,)
-    gravity (3,) m/s²                   in base axes
-    """
-
-    turned: Array
-    place: Array
-    axis: Array
-    revolute: NDArray[np.bool_]
-    gravity: Array
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.axis)
-
-
-def full_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Array:
+def full_regressor(arm: Arm, q: Array, qd: Array, qdd: Array) -> Array:
     """Derivative of the joint torques by all inertial parameters.
 
     q, qd, qdd (n, N). Returns (n, 11 n, N): PER_BODY columns per body from the base outwards, then one per rotor.
     """
     n, N = q.shape
-    moved = [_moved(chain, k, q[k]) for k in range(n)]
-    motion = _motion(chain, moved, qd, qdd)
+    axes = [np.array(joint.axis) / np.linalg.norm(joint.axis) for joint in arm.joints]
+    moved = [_moved(joint, axis, at) for joint, axis, at in zip(arm.joints, axes, q, strict=True)]
     out = np.zeros((n, (PER_BODY + 1) * n, N))
-    for k in range(n):
-        wrench = _body_wrench(*motion[k])
+    # Rate, its derivative, and acceleration less gravity of a joint's frame, in its own axes.
+    w, wd, a = np.zeros((3, N)), np.zeros((3, N)), np.repeat(-np.array(arm.gravity)[:, None], N, axis=1)
+    for k, (joint, (R, p)) in enumerate(zip(arm.joints, moved, strict=True)):
+        a = a + np.cross(wd, p, axis=0) + np.cross(w, np.cross(w, p, axis=0), axis=0)
+        w, wd, a = (np.einsum("baN,bN->aN", R, v) for v in (w, wd, a))
+        along = axes[k][:, None]
+        if joint.type == "revolute":
+            wd = wd + np.cross(w, along * qd[k], axis=0) + along * qdd[k]
+            w = w + along * qd[k]
+        else:
+            a = a + 2 * np.cross(w, along * qd[k], axis=0) + along * qdd[k]
+        wrench = _body_wrench(w, wd, a)
         for j in range(k, -1, -1):
             # Forces are rows 0 to 2, moments about the origin of frame j rows 3 to 5.
-            rows = wrench[3:] if chain.revolute[j] else wrench[:3]
-            out[j, PER_BODY * k : PER_BODY * (k + 1)] = np.einsum("a,acN->cN", chain.axis[j], rows)
+            rows = wrench[3:] if arm.joints[j].type == "revolute" else wrench[:3]
+            out[j, PER_BODY * k : PER_BODY * (k + 1)] = np.einsum("a,acN->cN", axes[j], rows)
             R, p = moved[j]
             force = np.einsum("abN,bcN->acN", R, wrench[:3])
             moment = np.einsum("abN,bcN->acN", R, wrench[3:]) + np.cross(p[:, None], force, axis=0)
@@ -80,49 +71,28 @@ def full_regressor(chain: ChainGeometry, q: Array, qd: Array, qdd: Array) -> Arr
     return out
 
 
-def base_map(chain: ChainGeometry, regressor: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:
+def base_map(arm: Arm, regressor: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:
     """The map from full to base parameters, and a weight that converts base parameters to torque.
 
     regressor   the generated one: q, qd, qdd (n, N) -> (n, p, N)
     Returns B (p, 11 n) with base = B full; and W (p, p) such that |W base|² is the mean square torque of random states.
     """
-    rng = np.random.default_rng(0)
-    q = rng.uniform(-np.pi, np.pi, (chain.n, MAP_STATES))
-    qd, qdd = rng.uniform(-MAP_RATE, MAP_RATE, (2, chain.n, MAP_STATES))
-    base = np.moveaxis(regressor(q, qd, qdd), 1, 2).reshape(chain.n * MAP_STATES, -1)
-    full = np.moveaxis(full_regressor(chain, q, qd, qdd), 1, 2).reshape(chain.n * MAP_STATES, -1)
+    rng, n = np.random.default_rng(0), len(arm.joints)
+    q = rng.uniform(-np.pi, np.pi, (n, MAP_STATES))
+    qd, qdd = rng.uniform(-MAP_RATE, MAP_RATE, (2, n, MAP_STATES))
+    base = np.moveaxis(regressor(q, qd, qdd), 1, 2).reshape(n * MAP_STATES, -1)
+    full = np.moveaxis(full_regressor(arm, q, qd, qdd), 1, 2).reshape(n * MAP_STATES, -1)
     B = np.linalg.lstsq(base, full, rcond=None)[0]
     return np.where(np.abs(B) < 1e-10 * np.abs(B).max(), 0.0, B), np.linalg.qr(base)[1] / np.sqrt(MAP_STATES)
 
 
-def _moved(chain: ChainGeometry, k: int, q: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3, N) and origin (3, N) of joint k's own frame at q (N,) in the one before."""
-    R, p, a = chain.turned[k], chain.place[k], chain.axis[k]
-    if not chain.revolute[k]:
-        return np.repeat(R[:, :, None], len(q), axis=2), p[:, None] + (R @ a)[:, None] * q
-    K = np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-    turn = np.eye(3)[:, :, None] + K[:, :, None] * np.sin(q) + (K @ K)[:, :, None] * (1 - np.cos(q))
-    return np.einsum("ab,bcN->acN", R, turn), np.repeat(p[:, None], len(q), axis=1)
-
-
-def _motion(
-    chain: ChainGeometry, moved: list[tuple[Array, Array]], qd: Array, qdd: Array
-) -> list[tuple[Array, Array, Array]]:
-    """Rate, its derivative, and acceleration less gravity of each joint's frame, in its own axes, (3, N) each."""
-    N = qd.shape[1]
-    w, wd, a = np.zeros((3, N)), np.zeros((3, N)), np.repeat(-chain.gravity[:, None], N, axis=1)
-    found = []
-    for k, (R, p) in enumerate(moved):
-        a = a + np.cross(wd, p, axis=0) + np.cross(w, np.cross(w, p, axis=0), axis=0)
-        w, wd, a = (np.einsum("baN,bN->aN", R, v) for v in (w, wd, a))
-        along = chain.axis[k][:, None]
-        if chain.revolute[k]:
-            wd = wd + np.cross(w, along * qd[k], axis=0) + along * qdd[k]
-            w = w + along * qd[k]
-        else:
-            a = a + 2 * np.cross(w, along * qd[k], axis=0) + along * qdd[k]
-        found.append((w, wd, a))
-    return found
+def _moved(joint: Joint, axis: Array, q: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3, N) and origin (3, N) of a joint's own frame at q (N,) in the one before."""
+    R, p = Rotation.from_euler("xyz", joint.origin.rpy), np.array(joint.origin.xyz)[:, None]
+    turn = axis * q[:, None]
+    if joint.type == "revolute":
+        return np.moveaxis((R * Rotation.from_rotvec(turn)).as_matrix(), 0, 2), np.repeat(p, len(q), axis=1)
+    return np.repeat(R.as_matrix()[:, :, None], len(q), axis=2), p + R.apply(turn).T
 
 
 def _body_wrench(w: Array, wd: Array, a: Array) -> Array:

@@ -63,9 +63,8 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
     file does not state, or that are impossible, are possible ones with the model's base parameters."""
     import numpy as np
 
-    from runtime.exchange.bodies import ChainGeometry, base_map, is_possible, project, rotors_asked
+    from runtime.exchange.bodies import base_map, is_possible, project, rotors_asked
     from symbolic.model_file.exchange import exporting
-    from symbolic.model_file.frames import rotation
 
     arm = compiled.arm
     bodies, rotors = exporting.reference(arm)
@@ -74,15 +73,7 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
     if stated and all(map(is_possible, near)):
         return exporting.exported(arm, compiled.library, language, bodies=bodies, rotors=rotors), 0.0
     model = compiled.model()
-    axes = np.array([joint.axis for joint in arm.joints])
-    chain = ChainGeometry(
-        turned=np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
-        place=np.array([joint.origin.xyz for joint in arm.joints]),
-        axis=axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        revolute=np.array([joint.type == "revolute" for joint in arm.joints]),
-        gravity=np.array(arm.gravity),
-    )
-    B, W = base_map(chain, model.regressor)
+    B, W = base_map(arm, model.regressor)
     guessed = np.array([joint.rotor_inertia is None for joint in arm.joints])
     asked = rotors_asked(B, W, model.lump_values, near, likely=np.array(rotors), guessed=guessed)
     found = project(B, W, model.lump_values, bodies=near, rotors=asked)

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from runtime.exchange.bodies import (
     PER_BODY,
-    ChainGeometry,
     base_map,
     full_regressor,
     is_possible,
@@ -31,11 +30,10 @@ from runtime.notebook import verbs
 from runtime.notebook.results import load
 from runtime.workspace.source import Source
 from symbolic.effects import DECLARED
-from symbolic.model_file.arm import Arm
+from symbolic.model_file.arm import Arm, Joint, Link
 from symbolic.model_file.exchange import exporting
 from symbolic.model_file.exchange.importing import imported
 from symbolic.model_file.exchange.tree import StatedBody
-from symbolic.model_file.frames import rotation
 from tests import one_joint
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
@@ -101,17 +99,6 @@ def run(tendon: Run, tmp_path: Path) -> Run:
     return tendon
 
 
-def geometry(arm: Arm) -> ChainGeometry:
-    axes = np.array([joint.axis for joint in arm.joints])
-    return ChainGeometry(
-        np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
-        np.array([joint.origin.xyz for joint in arm.joints]),
-        axes / np.linalg.norm(axes, axis=1, keepdims=True),
-        np.array([joint.type == "revolute" for joint in arm.joints]),
-        np.array(arm.gravity),
-    )
-
-
 def full(arm: Arm) -> np.ndarray:
     """All inertial parameters that a file says."""
     bodies, rotors = exporting.reference(arm)
@@ -144,21 +131,26 @@ def test_torques_of_full_bodies_are_those_of_the_generated_code(name: str, tmp_p
     source = Source.read(path, None) if name == "small" else Source.read(Path(name), None)
     model, arm = source.compiled.model(), source.arm()
     at = states(model.n)
-    own = np.einsum("npN,p->nN", full_regressor(geometry(arm), *at), full(arm))
+    own = np.einsum("npN,p->nN", full_regressor(arm, *at), full(arm))
     assert own == pytest.approx(model.inverse_dynamics(*at), rel=1e-9, abs=1e-9)
-    B, W = base_map(geometry(arm), model.regressor)
+    B, W = base_map(arm, model.regressor)
     assert W @ B @ full(arm) == pytest.approx(W @ model.lump_values, rel=1e-9, abs=1e-9)
 
 
 def test_a_chain_at_rest_holds_its_weight() -> None:
     """A pendulum: m g l sin q, and what slides along gravity bears all of it."""
-    turned, place = np.array([np.eye(3)] * 2), np.zeros((2, 3))
-    axis = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    chain = ChainGeometry(turned, place, axis, np.array([True, False]), np.array([0.0, 0.0, -9.81]))
+    arm = Arm(
+        "hanging",
+        (0.0, 0.0, -9.81),
+        (
+            Joint("revolute", 0.0, 1.0, axis=(0.0, 1.0, 0.0), link=Link()),
+            Joint("prismatic", 0.0, 1.0, axis=(1.0, 0.0, 0.0), link=Link()),
+        ),
+    )
     body = np.zeros(22)
     body[PER_BODY] = 2.0
     q = np.array([[0.3], [0.5]])
-    tau = full_regressor(chain, q, 0 * q, 0 * q)[:, :, 0] @ body
+    tau = full_regressor(arm, q, 0 * q, 0 * q)[:, :, 0] @ body
     assert tau == pytest.approx([-2.0 * 9.81 * 0.5 * np.cos(0.3), -2.0 * 9.81 * np.sin(0.3)])
 
 
@@ -190,13 +182,12 @@ def seven() -> SimpleNamespace:
     """A seven-joint arm of point clouds: its map to base parameters, what is true, and a guess at it."""
     rng = np.random.default_rng(3)
     arm = imported(ROBOTS / "panda.urdf", DECLARED, tip="panda_hand_tcp").arm
-    chain = geometry(arm)
-    Y = np.moveaxis(full_regressor(chain, *states(7, 60)), 1, 2).reshape(-1, 77)
+    Y = np.moveaxis(full_regressor(arm, *states(7, 60)), 1, 2).reshape(-1, 77)
     kept: list[int] = []
     for column in range(77):  # the first independent columns stand for base parameters
         if np.linalg.matrix_rank(Y[:, [*kept, column]], tol=1e-8) > len(kept):
             kept.append(column)
-    B, W = base_map(chain, lambda *at: full_regressor(chain, *at)[:, kept])
+    B, W = base_map(arm, lambda *at: full_regressor(arm, *at)[:, kept])
     bodies = np.array([cloud(rng) for _ in range(7)])
     guess = np.array([cloud(rng) for _ in range(7)])
     return SimpleNamespace(B=B, W=W, bodies=bodies, rotors=rng.uniform(0.1, 1, 7), guess=guess, count=len(kept))
@@ -310,7 +301,7 @@ def test_what_was_identified_is_exported_with_its_torques(run: Run) -> None:
         ),
     )
     at = states(3)
-    own = np.einsum("npN,p->nN", full_regressor(geometry(arm), *at), full(arm))
+    own = np.einsum("npN,p->nN", full_regressor(arm, *at), full(arm))
     assert own == pytest.approx(model.inverse_dynamics(*at, lumps=1.1 * model.lump_values), rel=1e-9, abs=1e-9)
 
 

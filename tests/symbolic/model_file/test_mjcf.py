@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from runtime.exchange.bodies import ChainGeometry, full_regressor
+from runtime.exchange.bodies import full_regressor
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Frame, Link
 from symbolic.model_file.checks import ModelError
@@ -133,19 +133,11 @@ def test_torques_and_tip_are_those_of_mujoco(tmp_path: Path, source: str) -> Non
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data = mujoco.MjData(model)
-    axes = np.array([joint.axis for joint in arm.joints])
-    chain = ChainGeometry(
-        np.array([rotation(joint.origin.rpy) for joint in arm.joints]),
-        np.array([joint.origin.xyz for joint in arm.joints]),
-        axes / np.linalg.norm(axes, axis=1)[:, None],
-        np.array([joint.type == "revolute" for joint in arm.joints]),
-        np.array(arm.gravity),
-    )
     links = [joint.link for joint in arm.joints]
     bodies = [parameters(StatedBody(link.mass, link.com, link.inertia)) for link in links]
     full = np.concatenate([*bodies, [joint.rotor_inertia or 0.0 for joint in arm.joints]])
     for q, qd, qdd in np.random.default_rng(1).uniform(-1, 1, (5, 3, 3)):
-        own = np.einsum("jcN,c->j", full_regressor(chain, q[:, None], qd[:, None], qdd[:, None]), full)
+        own = np.einsum("jcN,c->j", full_regressor(arm, q[:, None], qd[:, None], qdd[:, None]), full)
         for k, joint in enumerate(arm.joints):
             spring = joint.effects["linear_spring"]
             own[k] += joint.effects["viscous"]["coefficient"] * qd[k] + spring["stiffness"] * (q[k] - spring["rest"])
