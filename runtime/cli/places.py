@@ -73,12 +73,15 @@ def check(known: Mapping[str, Role], given: Mapping[str, Any]) -> None:
     keep(read, written)
     for name, role in known.items():
         for path in _paths(given.get(name)):
-            _check_ending(path, role.endings)
+            if role.endings and path.suffix.lower() not in role.endings:
+                *some, last = role.endings
+                raise UsageError(f"{path}: expected a name that ends in {', '.join(some)} or {last}")
 
 
 def keep(read: Iterable[Path], written: Iterable[Path]) -> None:
     """Raises UsageError if a written file is also read, by any name, or is written twice."""
-    targets = [path for path in written if not _is_stream(path)]
+    # Writing to /dev/null, /dev/stdout or a pipe replaces nothing.
+    targets = [path for path in written if path.is_file() or not path.exists()]
     sources = [shipped_or_given(path) for path in read]
     for target in targets:
         if any(_same(target, source) for source in sources):
@@ -88,24 +91,18 @@ def keep(read: Iterable[Path], written: Iterable[Path]) -> None:
             raise UsageError(f"{other}: is written twice; choose two names")
 
 
-def check_writable(*targets: Path | str | None) -> None:
+def check_writable(path: Path) -> None:
     """Raises UsageError if a file cannot be written."""
-    for target in targets:
-        if target in (None, "-"):
-            continue
-        path = Path(str(target))
-        if path.is_dir():
-            raise UsageError(f"{path}: is a directory; expected a file to write")
-        if not path.parent.is_dir():
-            raise UsageError(f"{path}: there is no directory {path.parent}; make it first")
-        if not os.access(path if path.exists() else path.parent, os.W_OK):
-            raise UsageError(f"{path}: cannot be written; check its permissions")
+    if path.is_dir():
+        raise UsageError(f"{path}: is a directory; expected a file to write")
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no directory {path.parent}; make it first")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise UsageError(f"{path}: cannot be written; check its permissions")
 
 
-def check_directory(target: Path | None) -> None:
+def check_directory(target: Path) -> None:
     """Raises UsageError if a directory is a file, or cannot be made or written into."""
-    if target is None:
-        return
     if target.exists() and not target.is_dir():
         raise UsageError(f"{target}: is a file; expected a directory to write into")
     there = next(path for path in (target, *target.absolute().parents) if path.exists())
@@ -115,20 +112,10 @@ def check_directory(target: Path | None) -> None:
         raise UsageError(f"{target}: cannot be written; check the permissions of {there}")
 
 
-def _check_ending(path: Path, endings: tuple[str, ...]) -> None:
-    if endings and path.suffix.lower() not in endings:
-        raise UsageError(f"{path}: expected a name that ends in {', '.join(endings[:-1])} or {endings[-1]}")
-
-
 def _paths(value: Any) -> list[Path]:
     """Paths of one option; standard output is none."""
     several = value if isinstance(value, list | tuple) else [value]
     return [Path(str(one)) for one in several if one is not None and str(one) != "-"]
-
-
-def _is_stream(path: Path) -> bool:
-    """Whether writing there replaces nothing: /dev/null, /dev/stdout, a pipe."""
-    return path.exists() and not path.is_file()
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -11,7 +11,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 
 from runtime.diagnosis.search import Search
-from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import JointSeries, structure_entries
 from runtime.estimation.covariance import estimate
 from runtime.estimation.estimate import Estimate
@@ -73,9 +72,22 @@ def step(
     """A fitted model."""
     fitted = summary.first.identification
     library, picture = fitted.model.library.effects, moving.of_result(summary)
+    joints = []
+    for k, series in enumerate(summary.first.joints):
+        floor, moves = series.floor, bool(len(series.t))
+        joints.append(
+            error(series, held[k] if held else None).as_part_of(
+                JointOverview,
+                instruments=relative_floor(series) * floor.spectrum / floor.value if floor.value else 0.0,
+                at_floor=not moves or series.rms < MORE_THAN_NOISE * floor.value,
+                structure=[(entry.signal, entry.share) for entry in structure_entries(series)],
+                signals=f"step{index}-joint{series.joint}" if moves else None,
+                held_signals=f"step{index}-held{series.joint}" if held else None,
+            )
+        )
     return StepOverview(
         sentence=reports.verdict(summary).sentence,
-        joints=[_joint(index, k, summary.first, held) for k in range(len(summary.first.joints))],
+        joints=joints,
         active=[
             EffectOverview(**_effect(term, library[term.effect], values))
             for term, values in fitted.inference.values.items()
@@ -97,18 +109,6 @@ def error(series: JointSeries, held: JointSeries | None) -> JointError:
         relative_floor=relative_floor(series),
         held=None if held is None else held.relative,
         held_floor=None if held is None else relative_floor(held),
-    )
-
-
-def _joint(index: int, joint: int, fitted: Step, held: Sequence[JointSeries]) -> JointOverview:
-    series, floor = fitted.joints[joint], fitted.joints[joint].floor
-    return error(series, held[joint] if held else None).as_part_of(
-        JointOverview,
-        instruments=relative_floor(series) * floor.spectrum / floor.value if floor.value else 0.0,
-        at_floor=not len(series.t) or series.rms < MORE_THAN_NOISE * floor.value,
-        structure=[(entry.signal, entry.share) for entry in structure_entries(series)],
-        signals=f"step{index}-joint{series.joint}" if len(series.t) else None,
-        held_signals=f"step{index}-held{series.joint}" if held else None,
     )
 
 
@@ -152,26 +152,26 @@ def verdict(summary: ResultSummary) -> VerdictOverview:
         "Detection limits": [about, *limits] if (limits := reports.limits(summary)) else [],
         "Warnings": texts(summary.document.warnings, "warning"),
     }
+    findings = []
+    for k, finding in enumerate(summary.findings):
+        fitted = finding.after.identification
+        info, values = fitted.model.library.effects[finding.term.effect], fitted.inference.values.get(finding.term, {})
+        findings.append(
+            FindingOverview(
+                **_effect(finding.term, info, values),
+                title=reports.finding_title(summary, k),
+                shows_at=finding.joint_index + 1,
+                rivals=[PlacedEffect(t.name, t.joint) for t in finding.rivals],
+                card=reports.finding_card(summary, k),
+            )
+        )
     further = [Group(title, tuple(inside), title.split()[-1].lower()) for title, inside in parts.items() if inside]
     return VerdictOverview(
         kind=said.kind,
         tag=said.tag,
         sentence=said.sentence,
         more=said.more,
-        findings=[_finding(summary, k) for k in range(len(summary.findings))],
+        findings=findings,
         unexplained=reports.unexplained_joints(summary),
         details=[*reports.diagnosis_groups(summary), *further],
-    )
-
-
-def _finding(summary: ResultSummary, index: int) -> FindingOverview:
-    finding = summary.findings[index]
-    fitted = finding.after.identification
-    values = fitted.inference.values.get(finding.term, {})
-    return FindingOverview(
-        **_effect(finding.term, fitted.model.library.effects[finding.term.effect], values),
-        title=reports.finding_title(summary, index),
-        shows_at=finding.joint_index + 1,
-        rivals=[PlacedEffect(t.name, t.joint) for t in finding.rivals],
-        card=reports.finding_card(summary, index),
     )

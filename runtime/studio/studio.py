@@ -27,7 +27,6 @@ from runtime.studio.session import (
     History,
     HistoryError,
     Inputs,
-    Kind,
     PlacedEffect,
     SessionError,
     StudioSession,
@@ -161,11 +160,11 @@ class Studio:
 
     def add(self, *effects: PlacedEffect) -> None:
         """Add effects to the current model and fit it, from the values that its diagnosis found."""
-        self._fit("added", "adding", effects)
+        self._ask("fit", f"adding {', '.join(map(str, effects))}", kind="added", changed=effects)
 
     def without(self, effect: PlacedEffect) -> None:
         """Fit the current model without one of its effects, to see its share."""
-        self._fit("without", "fitting without", (effect,))
+        self._ask("fit", f"fitting without {effect}", kind="without", changed=(effect,))
 
     def try_values(self, effect: PlacedEffect, values: Mapping[str, float]) -> None:
         """The residual of the current model with other values of an effect: ValuesAnswer."""
@@ -245,9 +244,6 @@ class Studio:
         return {number: plan for number, plan in found.items() if plan is not None}
 
     # Behind it
-
-    def _fit(self, kind: Kind, what: str, effects: Sequence[PlacedEffect]) -> None:
-        self._ask("fit", f"{what} {', '.join(map(str, effects))}", kind=kind, changed=effects)
 
     def _ask(self, task: str, what: str, **arguments: Any) -> None:
         """Begin a task on the current step."""

@@ -26,14 +26,12 @@ from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Step
 from runtime.documents.parts import Document
 from runtime.estimation.compare import Comparison, JointSeries, as_written
-from runtime.estimation.identify import Identification
 from runtime.estimation.regressors import Signals
 from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
 from runtime.inspection.inspection import Inspection, inspect
 from runtime.loop.held_out import HeldOut, left
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, joints_of, structure
-from runtime.motion.piece import Piece
 from runtime.plain_json import plain
 from runtime.planning import results, trajectory
 from runtime.progress import Progress
@@ -213,8 +211,16 @@ def begin(loaded: LoadedSession, report: Reporter) -> TaskResult:
     """Read the recordings, and where they can be used fit the model as given: step 0."""
     report.parts(READING, COMPILING, FITTING, DRAWING)
     report.part(READING)
-    for number in range(1, len(loaded.inspections) + 1):
-        _keep_recording(loaded, number)
+    for number, (given, inspection) in enumerate(zip(loaded.inputs.recordings, loaded.inspections, strict=True), 1):
+        target, found = loaded.session.recording(number), inspection.recording
+        if not (target / "recording.json").is_file():
+            folder, joints = loaded.new_folder("recording"), 0 if found is None else len(found.q)
+            for joint in range(joints):
+                assert found is not None
+                of_recording(found, joint).save(folder / f"joint{joint + 1}.npz")
+            _write(folder / "recording.json", describe.recording(number, given.given.name, inspection, joints))
+            target.parent.mkdir(exist_ok=True)
+            folder.rename(target)
     problems = any(i.problem is not None for i in loaded.inspections)
     if problems or not loaded.inputs.complete or loaded.session.history.steps:
         return TaskResult()
@@ -276,29 +282,18 @@ def _fitted(
     return SessionStep(number=number, parent=parent, kind=kind, changed=tuple(changed), joints=tuple(errors))
 
 
-def _keep_recording(loaded: LoadedSession, number: int) -> None:
-    """What was read of a recording (from 1), in its folder."""
-    target, inspection = loaded.session.recording(number), loaded.inspections[number - 1]
-    if (target / "recording.json").is_file():
-        return
-    folder, found = loaded.new_folder("recording"), inspection.recording
-    joints = 0 if found is None else len(found.q)
-    for joint in range(joints):
-        assert found is not None
-        of_recording(found, joint).save(folder / f"joint{joint + 1}.npz")
-    name = loaded.inputs.recordings[number - 1].given.name
-    _write(folder / "recording.json", describe.recording(number, name, inspection, joints))
-    target.parent.mkdir(exist_ok=True)
-    folder.rename(target)
-
-
 def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
     """Which effects a step's model lacks."""
     report.parts(FITTING, SEARCHING, LIMITS, DRAWING)
     report.part(FITTING)
     search = loaded.take_search(step)
     report.part(SEARCHING)
-    search = complete(search, lambda reached: report.line(_reached(reached)))
+
+    def reached(found: Step) -> None:
+        model = "as in the file" if found.added is None else f"with {found.added}"
+        report.line(f"{model}: error {', '.join(percent(r) for r in found.fitted.relative)}")
+
+    search = complete(search, reached)
     report.part(LIMITS)
     result = conclude(search, loaded.source.compiled.model_with_guesses)
     report.part(DRAWING)
@@ -320,11 +315,6 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
             before = held[0] if len(held) > 1 else None
             of_held_out(before, held[-1], joint, added).save(folder / f"held{joint + 1}.npz")
     return TaskResult(answered=step, verdict=result.verdict)
-
-
-def _reached(step: Step) -> str:
-    model = "as in the file" if step.added is None else f"with {step.added}"
-    return f"{model}: error {', '.join(percent(r) for r in step.fitted.relative)}"
 
 
 # Questions about a fitted model
@@ -374,23 +364,19 @@ def _term(fitted: Step, effect: PlacedEffect) -> Term | None:
 
 def _with_values(fitted: Step, other: Prediction, joint: int) -> JointSeries:
     """A joint (0-based) with the torque that other values predict."""
-    found, series = fitted.identification, fitted.joints[joint]
-    pieces = found.motion.pieces_of(joint)
-    change = np.concatenate([_change(found, piece, other, joint) for piece in pieces])
-    if not np.isfinite(change).all():
+    found, series, change = fitted.identification, fitted.joints[joint], []
+    for piece in found.motion.pieces_of(joint):
+        total = np.zeros(len(piece.t))
+        for prediction, sign in ((other, 1.0), (found.fit.prediction, -1.0)):
+            signals = Signals(found.model, piece, prediction)
+            for term in prediction.values:
+                if joint in joints_of(found.model, term):
+                    total += sign * signals.torque(term, joint)
+        change.append(piece.equation(piece.in_band(total), joint))
+    moving = np.concatenate(change)[found.motion.moving(joint)]
+    if not all(np.isfinite(part).all() for part in change):
         raise SessionError("with these values the torque is not finite; choose others")
-    return replace(series, predicted=series.predicted + change[found.motion.moving(joint)])
-
-
-def _change(found: Identification, piece: Piece, other: Prediction, joint: int) -> Array:
-    """Predicted torque of a joint with other values minus that with the fitted ones, at the rows of the band."""
-    total = np.zeros(len(piece.t))
-    for prediction, sign in ((other, 1.0), (found.fit.prediction, -1.0)):
-        signals = Signals(found.model, piece, prediction)
-        for term in prediction.values:
-            if joint in joints_of(found.model, term):
-                total += sign * signals.torque(term, joint)
-    return piece.equation(piece.in_band(total), joint)
+    return replace(series, predicted=series.predicted + moving)
 
 
 def hidden(
@@ -398,7 +384,8 @@ def hidden(
 ) -> TaskResult:
     """Whether a diagnosis would name an effect in the recorded motion.
 
-    The fitted model is simulated along that motion with the effect and the noise of the recordings, and diagnosed.
+    The fitted model is simulated along the longest stretch of that motion with the effect and the noise of the
+    recordings, and diagnosed.
     """
     report.parts(FITTING, HIDING, DIAGNOSING)
     report.part(FITTING)
@@ -407,8 +394,10 @@ def hidden(
     place = parse_hidden(_typed(effect, values), model, "hide")
     report.part(HIDING)
     noise = max(relative_floor(series) for series in fitted.joints)
-    longest = max(loaded.recordings(False), key=lambda r: max(s.stop - s.start for s in r.segments))
-    made, there = simulate(model, [place], SimulationSettings(noise=noise), _path(longest))
+    stretches = [(r.t[samples], r.q[:, samples]) for r in loaded.recordings(False) for samples in r.segments]
+    t, q = max(stretches, key=lambda stretch: len(stretch[0]))
+    path = np.ascontiguousarray(make_interp_spline(t, q.T, k=3)(np.arange(t[0], t[-1], 1 / RATE)).T)
+    made, there = simulate(model, [place], SimulationSettings(noise=noise), path)
     report.part(DIAGNOSING)
     result = judged(complete(begun(model, [made])))
     term = next(iter(there.keys() - structure(model).keys()))
@@ -427,14 +416,6 @@ def hidden(
     )
     _write(loaded.new_folder("answer") / "hidden.json", shown)
     return TaskResult(answered=step)
-
-
-def _path(recording: Recording) -> Array:
-    """(n, N) positions of the longest stretch of a recording at the rate of a simulation."""
-    samples = max(recording.segments, key=lambda s: s.stop - s.start)
-    t, q = recording.t[samples], recording.q[:, samples]
-    even = np.arange(t[0], t[-1], 1 / RATE)
-    return np.ascontiguousarray(make_interp_spline(t, q.T, k=3)(even).T)
 
 
 def experiment(loaded: LoadedSession, report: Reporter, step: int, rivals: Sequence[PlacedEffect]) -> TaskResult:
@@ -466,7 +447,15 @@ def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]
     report.parts(COMPILING, EVALUATING)
     for k, (file, name) in enumerate(names.items()):
         path = loaded.session.folder / "given" / file
-        source = _arm_of_plan(loaded, trajectory.arm_of(path))
+        arm, given = trajectory.arm_of(path), loaded.inputs.model
+        if given is not None and arm in (loaded.source.arm().name, given.name.removesuffix(".toml")):
+            source = loaded.source
+        elif arm in {shipped.stem for shipped in ARMS.glob("*.toml")}:
+            source = Source.shipped(arm, loaded.effects)
+        else:
+            raise SessionError(
+                f"the plan is for the arm {quote(arm)}, which is not the session's; give its model file first"
+            )
         report.part(COMPILING)
         model = source.compiled.model()
         planned = trajectory.read(path, model)
@@ -476,16 +465,6 @@ def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]
         (folder / "page.html").write_text(reports.plan_page(model, planned, stated).html(), encoding="utf-8")
         _write(folder / "plan.json", PlanOverview(name=name, headline=motions.plan_headline(stated)))
     return TaskResult(plans=len(names))
-
-
-def _arm_of_plan(loaded: LoadedSession, arm: str) -> Source:
-    """The model file of an arm: the session's, or one that ships with Tendon. Raises SessionError."""
-    given = loaded.inputs.model
-    if given is not None and arm in (loaded.source.arm().name, given.name.removesuffix(".toml")):
-        return loaded.source
-    if arm in {path.stem for path in ARMS.glob("*.toml")}:
-        return Source.shipped(arm, loaded.effects)
-    raise SessionError(f"the plan is for the arm {quote(arm)}, which is not the session's; give its model file first")
 
 
 TASKS: dict[str, Callable[..., TaskResult]] = {

@@ -47,7 +47,13 @@ def main(folder: str, effects: str | None = None) -> None:
             with heard_by(report.progress):
                 report.message(result=task(loaded, report, **arguments))
         except Exception as error:
-            report.message(error=_line(error, Path(folder).resolve()))
+            # For people: one line, without the path of the session.
+            line = " ".join(str(error).split()).replace(f"{Path(folder).resolve() / 'given'}{os.sep}", "")
+            ours = type(error).__module__.split(".")[0] in ("runtime", "symbolic", "codegen", "msgspec")
+            if not ours and not isinstance(error, OSError):
+                traceback.print_exc()
+                line = f"this is a mistake in Tendon: {type(error).__name__}: {error}"
+            report.message(error=line)
 
 
 def _read(tasks: TextIO, lines: SimpleQueue[str]) -> None:
@@ -55,15 +61,6 @@ def _read(tasks: TextIO, lines: SimpleQueue[str]) -> None:
     for line in tasks:
         lines.put(line)
     os.killpg(0, signal.SIGKILL)
-
-
-def _line(error: Exception, folder: Path) -> str:
-    """An error for people: one line, without the path of the session."""
-    ours = type(error).__module__.split(".")[0] in ("runtime", "symbolic", "codegen", "msgspec")
-    if not ours and not isinstance(error, OSError):
-        traceback.print_exc()
-        return f"this is a mistake in Tendon: {type(error).__name__}: {error}"
-    return " ".join(str(error).split()).replace(f"{folder / 'given'}{os.sep}", "")
 
 
 if __name__ == "__main__":

@@ -104,7 +104,10 @@ def figure6(rows: Sequence[Row]) -> Figure:
         t, q, tau = _cycle(row)
         left.plot(t, tau[3], color=colour, lw=1.2, label=f"1{row.case.letter}")
         right.plot(t, q[3], color=colour, lw=1.2, label=f"1{row.case.letter}, turns at {q[3].min():.2f} rad")
-        _planned_cycle(left, right, row, colour)
+        planned_t = np.linspace(0.0, row.plan.trajectory.duration, 300)
+        planned = at_times(row.plan.effort.model, row.plan.trajectory, planned_t)
+        left.plot(planned_t, planned.tau[3], "--", color=colour, lw=0.8)
+        right.plot(planned_t, planned.motion.q[3], "--", color=colour, lw=0.8)
         turned = published.REVERSAL[row.case.letter]
         at = float(t[np.argmin(q[3])])
         right.plot([at - 0.12, at + 0.12], [turned, turned], color=PAPER, lw=1.1)
@@ -121,14 +124,6 @@ def figure6(rows: Sequence[Row]) -> Figure:
         ax.set_xlabel("time, s")
         ax.legend(frameon=False, fontsize=7.5)
     return figure
-
-
-def _planned_cycle(torque: Axes, angle: Axes, row: Row, colour: str) -> None:
-    """Joint 4 as planned, dashed."""
-    t = np.linspace(0.0, row.plan.trajectory.duration, 300)
-    seen = at_times(row.plan.effort.model, row.plan.trajectory, t)
-    torque.plot(t, seen.tau[3], "--", color=colour, lw=0.8)
-    angle.plot(t, seen.motion.q[3], "--", color=colour, lw=0.8)
 
 
 @styled
@@ -181,29 +176,22 @@ def figure8(rows: Sequence[Row]) -> Figure:
         ax = axes[published.PLATES.index(row.case.plate)]
         t, q, tau = _cycle(row)
         ax.plot(t, tau[3], color=INK if row.case.letter == "C" else GRAY, lw=1.2, label=f"motor, 2{row.case.letter}")
+        library, motion = row.plan.effort.model.library, {"q": np.ascontiguousarray(q[3])}
         for values in row.plan.trajectory.springs.values():
-            ax.plot(t, _spring(row, q, values), "--", color=GRAY, lw=1.2, label="spring, 2D")
-        said = f"planned, 2{row.case.letter}: {row.plan.effort.cost[3]:.1f} N²m²s, paper {_of_joint_4(row)}"
-        height = 0.95 if row.case.letter == "C" else 0.85
+            # The torque with which the spring pushes the joint forward, along the executed motion.
+            torque = -library.torque("parallel_spring", motion, values)
+            ax.plot(t, torque, "--", color=GRAY, lw=1.2, label="spring, 2D")
+        is_bare = row.case.letter == "C"
+        left = "{:g} to {:g}".format(*published.JOINT_4_LEFT)
+        paper = f"{published.JOINT_4[row.case.plate]:g}" if is_bare else left
+        said = f"planned, 2{row.case.letter}: {row.plan.effort.cost[3]:.1f} N²m²s, paper {paper}"
+        height = 0.95 if is_bare else 0.85
         ax.text(0.99, height, said, transform=ax.transAxes, ha="right", va="top", color=PAPER, fontsize=7)
         ax.set_title(_PLATE.format(row.case.plate / 1000), fontsize=8.5)
         ax.set_ylabel("torque of joint 4, N m")
     axes[0].legend(frameon=False, fontsize=7.5)
     axes[-1].set_xlabel("time, s")
     return figure
-
-
-def _of_joint_4(row: Row) -> str:
-    """Joint 4's part of the cost at 1.6 s in the paper."""
-    if row.case.letter == "C" and row.case.plate is not None:
-        return f"{published.JOINT_4[row.case.plate]:g}"
-    return "{:g} to {:g}".format(*published.JOINT_4_LEFT)
-
-
-def _spring(row: Row, q: Array, values: Mapping[str, float]) -> Array:
-    """Torque with which the spring pushes joint 4 forward, along the executed motion."""
-    library = row.plan.effort.model.library
-    return -library.torque("parallel_spring", {"q": np.ascontiguousarray(q[3])}, values)
 
 
 def _cycle(row: Row) -> tuple[Array, Array, Array]:

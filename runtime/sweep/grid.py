@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from math import floor, isfinite, prod
 
@@ -12,8 +12,7 @@ from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Declared, Scenario, SoughtSpring, SpringPlan, sought, springs
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
-from runtime.sweep.job import Code, Job, Value
-from symbolic.described import DescribedParameter
+from runtime.sweep.job import Code, Job, Value, digest
 from symbolic.model_file.checks import Names, did_you_mean, joint_number, known_joints, printable, quote
 
 CASES = {"A": (False, False), "B": (False, True), "C": (True, False), "D": (True, True)}
@@ -55,27 +54,18 @@ def parse(texts: Sequence[str], effects: Declared, joints: Names = ()) -> tuple[
     return axes
 
 
-def _sought(effects: Declared) -> dict[str, DescribedParameter]:
-    """What is sought of springs, by name."""
-    return {p.name: p for info in springs(effects).values() for p in info.parameters if p.planned}
-
-
-def _known(effects: Declared) -> tuple[str, ...]:
-    """Names that vary, some of the contact's parameters among them."""
-    names = [name for what in _sought(effects) for name in (what, f"{what}@1")]
-    touched = [f"{e.name}.{e.parameters[0].name}" for e in effects.values() if e.brought and e.scope == "contact"]
-    return (*_ALWAYS, *names, *touched[:1])
-
-
 def _axis(text: str, effects: Declared, joints: Names) -> Variation:
     name, equals, values = (part.strip() for part in text.partition("="))
     where = f"--over {printable(text)}"
     if not equals or not name or not values:
         raise GridError(f"{where}: expected NAME=VALUES, such as cycle_time=1.0,1.2 or cycle_time=1.0:3.0:0.2")
     name = _at_number(where, name, joints)
-    spring, able = _ONE_SPRING.fullmatch(name), _sought(effects)
+    spring = _ONE_SPRING.fullmatch(name)
+    able = {p.name: p for info in springs(effects).values() for p in info.parameters if p.planned}
     if name not in _ALWAYS and not (spring and spring[1] in able) and not _CONTACT.fullmatch(name):
-        raise GridError(f"{where}: nothing is called {quote(name)}; {did_you_mean(name, _known(effects))}")
+        known = [*_ALWAYS, *(name for what in able for name in (what, f"{what}@1"))]
+        touched = [f"{e.name}.{e.parameters[0].name}" for e in effects.values() if e.brought and e.scope == "contact"]
+        raise GridError(f"{where}: nothing is called {quote(name)}; {did_you_mean(name, (*known, *touched[:1]))}")
     items = [item.strip() for item in values.split(",")]
     if name == "case":
         unknown = [item for item in items if item not in CASES]
@@ -151,8 +141,8 @@ def jobs(scenario: Scenario, axes: Sequence[Variation], model: Model, code: Code
         columns, varied = _varied(scenario, model, dict(zip((axis.name for axis in over), values, strict=True)))
         fitted = scenario_file.fitted(varied, model, "--over")
         for seed in seeds:
-            job = Job.of(columns, fitted, int(seed), starts=starts, arm=arm)
-            found.setdefault(job.key, job)
+            key = digest([arm, columns, asdict(fitted), int(seed), starts])
+            found.setdefault(key, Job(columns, fitted, int(seed), starts=starts, key=key))
     return list(found.values())
 
 
@@ -160,7 +150,11 @@ def _varied(scenario: Scenario, model: Model, setting: Mapping[str, Value]) -> t
     """The columns of a variation, and its scenario. A column is blank where the case leaves out what it is about."""
     columns: dict[str, Value | None] = dict(setting)
     if "case" in setting:
-        scenario = _case(scenario, str(setting["case"]))
+        letter = str(setting["case"])
+        friction, sprung = CASES[letter]
+        if sprung and not scenario.springs:
+            raise GridError(f"--over case={letter}: the scenario has no [[spring]]; cases B and D need one")
+        scenario = replace(scenario if sprung else scenario.without_springs(), friction=friction)
     for name, value in setting.items():
         if name not in _ALWAYS and (spring := _ONE_SPRING.fullmatch(name)):
             if not scenario.springs and "case" in setting:
@@ -176,14 +170,6 @@ def _varied(scenario: Scenario, model: Model, setting: Mapping[str, Value]) -> t
     return columns, scenario
 
 
-def _case(scenario: Scenario, letter: str) -> Scenario:
-    friction, springs = CASES[letter]
-    if springs and not scenario.springs:
-        raise GridError(f"--over case={letter}: the scenario has no [[spring]]; cases B and D need one")
-    scenario = replace(scenario, friction=friction)
-    return scenario if springs else scenario.without_springs()
-
-
 def _sprung(scenario: Scenario, model: Model, name: str, what: str, joint: str | None, value: float) -> Scenario:
     """With a parameter given that is sought of springs, at one joint or at all that have such a spring."""
     own = sought(model, scenario)
@@ -192,10 +178,9 @@ def _sprung(scenario: Scenario, model: Model, name: str, what: str, joint: str |
         known = f"it has springs at joint {', '.join(map(str, there))}" if there else "it has no [[spring]]"
         raise GridError(f"--over {name}: the scenario has no such spring; {known}")
     chosen = {int(joint)} if joint is not None else set(there)
-    springs = tuple(_held(s, what, value) if s.plan.joint in chosen else s.plan for s in own)
-    return replace(scenario, springs=springs)
 
+    def held(spring: SoughtSpring) -> SpringPlan:
+        plan = spring.plan.within(what, value, value)
+        return replace(plan, catalogue=()) if what == spring.size.name else plan
 
-def _held(spring: SoughtSpring, what: str, value: float) -> SpringPlan:
-    plan = spring.plan.within(what, value, value)
-    return replace(plan, catalogue=()) if what == spring.size.name else plan
+    return replace(scenario, springs=tuple(held(s) if s.plan.joint in chosen else s.plan for s in own))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from math import isfinite
 from multiprocessing import resource_tracker
@@ -79,14 +79,6 @@ class Job:
     seed: int
     starts: int | None
     key: str
-
-    @classmethod
-    def of(
-        cls, columns: Mapping[str, Value | None], scenario: Scenario, seed: int, *, starts: int | None, arm: str
-    ) -> Job:
-        """arm: Code.identity()."""
-        key = digest([arm, dict(columns), asdict(scenario), seed, starts])
-        return cls(columns, scenario, seed, starts, key)
 
 
 class JobResult(msgspec.Struct, frozen=True):
@@ -199,7 +191,10 @@ def processes(code: Code, count: int) -> Iterator[Pool]:
     # Starting the tracker unblocks interrupts in its thread, so the threads of the workers must find it running.
     resource_tracker.ensure_running()
     workers = _Workers(code)
-    executor = ThreadPoolExecutor(count, initializer=_block_interrupts)
+    # Ctrl-C is handled by the main thread; the processes that a thread starts inherit its mask.
+    executor = ThreadPoolExecutor(
+        count, initializer=signal.pthread_sigmask, initargs=(signal.SIG_BLOCK, {signal.SIGINT})
+    )
     try:
         yield Pool(executor, workers.solve, "the worker processes were told to stop")
     finally:
@@ -249,11 +244,6 @@ class _Workers:
         # Their semaphores are removed here: after Ctrl-C the process ends without the finalizers of its objects.
         while self._pools:
             self._pools.pop().shutdown()
-
-
-def _block_interrupts() -> None:
-    """Ctrl-C is handled by the main thread; the processes that this thread starts inherit its mask."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def _end_with_parent() -> None:

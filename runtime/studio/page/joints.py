@@ -23,12 +23,8 @@ def errors(view: PageView) -> None:
     """The error of every joint, of the model as given and of the current step, beside its noise floor."""
     here, given = view.step, view.studio.history.steps[0]
     put("h2", "Error against the noise floor")
-    ends = [
-        end
-        for j in (*given.joints, *here.joints)
-        for end in (j.relative, j.relative_floor, j.held, j.held_floor)
-        if end
-    ]
+    every = (*given.joints, *here.joints)
+    ends = [end for j in every for end in (j.relative, j.relative_floor, j.held, j.held_floor) if end]
     with put("div", classes="bars"):
         for before, after in zip(given.joints, here.joints, strict=True):
             _joint(view, before if here.number else None, after, max(ends, default=1.0))
@@ -47,31 +43,23 @@ def _joint(view: PageView, before: JointError | None, after: JointError, longest
     with pressed.on("click", lambda _: view.set(chosen=after.joint)):
         with put("span", classes="bar-head"):
             unexplained = view.verdict is not None and after.joint in view.verdict.unexplained
-            put("span", classes="spot", data_level="2" if unexplained else _level(after.floors))
+            level, said = _against_floor(after.floors)
+            # The colour of a joint, as in the picture of the arm.
+            put("span", classes="spot", data_level=2 if unexplained else level)
             put("b", f"Joint {after.called}")
-            put("span", "the residual is more than sensor noise" if unexplained else _floors(after), "of")
-        _bar(
-            "fitted",
-            None if before is None else before.relative,
-            after.relative,
-            floor=after.relative_floor,
-            longest=longest,
-        )
+            put("span", "the residual is more than sensor noise" if unexplained else said, "of")
+        old = (None, None) if before is None else (before.relative, before.held)
+        _bar("fitted", old[0], after.relative, floor=after.relative_floor, longest=longest)
         if after.held is not None:
-            _bar(
-                "held out", None if before is None else before.held, after.held, floor=after.held_floor, longest=longest
-            )
+            _bar("held out", old[1], after.held, floor=after.held_floor, longest=longest)
 
 
-def _level(floors: float | None) -> str:
-    """The colour of a joint, as in the picture of the arm."""
-    return "0" if floors is None else str(1 + (floors > MORE_THAN_NOISE) + (floors > 2 * MORE_THAN_NOISE))
-
-
-def _floors(joint: JointError) -> str:
-    if joint.floors is None:
-        return "never moves"
-    return "at its noise floor" if joint.floors < MORE_THAN_NOISE else f"{number(joint.floors, 2)} × its noise floor"
+def _against_floor(floors: float | None) -> tuple[int, str]:
+    """Level and words for an error in noise floors; None: there is no floor."""
+    if floors is None:
+        return 0, "never moves"
+    level = 1 + (floors > MORE_THAN_NOISE) + (floors > 2 * MORE_THAN_NOISE)
+    return level, "at its noise floor" if floors < MORE_THAN_NOISE else f"{number(floors, 2)} × its noise floor"
 
 
 def _bar(name: str, before: float | None, after: float, *, floor: float | None, longest: float) -> None:

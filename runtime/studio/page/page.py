@@ -58,13 +58,18 @@ def _sections(view: PageView) -> list[PageSection]:
     def joint() -> object:
         return None if view.here is None else (view.here, view.joint.joint)
 
+    def task() -> object:
+        """What of the task does not change with its progress."""
+        work = studio.work
+        return view.refused, None if work is None else (work.what, work.state, work.error)
+
     def found() -> object:
         if view.verdict is None or not view.verdict.findings:
             return None
         return step(view.joint.joint, questions.answers(view))
 
     with put("div", classes="at-work"):
-        section("work", lambda: (_task(view), view.refused), _work, "div")
+        section("work", task, _work, "div")
         section("progress", lambda: studio.work if view.busy else None, _progress, "div")
     section("start", lambda: None if view.here else (studio.inputs, view.busy), start.start)
     section("verdict", lambda: view.here and step(joint()), verdict.banner)
@@ -82,20 +87,13 @@ def _sections(view: PageView) -> list[PageSection]:
     )
     section("change", lambda: step(view.against), steps.change)
     section("details", lambda: view.verdict and view.here, verdict.details)
-    section("recordings", lambda: _recordings(view), start.recordings)
+    section(
+        "recordings",
+        lambda: (studio.inputs, view.busy, len(studio.recordings())) if studio.inputs.recordings else None,
+        start.recordings,
+    )
     section("plans", lambda: (view.busy, repr(studio.plans())), start.plans)
     return made
-
-
-def _recordings(view: PageView) -> object:
-    studio = view.studio
-    return (studio.inputs, view.busy, len(studio.recordings())) if studio.inputs.recordings else None
-
-
-def _task(view: PageView) -> tuple[str, str, str | None] | None:
-    """What of the task does not change with its progress."""
-    work = view.studio.work
-    return None if work is None else (work.what, work.state, work.error)
 
 
 def _work(view: PageView) -> None:

@@ -15,6 +15,11 @@ ARMS = ("drive", "vishard4", "emps", "ur10", "panda")
 def start(view: PageView) -> None:
     """Before the first fit: what is missing, and how to give it."""
     studio, inputs = view.studio, view.studio.inputs
+
+    def demo() -> None:
+        studio.give_demo()
+        studio.begin()
+
     put("h1", "Where does your model fail, and which effect does it lack?")
     put("p", "Give a model of your arm and a recording of its motion. Nothing leaves this machine.")
     with put("div", classes="gives"):
@@ -38,7 +43,7 @@ def start(view: PageView) -> None:
         with put("section", classes="give"):
             put("h2", "or the demo")
             put("p", "A simulated drive with an effect that its model lacks, and two recordings of it.")
-            button("Open the demo", lambda: view.act(_demo, view), "first", disabled=view.busy, data_do="demo")
+            button("Open the demo", lambda: view.act(demo), "first", disabled=view.busy, data_do="demo")
     with put("div", classes="acts"):
         ready = inputs.complete and not view.busy
         button(
@@ -48,11 +53,6 @@ def start(view: PageView) -> None:
             disabled=not ready,
             data_do="begin",
         )
-
-
-def _demo(view: PageView) -> None:
-    view.studio.give_demo()
-    view.studio.begin()
 
 
 def recordings(view: PageView) -> None:
@@ -102,15 +102,15 @@ def cures(view: PageView, found: list[Cure]) -> None:
 
 def cure_button(view: PageView, cure: Cure) -> None:
     """Read the recordings with the cure and compare again; no button where a person has to decide."""
+    studio = view.studio
+
+    def read() -> None:
+        studio.read_as([*studio.inputs.maps, *cure.maps], studio.inputs.allow_gaps or cure.gaps)
+        studio.begin()
+
     if cure.maps or cure.gaps:
         text = "Split at the gaps" if cure.gaps else f"Read it with {', '.join(cure.maps)}"
-        button(text, partial(view.act, _cure, view, cure), "first", disabled=view.busy, data_do="cure")
-
-
-def _cure(view: PageView, cure: Cure) -> None:
-    studio = view.studio
-    studio.read_as([*studio.inputs.maps, *cure.maps], studio.inputs.allow_gaps or cure.gaps)
-    studio.begin()
+        button(text, partial(view.act, read), "first", disabled=view.busy, data_do="cure")
 
 
 def plans(view: PageView) -> None:
