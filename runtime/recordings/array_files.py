@@ -75,10 +75,7 @@ class ArrayContents:
     format: str
     variables: Sequence[Variable]
     refuse: Refusal
-
-    @property
-    def header(self) -> str:
-        return ""
+    header: str = ""
 
     @cached_property
     def _columns(self) -> list[tuple[Variable, int, str]]:
@@ -159,9 +156,21 @@ class ArrayContents:
         return np.asarray(rows, dtype=np.float64)
 
 
-def is_numeric(dtype: np.dtype[Any]) -> bool:
+def _is_numeric(dtype: np.dtype[Any]) -> bool:
     """Whether an array's entries are numbers or times."""
-    return dtype.kind in "biuf" or dtype.kind in "mM"
+    return dtype.kind in "biufmM"
+
+
+def _numeric(name: str, shape: Sequence[int], dtype: np.dtype[Any], load: Callable[[], Any]) -> list[Variable]:
+    """An array as a variable if it is numeric; of a compound type, each numeric member."""
+
+    def member(part: str) -> NDArray[Any]:
+        return np.asarray(load()[part])
+
+    size = tuple(int(n) for n in shape)
+    if dtype.names:
+        return [Variable(f"{name}.{p}", size, partial(member, p)) for p in dtype.names if _is_numeric(dtype[p])]
+    return [Variable(name, size, load)] if _is_numeric(dtype) else []
 
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -181,17 +190,11 @@ def open_hdf5(path: Path, refuse: Refusal) -> ArrayContents:
         matlab = begin.read(len(MATLAB_7_3)) == MATLAB_7_3
 
     def visit(name: str, node: Any) -> bool | None:
-        if isinstance(node, h5py.Dataset) and _is_plain(node) and not name.startswith("#"):
-            shown = name.replace("/", ".") if matlab else name
-            _add(
-                variables,
-                shown,
-                node,
-                load=partial(_load_hdf5, path, name, None, refuse),
-                path=path,
-                name=name,
-                refuse=refuse,
-            )
+        # Datasets of this file that are not text.
+        plain = isinstance(node, h5py.Dataset) and not node.is_virtual and not node.external
+        if plain and node.attrs.get("MATLAB_class") != b"char" and not name.startswith("#"):
+            shown, load = name.replace("/", ".") if matlab else name, partial(_load_hdf5, path, name, refuse)
+            variables.extend(_numeric(shown, node.shape or (), node.dtype, load))
         return True if len(variables) > MOST_FIELDS else None
 
     with refuse.on(_HDF5_ERRORS, "the HDF5 file is damaged or cut off", "copy it again"), h5py.File(path, "r") as file:
@@ -199,29 +202,11 @@ def open_hdf5(path: Path, refuse: Refusal) -> ArrayContents:
     return ArrayContents("MATLAB 7.3" if matlab else "HDF5", variables, refuse)
 
 
-def _add(variables: list[Variable], shown: str, node: Any, load: Any, path: Path, name: str, refuse: Refusal) -> None:
-    shape = tuple(int(n) for n in node.shape or ())
-    if node.dtype.names:
-        variables += [
-            Variable(f"{shown}.{part}", shape, partial(_load_hdf5, path, name, part, refuse))
-            for part in node.dtype.names
-            if is_numeric(node.dtype[part])
-        ]
-    elif is_numeric(node.dtype):
-        variables.append(Variable(shown, shape, load))
-
-
-def _is_plain(node: Any) -> bool:
-    """Whether a dataset is in this file and is not text."""
-    return not node.is_virtual and not node.external and node.attrs.get("MATLAB_class") != b"char"
-
-
-def _load_hdf5(path: Path, name: str, part: str | None, refuse: Refusal) -> NDArray[Any]:
+def _load_hdf5(path: Path, name: str, refuse: Refusal) -> NDArray[Any]:
     import h5py
 
     with refuse.on(_HDF5_ERRORS, f"{name} is damaged or cut off", "copy the file again"), h5py.File(path, "r") as file:
-        values = file[name][()]
-    return np.asarray(values if part is None else values[part])
+        return np.asarray(file[name][()])
 
 
 MATLAB_5 = b"MATLAB 5.0"
@@ -257,7 +242,7 @@ def _within(name: str, value: Any, depth: int) -> Iterator[Variable]:
             element = name if value.size == 1 else f"{name}({k + 1})"
             for part in value.dtype.names:
                 yield from _within(f"{element}.{part}", entry[part], depth - 1)
-    elif is_numeric(value.dtype):
+    elif _is_numeric(value.dtype):
         shape = tuple(n for n in value.shape if n != 1) or (1,)
         yield Variable(name, shape, partial(value.reshape, shape))
 
@@ -300,12 +285,10 @@ def open_numpy(path: Path, refuse: Refusal) -> ArrayContents:
     with refuse.on(_NUMPY_ERRORS, "the NumPy file is damaged or cut off", "copy it again"), open(path, "rb") as file:
         alone = file.read(len(NPY)) == NPY
         file.seek(0)
-        variables = _variables(_ALONE, file, partial(path.open, "rb"), refuse) if alone else _of_archive(path, refuse)
-    return ArrayContents("NumPy", variables, refuse)
-
-
-def _of_archive(path: Path, refuse: Refusal) -> list[Variable]:
-    with zipfile.ZipFile(path) as archive:
+        if alone:
+            load = partial(_load_numpy, path, None, refuse)
+            return ArrayContents("NumPy", _described(_ALONE, file, load, refuse), refuse)
+        archive = zipfile.ZipFile(file)
         members = archive.infolist()
         if any(m.filename.startswith("xl/") for m in members):
             refuse("is an Excel workbook; save the sheet as CSV")
@@ -317,19 +300,14 @@ def _of_archive(path: Path, refuse: Refusal) -> list[Variable]:
         found = []
         for member in members:
             name = member.filename.removesuffix(".npy")
-            with archive.open(member) as file:
-                again = partial(_open_member, path, member.filename)
-                found += _variables(name, file, again, refuse=refuse, length=member.file_size)
-        return found
+            load = partial(_load_numpy, path, name, refuse)
+            with archive.open(member) as inner:
+                found += _described(name, inner, load, refuse, length=member.file_size)
+        return ArrayContents("NumPy", found, refuse)
 
 
-def _open_member(path: Path, name: str) -> IO[bytes]:
-    with zipfile.ZipFile(path) as archive:
-        return archive.open(name)
-
-
-def _variables(
-    name: str, file: IO[bytes], again: Callable[[], Any], refuse: Refusal, length: int | None = None
+def _described(
+    name: str, file: IO[bytes], load: Callable[[], Any], refuse: Refusal, length: int | None = None
 ) -> list[Variable]:
     """The numeric arrays after a header. length: of the file in bytes, as the archive states it."""
     version = npy.read_magic(file)
@@ -340,19 +318,13 @@ def _variables(
         refuse(
             f"{name} states {shape} numbers, more than the file holds, or over {MAX_BYTES // 10**9} GB; save it again"
         )
-    if dtype.names:
-        return [
-            Variable(f"{name}.{part}", tuple(shape), partial(_load_numpy, again, part, refuse))
-            for part in dtype.names
-            if is_numeric(dtype[part])
-        ]
-    return [Variable(name, tuple(shape), partial(_load_numpy, again, None, refuse))] if is_numeric(dtype) else []
+    return _numeric(name, shape, dtype, load)
 
 
-def _load_numpy(again: Callable[[], Any], part: str | None, refuse: Refusal) -> NDArray[Any]:
-    with refuse.on(_NUMPY_ERRORS, "the NumPy file is damaged or cut off", "copy it again"), again() as file:
-        values = npy.read_array(file, allow_pickle=False)
-    return np.asarray(values if part is None else values[part])
+def _load_numpy(path: Path, name: str | None, refuse: Refusal) -> NDArray[Any]:
+    with refuse.on(_NUMPY_ERRORS, "the NumPy file is damaged or cut off", "copy it again"):
+        found = np.load(path)
+        return np.asarray(found if name is None else found[name])
 
 
 PARQUET = b"PAR1"

@@ -103,10 +103,12 @@ def _text(message: bytes, place: int, order: str) -> tuple[str, int]:
 
 
 @dataclass(frozen=True)
-class _Part:
-    """Messages of one set of joints: stamps (M,) ns, numbers (M,) counted from 1 on their topic, and position, velocity
-    and effort, (joints, M) each."""
+class JointStream:
+    """Messages of a topic for one set of joints: stamps (N,) ns, numbers (N,) counted from 1 on the topic, and
+    position, velocity and effort, (joints, N) each. clock: its name as a clock."""
 
+    clock: str
+    topic: str
     joints: tuple[str, ...]
     stamps: NDArray[np.int64]
     numbers: NDArray[np.int64]
@@ -114,17 +116,18 @@ class _Part:
 
 
 class JointStates:
-    """Collects the JointState messages of a log, batch by batch."""
+    """The JointState messages of a log, decoded batch by batch. Raises RecordingError."""
 
-    def __init__(self, refuse: Refusal) -> None:
+    def __init__(self, batches: Iterable[MessageBatch], refuse: Refusal) -> None:
         self.refuse = refuse
-        self._parts: dict[tuple[str, frozenset[str]], list[_Part]] = {}
+        self._parts: dict[tuple[str, frozenset[str]], list[JointStream]] = {}
         self._counted: dict[str, int] = {}
         self._layouts: dict[str, list[Layout]] = {}
         self._bytes = 0
+        for batch in batches:
+            self._add(batch)
 
-    def add(self, batch: MessageBatch) -> None:
-        """Decodes messages. Raises RecordingError."""
+    def _add(self, batch: MessageBatch) -> None:
         first = self._counted.get(batch.topic, 0) + 1
         self._counted[batch.topic] = first + len(batch.starts) - 1
         numbers = first + np.arange(len(batch.starts))
@@ -193,10 +196,9 @@ class JointStates:
         self._bytes += sum(x.nbytes for x in values.values()) + 3 * stamps.nbytes
         if self._bytes > MAX_BYTES:
             self.refuse(f"has more than {MAX_BYTES // 10**9} GB of joint states; split it into several recordings")
-        unset = stamps == 0
-        stamps = np.where(unset, times, stamps)
-        key = topic, frozenset(layout.joints)
-        self._parts.setdefault(key, []).append(_Part(layout.joints, stamps, numbers, values))
+        stamps = np.where(stamps == 0, times, stamps)
+        part = JointStream(topic, topic, layout.joints, stamps=stamps, numbers=numbers, values=values)
+        self._parts.setdefault((topic, frozenset(layout.joints)), []).append(part)
 
     def contents(self, format: str, others: Mapping[str, str]) -> JointStateContents:
         """The collected messages. others: all topics and their types, for the message if there are no joint states."""
@@ -208,23 +210,11 @@ class JointStates:
         for (topic, joints), parts in self._parts.items():
             several = topics.count(topic) > 1
             name = f"{topic} ({', '.join(sorted(joints)[:2])}, …)" if several else topic
-            streams.append(_stream(name, topic, parts))
+            streams.append(_joined(name, parts))
         return JointStateContents(format, tuple(streams))
 
 
-@dataclass(frozen=True)
-class JointStream:
-    """All messages of a topic for one set of joints: stamps (N,) ns, numbers (N,), values name -> (joints, N)."""
-
-    clock: str
-    topic: str
-    joints: tuple[str, ...]
-    stamps: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    values: Mapping[str, Array]
-
-
-def _stream(clock: str, topic: str, parts: Sequence[_Part]) -> JointStream:
+def _joined(clock: str, parts: Sequence[JointStream]) -> JointStream:
     """The parts joined, with joints in the order of the first; a signal that a part lacks is NaN there."""
     joints = parts[0].joints
     names = [name for name in _SIGNALS if any(name in part.values for part in parts)]
@@ -242,16 +232,9 @@ def _stream(clock: str, topic: str, parts: Sequence[_Part]) -> JointStream:
     stamps = np.concatenate([part.stamps for part in parts])
     numbers = np.concatenate([part.numbers for part in parts])
     order = np.argsort(numbers, kind="stable")
-    if np.array_equal(order, np.arange(len(order))):
-        return JointStream(clock, topic, joints, stamps=stamps, numbers=numbers, values=values)
-    return JointStream(
-        clock,
-        topic,
-        joints,
-        stamps=stamps[order],
-        numbers=numbers[order],
-        values={name: x[:, order] for name, x in values.items()},
-    )
+    if not np.array_equal(order, np.arange(len(order))):
+        stamps, numbers, values = stamps[order], numbers[order], {name: x[:, order] for name, x in values.items()}
+    return JointStream(clock, parts[0].topic, joints, stamps=stamps, numbers=numbers, values=values)
 
 
 @dataclass(frozen=True)
@@ -281,13 +264,9 @@ class JointStateContents:
             place = f"{stream.topic} message"
             if name == "stamp":
                 found.append(RecordedField(f"{stream.clock}.stamp", stream.clock, place, "t"))
-            else:
-                joint = stream.joints[k]
-                found.append(
-                    RecordedField(
-                        f"{stream.clock}.{name}.{joint}", stream.clock, place, signal=_SIGNALS[name], joint=joint
-                    )
-                )
+                continue
+            joint, shown = stream.joints[k], f"{stream.clock}.{name}.{stream.joints[k]}"
+            found.append(RecordedField(shown, stream.clock, place, signal=_SIGNALS[name], joint=joint))
         return tuple(found)
 
     @cached_property
@@ -299,7 +278,6 @@ class JointStateContents:
         return min(int(stream.stamps.min()) for stream in self.streams)
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
-        stream = self._index[next(iter(wanted.values()))][0]
         signals: dict[str, Array] = {}
         for signal, index in wanted.items():
             stream, name, k = self._index[index]
@@ -308,11 +286,3 @@ class JointStateContents:
             else:
                 signals[signal] = np.ascontiguousarray(stream.values[name][k])
         return Samples(signals, stream.numbers, {signal: self.fields[i].place for signal, i in wanted.items()})
-
-
-def collected(batches: Iterable[MessageBatch], refuse: Refusal) -> JointStates:
-    """The messages of these batches."""
-    states = JointStates(refuse)
-    for batch in batches:
-        states.add(batch)
-    return states

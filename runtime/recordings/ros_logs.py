@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.recordings.contents import Refusal, require
-from runtime.recordings.joint_state import TYPE, JointStateContents, MessageBatch, collected
+from runtime.recordings.joint_state import TYPE, JointStateContents, JointStates, MessageBatch
 from runtime.recordings.settings import LONGEST_RECORD, MAX_BYTES
 
 MCAP = b"\x89MCAP0\r\n"
@@ -63,7 +63,7 @@ def open_mcap(path: Path, refuse: Refusal) -> JointStateContents:
     with refuse.on((struct.error, ValueError), "the MCAP file is damaged", _CURE), open(path, "rb") as file:
         # Not closed here: arrays refer to it.
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
-        states = collected(_mcap_batches(data, log, refuse), refuse)
+        states = JointStates(_mcap_batches(data, log, refuse), refuse)
     return states.contents("MCAP", log.types())
 
 
@@ -71,9 +71,8 @@ def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Mess
     """The joint states, a chunk at a time; chunks without an index are read record by record."""
     loose: list[tuple[int, int, int]] = []
     chunk: memoryview | None = None
-    place, indexed = len(MCAP), False
-    while True:
-        kind, content, place = _record(data, place, refuse)
+    indexed = False
+    for kind, content, start in _records(data, len(MCAP), refuse):
         if kind == _INDEX and chunk is not None:
             if struct.unpack_from("<H", content)[0] not in log.channels:
                 _declared_in(chunk, log, refuse, whole=True)
@@ -81,7 +80,7 @@ def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Mess
             indexed = True
             continue
         if chunk is not None and not indexed:
-            yield from _walked(chunk, log, refuse)
+            yield from _listed(chunk, _declared_in(chunk, log, refuse, whole=True), log)
         chunk = None
         if kind == _CHUNK:
             chunk, indexed = _unpacked(content, log, refuse), False
@@ -89,22 +88,12 @@ def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Mess
         elif kind in (_SCHEMA, _CHANNEL):
             log.declare(kind, content)
         elif kind == _MESSAGE:
-            loose.append((struct.unpack_from("<H", content)[0], place - len(content), len(content)))
+            loose.append((struct.unpack_from("<H", content)[0], start, len(content)))
         elif kind == _DATA_END:
             break
+    else:
+        refuse(f"the MCAP file is cut off before its end; {_CURE}")
     yield from _listed(data, loose, log)
-
-
-def _walked(chunk: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
-    """The messages of a chunk without an index."""
-    found, place = [], 0
-    while place < len(chunk):
-        kind, content, place = _record(chunk, place, refuse)
-        if kind in (_SCHEMA, _CHANNEL):
-            log.declare(kind, content)
-        elif kind == _MESSAGE:
-            found.append((struct.unpack_from("<H", content)[0], place - len(content), len(content)))
-    yield from _listed(chunk, found, log)
 
 
 def _listed(data: memoryview, messages: list[tuple[int, int, int]], log: _Log) -> Iterator[MessageBatch]:
@@ -114,18 +103,20 @@ def _listed(data: memoryview, messages: list[tuple[int, int, int]], log: _Log) -
         yield from _of_channel(np.frombuffer(data, np.uint8), channel, places[:, 0], lengths=places[:, 1], log=log)
 
 
-def _record(data: memoryview, place: int, refuse: Refusal) -> tuple[int, memoryview, int]:
-    """Kind and content of the record at a place, and the place after it."""
-    if place + _RECORD.size > len(data):
-        refuse(f"the MCAP file is cut off before its end; {_CURE}")
-    kind, length = _RECORD.unpack_from(data, place)
-    start = place + _RECORD.size
-    if length > len(data) - start:
-        refuse(
-            f"the MCAP file is cut off: a record at byte {place} has {length} bytes, and {len(data) - start} are left; "
-            f"{_CURE}"
-        )
-    return kind, data[start : start + length], start + length
+def _records(data: memoryview, place: int, refuse: Refusal) -> Iterator[tuple[int, memoryview, int]]:
+    """Kind and content of each record from a place on, and the place of its content."""
+    while place < len(data):
+        start = place + _RECORD.size
+        if start > len(data):
+            refuse(f"the MCAP file is cut off before its end; {_CURE}")
+        kind, length = _RECORD.unpack_from(data, place)
+        if length > len(data) - start:
+            left = len(data) - start
+            refuse(
+                f"the MCAP file is cut off: a record at byte {place} has {length} bytes, and {left} are left; {_CURE}"
+            )
+        yield kind, data[start : start + length], start
+        place = start + length
 
 
 def _text(content: memoryview, place: int) -> tuple[str, int]:
@@ -145,49 +136,43 @@ def _unpacked(content: memoryview, log: _Log, refuse: Refusal) -> memoryview:
     log.unpacked += size
     if size > LONGEST_RECORD or log.unpacked > 8 * MAX_BYTES or len(records) < packed:
         refuse(f"the MCAP file has a chunk that states {size} bytes, more than the limit or the file; {_CURE}")
+    damage = "the MCAP file has a damaged chunk"
     if packing == "":
         unpacked = records
     elif packing == "lz4":
-        unpacked = memoryview(_lz4(records, size, refuse))
+        require("lz4", "mcap", "an MCAP file compressed with lz4", refuse)
+        from lz4.frame import LZ4FrameDecompressor
+
+        with refuse.on((RuntimeError,), damage, _CURE):
+            unpacked = memoryview(LZ4FrameDecompressor().decompress(records, max_length=size))
     elif packing == "zstd":
-        unpacked = memoryview(_zstd(records, size, refuse))
+        require("zstandard", "mcap", "an MCAP file compressed with zstd", refuse)
+        from zstandard import ZstdDecompressor, ZstdError
+
+        reader = ZstdDecompressor(max_window_size=LONGEST_RECORD).stream_reader(records)
+        with refuse.on((ZstdError, MemoryError), damage, _CURE), reader:
+            unpacked = memoryview(reader.read(size))
     else:
         refuse(f"the MCAP file is compressed with {packing}; expected lz4, zstd or none")
     if len(unpacked) != size or (checksum and zlib.crc32(unpacked) != checksum):
-        refuse(f"the MCAP file has a damaged chunk; {_CURE}")
+        refuse(f"{damage}; {_CURE}")
     return unpacked
 
 
-def _lz4(packed: memoryview, size: int, refuse: Refusal) -> bytes:
-    require("lz4", "mcap", "an MCAP file compressed with lz4", refuse)
-    from lz4.frame import LZ4FrameDecompressor
+def _declared_in(chunk: memoryview, log: _Log, refuse: Refusal, whole: bool) -> list[tuple[int, int, int]]:
+    """Declares the schemas and channels of a chunk, up to its first message or in all of it.
 
-    with refuse.on((RuntimeError,), "the MCAP file has a damaged chunk", _CURE):
-        unpacked: bytes = LZ4FrameDecompressor().decompress(packed, max_length=size)
-    return unpacked
-
-
-def _zstd(packed: memoryview, size: int, refuse: Refusal) -> bytes:
-    require("zstandard", "mcap", "an MCAP file compressed with zstd", refuse)
-    from zstandard import ZstdDecompressor, ZstdError
-
-    with (
-        refuse.on((ZstdError, MemoryError), "the MCAP file has a damaged chunk", _CURE),
-        ZstdDecompressor(max_window_size=LONGEST_RECORD).stream_reader(packed) as reader,
-    ):
-        unpacked: bytes = reader.read(size)
-    return unpacked
-
-
-def _declared_in(chunk: memoryview, log: _Log, refuse: Refusal, whole: bool) -> None:
-    """Declares the schemas and channels of a chunk, up to its first message or in all of it."""
-    place = 0
-    while place < len(chunk):
-        kind, content, place = _record(chunk, place, refuse)
+    Returns channel, place and length of the messages; see `_listed`.
+    """
+    found: list[tuple[int, int, int]] = []
+    for kind, content, start in _records(chunk, 0, refuse):
         if kind in (_SCHEMA, _CHANNEL):
             log.declare(kind, content)
-        elif kind == _MESSAGE and not whole:
-            break
+        elif kind == _MESSAGE:
+            if not whole:
+                break
+            found.append((struct.unpack_from("<H", content)[0], start, len(content)))
+    return found
 
 
 def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[MessageBatch]:
@@ -247,7 +232,7 @@ def open_sqlite_bag(path: Path, refuse: Refusal) -> JointStateContents:
         if bag.execute(_TABLES).fetchone() != (2,):
             refuse("is a SQLite file without the tables topics and messages; expected a ROS 2 bag")
         topics = {int(n): (str(name), str(kind), str(form)) for n, name, kind, form in bag.execute(_TOPICS)}
-        states = collected(_bag_batches(bag, topics, refuse), refuse)
+        states = JointStates(_bag_batches(bag, topics, refuse), refuse)
     return states.contents("ROS 2 bag", {name: kind for name, kind, _ in topics.values()})
 
 
