@@ -161,11 +161,13 @@ def on_one(
         groups.setdefault(clock if clock in contents.times else of_t, {})[name] = column
     groups.setdefault(of_t, {}).pop("t")
     home = next(clock for clock, members in groups.items() if "q1" in members)
-    tables = {
-        clock: _loaded(contents, {"t": _time(contents, clock, used["t"], of_t), **members}, allow_gaps, refuse)
-        for clock, members in groups.items()
-        if members
-    }
+    tables = {}
+    for clock, members in groups.items():
+        if members:
+            # A clock's own time is in the unit of t.
+            at, t = contents.times.get(clock, 0), used["t"]
+            own = t if clock == of_t else replace(t, index=at, cell=contents.fields[at].name)
+            tables[clock] = _loaded(contents, {"t": own, **members}, allow_gaps, refuse)
     positions = table = tables.pop(home)
     brought = []
     for clock, found in tables.items():
@@ -181,7 +183,7 @@ def on_one(
             other = replace(other, signals=other.signals | {"t": other.signals["t"] - shift.value})
         table = _joined(table, other, clock, allow_gaps=allow_gaps, refuse=refuse)
         rates = _rate(other), _rate(positions)
-        brought.append(BroughtClock(clock, home, tuple(groups[clock]), *rates, shift, corrected))
+        brought.append(BroughtClock(clock, home, tuple(groups[clock]), *rates, shift=shift, corrected=corrected))
     return table, tuple(brought)
 
 
@@ -203,13 +205,6 @@ def _rate(table: Samples) -> float:
     """Median sampling rate, Hz."""
     step = float(np.median(np.diff(table.signals["t"]))) if len(table.numbers) > 1 else 0.0
     return 1 / step if step > 0 else np.inf
-
-
-def _time(contents: Contents, clock: str, t: Column, of_t: str) -> Column:
-    """The time of a clock, in the unit of t."""
-    if clock == of_t:
-        return t
-    return replace(t, index=contents.times[clock], cell=contents.fields[contents.times[clock]].name)
 
 
 def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal) -> Samples:
@@ -245,6 +240,8 @@ def _ascending(other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) ->
 
 def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse: Refusal) -> Samples:
     """A table with the signals of another clock interpolated at its times, where that clock has samples."""
+    from scipy.interpolate import make_interp_spline  # slow to import
+
     t, there = table.signals["t"], other.signals["t"]
     steps = np.diff(there)
     inside = (t >= there[0]) & (t <= there[-1])
@@ -253,7 +250,9 @@ def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse
             f"{clock} runs from {there[0]:.9g} to {there[-1]:.9g} s and the positions from {t[0]:.9g} to {t[-1]:.9g} "
             f"s; expected at least {MIN_SAMPLES} samples in both"
         )
-    known = _covered(t, there, steps)
+    after = np.clip(np.searchsorted(there, t), 1, len(steps))
+    known = (there[after] == t) | (there[after - 1] == t)
+    known |= steps[after - 1] <= GAP * np.median(steps) * (1 + ROUNDING)
     if (hole := inside & ~known).any() and not allow_gaps:
         k = int(np.searchsorted(there, t[int(np.argmax(hole))]))
         refuse(
@@ -263,22 +262,6 @@ def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse
         )
     use = inside & known
     kept = table.kept(use)
-    brought = {name: _at(there, x, t[use]) for name, x in other.signals.items() if name != "t"}
+    others = {name: x for name, x in other.signals.items() if name != "t"}
+    brought = {name: make_interp_spline(there, x, k=SPLINE_DEGREE)(t[use]) for name, x in others.items()}
     return replace(kept, signals=kept.signals | brought, places={**other.places, **kept.places})
-
-
-def _covered(t: Array, there: Array, steps: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """(N,) whether a time lies outside the gaps of another clock."""
-    after = np.clip(np.searchsorted(there, t), 1, len(steps))
-    sampled = (there[after] == t) | (there[after - 1] == t)
-    covered: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = sampled | (
-        steps[after - 1] <= GAP * np.median(steps) * (1 + ROUNDING)
-    )
-    return covered
-
-
-def _at(there: Array, x: Array, t: Array) -> Array:
-    from scipy.interpolate import make_interp_spline  # slow to import
-
-    spline: Array = make_interp_spline(there, x, k=SPLINE_DEGREE)(t)
-    return spline

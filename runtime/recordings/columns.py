@@ -219,14 +219,22 @@ def columns(
     fail      raises RecordingError with the file's name and the message
     """
     own, joints, space = [_split(cell) for cell in known], arm.joints, arm.space
-    if not space:
-        _check_planar([*mapping, *(cell for cell, _ in own)], fail)
+    beyond = [name for name in (*mapping, *(cell for cell, _ in own)) if name in IN_SPACE and name not in IN_PLANE]
+    if beyond and not space:
+        fail(
+            f"has a column {beyond[0]}, but the arm is planar: of the force at its tip, only {' and '.join(IN_PLANE)} "
+            "are read; drop the column or use the model of a spatial arm"
+        )
     split = [_split(cell) for cell in header]
     found: dict[str, Column] = {}
     for raw_name, wanted in mapping.items():
         name = raw_name.strip().replace("dq", "qd", 1) if raw_name.strip().startswith("dq") else raw_name.strip()
         if _kind(name, len(joints)) is None:
-            fail(f"--map {name}: no such signal; {_signals(len(joints), space)}")
+            last, acting = f" to q{len(joints)}" * (len(joints) > 1), ", ".join(IN_SPACE if space else IN_PLANE)
+            fail(
+                f"--map {name}: no such signal; known are t, q1{last}, tau1, qd1, q1_desired, q1_link, tau1_link, "
+                f"tau1_rigid, temperature1, {acting}, run"
+            )
         index, unit, sign = _mapped(wanted, header, split, name=name, fail=fail)
         if any(column.index == index for column in found.values()):
             fail(f"--map {name}: column {quote(header[index])} is mapped to two signals; expected one")
@@ -253,15 +261,6 @@ def columns(
             free = [cell.strip() for i, cell in enumerate(header) if i not in taken]
             fail(_missing(name, header, free, len(joints)))
     return found
-
-
-def _check_planar(names: Sequence[str], fail: Fail) -> None:
-    beyond = next((name for name in names if name in IN_SPACE and name not in IN_PLANE), None)
-    if beyond is not None:
-        fail(
-            f"has a column {beyond}, but the arm is planar: of the force at its tip, only {' and '.join(IN_PLANE)} are "
-            "read; drop the column or use the model of a spatial arm"
-        )
 
 
 def _split(cell: str) -> tuple[str, str | None]:
@@ -370,8 +369,3 @@ def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> s
     if not free:
         return f"no column {name}{joints}; the file has {some(header)}, and all are used; use the model of this arm"
     return f"no column {name}{joints}; the file has {some(header)}; name it with --map {name}={quote(example)}"
-
-
-def _signals(n: int, space: bool) -> str:
-    last, acting = f" to q{n}" if n > 1 else "", ", ".join(IN_SPACE if space else IN_PLANE)
-    return f"known are t, q1{last}, tau1, qd1, q1_desired, q1_link, tau1_link, tau1_rigid, temperature1, {acting}, run"

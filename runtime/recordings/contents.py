@@ -175,15 +175,6 @@ _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of time in s, the longest first."""
 
 
-def slow_clock(step: float, cell: str) -> str | None:
-    """A message if the median step (s) of the time in field `cell` is too long, with the unit to try; else None."""
-    if not step > SLOWEST_STEP:
-        return None
-    unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
-    cure = f'if t is in {unit}, pass --map t="{cell} [{unit}]"' if unit else "write t in seconds"
-    return f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}"
-
-
 def fast_clock(step: float, cell: str) -> str | None:
     """A message if the median step (s) is so short that filters would be longer than the recording; else None."""
     if not step < FASTEST_STEP:
@@ -284,8 +275,10 @@ def gap_free_segments(table: Samples, run: Numbers, cell: str, allow_gaps: bool,
             f"time {how}, {t[k]:.9g} s after {t[k - 1]:.9g} s; number the runs in a column run, or pass --allow-gaps",
             table.at("t", k),
         )
-    if wrong := slow_clock(step, cell):
-        refuse(wrong)
+    if step > SLOWEST_STEP:
+        unit = next((name for name, size in _FINER.items() if size * step <= SLOWEST_STEP), None)
+        cure = f'if t is in {unit}, pass --map t="{cell} [{unit}]"' if unit else "write t in seconds"
+        refuse(f"the median step of t is {step:.4g} s; expected at most {SLOWEST_STEP:g} s between samples; {cure}")
     gap = same & (steps > GAP * step * (1 + ROUNDING))
     if gap.any() and not allow_gaps:
         k = int(np.argmax(gap)) + 1

@@ -207,13 +207,10 @@ def _clock_of(
     both = [clock for clock in clocks if any(f.signal == "tau" and f.clock == clock for f in fields)]
     choice = both or clocks
     if len(choice) > 1:
-        examples = " or ".join(f'--map {signal}="{_stem(there[clock][0])}"' for clock in choice[:2])
+        stems = (there[clock][0].name.removesuffix(f".{there[clock][0].joint}") for clock in choice[:2])
+        examples = " or ".join(f'--map {signal}="{stem}"' for stem in stems)
         fail(f"{some(choice)} all have {signal}; choose one with {examples}")
     return choice[0] if choice else None
-
-
-def _stem(field: RecordedField) -> str:
-    return field.name.removesuffix(f".{field.joint}")
 
 
 def _named(members: Sequence[RecordedField], joints: Sequence[RecordedArmJoint]) -> list[RecordedField] | None:

@@ -12,7 +12,7 @@ import stat
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -58,12 +58,19 @@ def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock
         left, line, total = b"", 1, 0
         while data := file.read(size):
             if not total:
-                _check_text(data, file, refuse)
+                if isinstance(file, gzip.GzipFile) and b"\0" in data[:HEAD]:
+                    # Before it is decompressed whole.
+                    expected = "expected a recording in CSV; decompress recordings in other formats"
+                    refuse(f"the gzip file contains no text; {expected}")
                 data = data.removeprefix(_BOM)
             total += len(data)
             if total > MAX_BYTES:
                 refuse(f"is larger than {MAX_BYTES // 10**9} GB; split it into several recordings")
-            data = _unix_ends(left + data, file)
+            data = left + data
+            if b"\r" in data:
+                if data.endswith(b"\r"):  # "\n" may follow
+                    data += file.read(1)
+                data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
             end = data.rfind(b"\n") + 1
             left = data[end:]
             if len(left) > LONGEST_LINE:
@@ -75,15 +82,6 @@ def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock
                 line += data.count(b"\n", 0, end)
         if left:
             yield TextBlock(_decoded(left, line, refuse), line)
-
-
-def _unix_ends(data: bytes, file: IO[bytes]) -> bytes:
-    """Lines of any operating system, ended by "\\n"."""
-    if b"\r" not in data:
-        return data
-    if data.endswith(b"\r"):  # "\n" may follow
-        data += file.read(1)
-    return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
 @contextmanager
@@ -115,12 +113,6 @@ def _in_utf_8(file: IO[bytes]) -> IO[bytes]:
     return codecs.EncodedFile(file, "utf-8", "utf-16") if wide else file
 
 
-def _check_text(data: bytes, file: IO[bytes], refuse: Refusal) -> None:
-    """Refuses a gzip file that is not text before it is decompressed whole."""
-    if isinstance(file, gzip.GzipFile) and b"\0" in data[:HEAD]:
-        refuse("the gzip file contains no text; expected a recording in CSV; decompress recordings in other formats")
-
-
 def _decoded(data: bytes, line: int, refuse: Refusal) -> str:
     try:
         return data.decode("utf-8")
@@ -150,14 +142,11 @@ class TextContents:
     delimiter: str
     decimal_comma: bool
     refuse: Refusal
+    times: Mapping[str, int] = field(default_factory=dict)
 
     @cached_property
     def fields(self) -> tuple[RecordedField, ...]:
         return tuple(RecordedField(name) for name in self.names)
-
-    @property
-    def times(self) -> Mapping[str, int]:
-        return {}
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         tables, numbers, samples = [], [], 0
@@ -288,18 +277,15 @@ def _contents(
     comma = delimiter != "," and any("," in cell and _is_number(cell) for cell in _cells(sample, delimiter))
     kind = "text" if delimiter == _BLANK else "CSV"
     if nameless:
-        names = tuple(NUMBERED.format(k) for k in range(1, len(cells) + 1))
-        return TextContents(
-            path, kind, "", names=names, first_line=line, delimiter=delimiter, decimal_comma=comma, refuse=refuse
-        )
-    if not following:
+        cells = [NUMBERED.format(k) for k in range(1, len(cells) + 1)]
+    elif not following:
         refuse("has a header but no samples")
     return TextContents(
         path,
         kind,
-        f"line {line}",
+        "" if nameless else f"line {line}",
         names=tuple(cells),
-        first_line=below + 1,
+        first_line=line if nameless else below + 1,
         delimiter=delimiter,
         decimal_comma=comma,
         refuse=refuse,
@@ -314,19 +300,14 @@ def _is_nameless(line: str) -> bool:
 def _delimiter(header: str, first: str) -> str:
     """The delimiter between cells, from the header and the first sample."""
     if _is_nameless(header):
-        return next(
-            (mark for mark in ";\t," if mark in header and not (mark == "," and _between_blanks(header))), _BLANK
-        )
+        # Commas are decimal commas where blanks separate the numbers.
+        decimal = re.search(r"[^,\s]\s+[^,\s]", header)
+        return next((mark for mark in (";\t" if decimal else ";\t,") if mark in header), _BLANK)
     mark = max(",;\t", key=header.count)
     if mark in header:
         return mark
     other = any(mark in first for mark in ",;\t") and len(first.split()) < 2
     return "," if other or len(header.split()) < 2 else _BLANK
-
-
-def _between_blanks(line: str) -> bool:
-    """Whether the commas of a sample are decimal commas, because blanks separate its numbers."""
-    return bool(re.search(r"[^,\s]\s+[^,\s]", line))
 
 
 def _units(second: list[str], header: list[str]) -> list[str] | None:
