@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,46 +237,24 @@ class _Problem:
 # --- one body ---
 
 
-def _factor(theta: Array) -> Array:
-    """U (4, 4), upper triangular, whose U Uᵀ is the pseudo-inertia; theta: alpha, d1 to d3, s12, s23, s13, t1 to t3."""
-    U = np.eye(4)
+def pseudo_parameters(theta: NDArray[Any]) -> NDArray[Any]:
+    """Inertial parameters (10,) of log-Cholesky parameters (10,): alpha, d1 to d3, s12, s23, s13, t1 to t3. With them U
+    (4, 4) is upper triangular, and U Uᵀ the pseudo-inertia [[Σ, h], [hᵀ, m]], where I = tr(Σ) 1 − Σ."""
+    U = np.eye(4, dtype=theta.dtype)
     U[[0, 1, 2], [0, 1, 2]] = np.exp(theta[1:4])
     for value, (i, j) in zip(theta[4:7], _UPPER, strict=True):
         U[i, j] = value
     U[:3, 3] = theta[7:]
-    scaled: Array = np.exp(theta[0]) * U
-    return scaled
-
-
-def _parameters(P: Array) -> Array:
-    """The ten inertial parameters of a pseudo-inertia [[Σ, h], [hᵀ, m]]: I = tr(Σ) 1 − Σ."""
+    U = np.exp(theta[0]) * U
+    P = U @ U.T
     moments = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
     return np.array([P[3, 3], *P[:3, 3], *moments[np.triu_indices(3)]])
 
 
-def pseudo_parameters(theta: Array) -> Array:
-    """Inertial parameters (10,) of log-Cholesky parameters (10,)."""
-    U = _factor(theta)
-    return _parameters(U @ U.T)
-
-
 def pseudo_slopes(theta: Array) -> Array:
-    """Derivative (10, 10) of pseudo_parameters."""
-    U, columns = _factor(theta), []
-    size = np.exp(theta[0])
-    for k in range(PER_BODY):
-        dU = np.zeros((4, 4))
-        if k == 0:
-            dU = U
-        elif k <= 3:
-            dU[k - 1, k - 1] = U[k - 1, k - 1]
-        elif k <= 6:
-            dU[_UPPER[k - 4]] = size
-        else:
-            dU[k - 7, 3] = size
-        half = dU @ U.T
-        columns.append(_parameters(half + half.T))
-    return np.stack(columns, axis=1)
+    """Derivative (10, 10) of pseudo_parameters, by complex steps: exact, for its functions are analytic."""
+    step = 1e-30
+    return np.stack([pseudo_parameters(theta + 1j * step * e).imag / step for e in np.eye(PER_BODY)], axis=1)
 
 
 def log_cholesky(body: Array) -> Array:

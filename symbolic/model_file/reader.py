@@ -94,13 +94,13 @@ def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None)
     effects   the library by name (None: the built-in one)
     Raises ModelError for the first error found.
     """
-    if effects is None:
-        from symbolic.effects import shipped
-
-        effects = shipped(is_spatial(text))
     top = Place(printable(where))
     table = _toml(text, top)
     kind = fields_of(top, table)
+    if effects is None:
+        from symbolic.effects import shipped
+
+        effects = shipped(kind is SPATIAL)
     said = fields.read(top, table, kind)
     name, n = said["name"], len(said["joint"])
     joints = [
@@ -132,11 +132,24 @@ def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None)
 
 
 def _in_space(top: Place, arm: Arm) -> Arm:
-    """Angles and axes close to quarter turns are made exact; the arm's notes list these and doubtful inertias."""
+    """Angles and axes close to quarter turns are made exact; the arm's notes list these and doubtful inertias. Raises
+    ModelError for an axis without direction, or a negative principal moment."""
     made, snapping, notes = [], Snapping(), []
     for k, joint in enumerate(arm.joints, 1):
         place = top.inside(f"joint {k}")
-        notes += body_notes(place, joint.link)
+        if joint.link.inertia is not None:
+            small, middle, large = principal_moments(joint.link.inertia)
+            moments = f"principal moments {small:.3g}, {middle:.3g}, {large:.3g} kg m^2"
+            if impossible_moment(joint.link.inertia) is not None:
+                place.inside("link").fail(
+                    f"inertia has the {moments}; expected none below 0: check the order ixx, ixy, ixz, iyy, iyz, izz "
+                    "and the signs, or leave inertia out: unknown"
+                )
+            if small + middle < large - max(SLACK * large, ROUNDED):
+                notes.append(
+                    f"{place.file}: {place.path}: no rigid body has this inertia: its {moments} violate the triangle "
+                    "inequality; it is used as it is"
+                )
         origin = snapping.frame(f"joint {k}", joint.origin)
         made.append(replace(joint, origin=origin, axis=snapping.axis(place, f"joint {k}", joint.axis)))
     tip = snapping.frame("the tip", arm.tip)
@@ -252,27 +265,6 @@ def check_distinct(top: Place, joints: Sequence[Joint]) -> None:
             )
         if joint.name is not None and (first := names.setdefault(joint.name, i)) != i:
             place.fail(f'name "{joint.name}" is already that of joint {first}; expected another name')
-
-
-# --- bodies in space ---
-
-
-def body_notes(place: Place, link: Link) -> list[str]:
-    """Warnings about a body's inertia, a line each. Raises ModelError for a negative principal moment."""
-    if link.inertia is None:
-        return []
-    small, middle, large = principal_moments(link.inertia)
-    if impossible_moment(link.inertia) is not None:
-        place.inside("link").fail(
-            f"inertia has the principal moments {small:.3g}, {middle:.3g}, {large:.3g} kg m^2; expected none below 0: "
-            "check the order ixx, ixy, ixz, iyy, iyz, izz and the signs, or leave inertia out: unknown"
-        )
-    if small + middle < large - max(SLACK * large, ROUNDED):
-        return [
-            f"{place.file}: {place.path}: no rigid body has this inertia: its principal moments {small:.3g}, "
-            f"{middle:.3g}, {large:.3g} kg m^2 violate the triangle inequality; it is used as it is"
-        ]
-    return []
 
 
 # --- inertia at every joint ---
