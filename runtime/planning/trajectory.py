@@ -33,7 +33,6 @@ from symbolic.model_file.fields import (
     Others,
     Real,
     Several,
-    SingleField,
     Text,
     Whole,
 )
@@ -220,7 +219,7 @@ def _document(path: Path) -> Any:
 
 
 @dataclass(frozen=True)
-class _ControlPoints(SingleField):
+class _ControlPoints(Field):
     """Rows of equal length with finite numbers, one per coordinate."""
 
     count: int

@@ -60,13 +60,7 @@ class Gains:
 
 @dataclass(frozen=True)
 class Control:
-    """Settings that all joint controllers share.
-
-    rate              of the control step, Hz
-    velocity_cutoff   of the low-pass on the differentiated encoder, Hz
-    friction_scale    c_u of equation (7)
-    friction_slope    c_e of equation (7), s/rad (s/m)
-    """
+    """Settings that all joint controllers share; keys.CONTROLLER describes them."""
 
     rate: float
     velocity_cutoff: float
@@ -76,12 +70,7 @@ class Control:
 
 @dataclass(frozen=True)
 class Drive:
-    """The servo drive of a joint on a CAN bus.
-
-    node           CANopen node id
-    direction      1, or −1 where the motor's positive direction is the joint's negative one
-    rated_torque   of the motor, N m; None: read from the drive
-    """
+    """The servo drive of a joint on a CAN bus; keys.DRIVE describes its data."""
 
     node: int
     direction: int = 1

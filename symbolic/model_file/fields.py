@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, Final, Literal
@@ -47,7 +46,7 @@ class FieldRow:
 
 
 @dataclass(frozen=True)
-class Field(ABC):
+class Field:
     """One key of a table.
 
     meaning   for guides; says which side of the gear, where that matters
@@ -69,9 +68,13 @@ class Field(ABC):
         """Whether a key of a table belongs to this field."""
         return key == self.key
 
-    @abstractmethod
     def of(self, place: Place, table: Table, joint: JointType) -> Any:
         """The checked value of this field in a table, or the default. Raises ModelError."""
+        return self.read(place, table[self.key], joint) if self.key in table else self.default
+
+    def read(self, place: Place, value: Any, joint: JointType) -> Any:  # noqa: ARG002
+        """Check and convert the value under this key. Raises ModelError."""
+        raise TypeError(f"{type(self).__name__} has no value of its own")
 
     def schema(self) -> Schema:
         """JSON schema of the value under this key."""
@@ -84,19 +87,6 @@ class Field(ABC):
     def _row(self, key: str) -> FieldRow:
         unit = self.unit if isinstance(self.unit, str) else f"{self.unit[0]} ({self.unit[1]})"
         return FieldRow(key, unit, self.meaning, _default(self.default))
-
-
-@dataclass(frozen=True)
-class SingleField(Field):
-    """A field with one key."""
-
-    def of(self, place: Place, table: Table, joint: JointType) -> Any:
-        """The checked value, or the default where the key is missing. Raises ModelError."""
-        return self.read(place, table[self.key], joint) if self.key in table else self.default
-
-    @abstractmethod
-    def read(self, place: Place, value: Any, joint: JointType) -> Any:
-        """Check and convert a value. Raises ModelError."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +142,7 @@ def rows(fields: Sequence[Field], prefix: str = "") -> list[FieldRow]:
 
 
 @dataclass(frozen=True)
-class Real(SingleField):
+class Real(Field):
     """A finite number within [low, high], above 0 if `positive`."""
 
     low: float = -math.inf
@@ -196,7 +186,7 @@ class WholeNumber(Number):
 
 
 @dataclass(frozen=True)
-class Whole(SingleField):
+class Whole(Field):
     """An integer from low to high. expected: in words, for messages."""
 
     low: int
@@ -213,7 +203,7 @@ class Whole(SingleField):
 
 
 @dataclass(frozen=True)
-class Choice(SingleField):
+class Choice(Field):
     """One of the listed values. expected: in words, for messages."""
 
     values: tuple[Any, ...]
@@ -229,7 +219,7 @@ class Choice(SingleField):
 
 
 @dataclass(frozen=True)
-class Flag(SingleField):
+class Flag(Field):
     def read(self, place: Place, value: Any, _: JointType) -> bool:
         if not isinstance(value, bool):
             place.fail(f"{self.key} is {found(value)}; expected true or false")
@@ -240,7 +230,7 @@ class Flag(SingleField):
 
 
 @dataclass(frozen=True)
-class Text(SingleField):
+class Text(Field):
     def read(self, place: Place, value: Any, _: JointType) -> str:
         if not isinstance(value, str):
             place.fail(f"{self.key} is {found(value)}; expected a text")
@@ -251,7 +241,7 @@ class Text(SingleField):
 
 
 @dataclass(frozen=True)
-class Name(SingleField):
+class Name(Field):
     """A name that is valid in C, C++ and Python."""
 
     def read(self, place: Place, value: Any, _: JointType) -> str:
@@ -262,7 +252,7 @@ class Name(SingleField):
 
 
 @dataclass(frozen=True)
-class Label(SingleField):
+class Label(Field):
     """A display name: printable, without characters that could end a C comment or string."""
 
     def read(self, place: Place, value: Any, _: JointType) -> str:
@@ -285,7 +275,7 @@ class Label(SingleField):
 
 
 @dataclass(frozen=True)
-class NumberRow(SingleField):
+class NumberRow(Field):
     """A list with one number for each name. tiny: rounding errors of a zero are accepted."""
 
     names: tuple[str, ...]
@@ -351,7 +341,7 @@ class Numbers(Number):
 
 
 @dataclass(frozen=True)
-class JointNumbers(SingleField):
+class JointNumbers(Field):
     """Joint numbers from 1, without duplicates; sorted."""
 
     def read(self, place: Place, value: Any, _: JointType) -> tuple[int, ...]:
@@ -415,7 +405,7 @@ def _described(field: Field, schema: Schema) -> Schema:
 
 
 @dataclass(frozen=True)
-class OpenTable(SingleField):
+class OpenTable(Field):
     """A table that its reader checks. inside: what guides call its keys; example: for messages."""
 
     inside: str
@@ -432,7 +422,7 @@ class OpenTable(SingleField):
 
 
 @dataclass(frozen=True)
-class NamedNumbers(SingleField):
+class NamedNumbers(Field):
     """A table of numbers with free names, each a C identifier."""
 
     def read(self, place: Place, value: Any, joint: JointType) -> dict[str, float]:
@@ -477,7 +467,7 @@ class Others(Field):
 
 
 @dataclass(frozen=True)
-class Inner(SingleField):
+class Inner(Field):
     """A nested table; if it is omitted and the default is {}, it is read as an empty table."""
 
     fields: tuple[Field, ...]

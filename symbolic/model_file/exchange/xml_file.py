@@ -108,18 +108,45 @@ def read(path: Path) -> XmlNode:
 
 def parsed(data: bytes, name: str) -> XmlNode:
     """The root of a document. name: the file's, for messages. Raises ModelError."""
-    builder = _Builder(name)
+    parser, above, count = expat.ParserCreate(), [XmlNode("", {}, name, 0)], 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        node = XmlNode(tag, attributes, name, line=parser.CurrentLineNumber, start=parser.CurrentByteIndex)
+        if count > MAX_ELEMENTS:
+            node.fail(f"more than {MAX_ELEMENTS:,} elements; expected the description of a robot")
+        if len(above) > MAX_DEPTH:
+            node.fail(f"elements within more than {MAX_DEPTH} others; expected the description of a robot")
+        above[-1].children.append(node)
+        above.append(node)
+
+    def end(_: str) -> None:
+        above.pop().close = parser.CurrentByteIndex
+
+    def characters(text: str) -> None:
+        if len(above[-1].text) < MAX_TEXT:
+            above[-1].text += text[:MAX_TEXT]
+
+    def entity(*_: Any) -> NoReturn:
+        XmlNode("", {}, name, parser.CurrentLineNumber).fail(
+            "declares an entity, which is not allowed; remove the document type and write the entity's content"
+        )
+
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler, parser.EntityDeclHandler = characters, entity
     try:
-        builder.parser.Parse(data, True)
+        parser.Parse(data, True)
     except expat.ExpatError as error:
         why = expat.ErrorString(error.code)
-        said = _no_text(data, builder.parser.ErrorByteIndex) if why == expat.errors.XML_ERROR_INVALID_TOKEN else ""
+        said = _no_text(data, parser.ErrorByteIndex) if why == expat.errors.XML_ERROR_INVALID_TOKEN else ""
         raise ModelError(f"{name} line {error.lineno}: not valid XML: {said or why}") from None
     except (ValueError, LookupError) as error:
         if isinstance(error, ModelError):
             raise
         raise ModelError(f"{name}: not valid XML: {printable(str(error))}") from None
-    return builder.root
+    return above[0].children[0]
 
 
 PACKED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"\xfd7zXZ": "xz"}
@@ -137,46 +164,3 @@ def _no_text(data: bytes, at: int) -> str:
         if error.start == 0 and error.reason != "unexpected end of data":
             return f"byte 0x{data[at]:02x} is not UTF-8; save the file as UTF-8, or state its encoding in line 1"
     return ""
-
-
-class _Builder:
-    """Builds XmlNodes from parser events, with limits."""
-
-    def __init__(self, file: str) -> None:
-        self.file, self.count, self.open = file, 0, [XmlNode("", {}, file, 0)]
-        self.parser = expat.ParserCreate()
-        self.parser.buffer_text = True
-        self.parser.StartElementHandler = self.start
-        self.parser.EndElementHandler = self.end
-        self.parser.CharacterDataHandler = self.characters
-        self.parser.EntityDeclHandler = self.entity
-
-    @property
-    def root(self) -> XmlNode:
-        return self.open[0].children[0]
-
-    def fail(self, message: str) -> NoReturn:
-        raise ModelError(f"{self.file} line {self.parser.CurrentLineNumber}: {message}")
-
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        self.count += 1
-        if self.count > MAX_ELEMENTS:
-            self.fail(f"more than {MAX_ELEMENTS:,} elements; expected the description of a robot")
-        if len(self.open) > MAX_DEPTH:
-            self.fail(f"elements within more than {MAX_DEPTH} others; expected the description of a robot")
-        node = XmlNode(
-            tag, attributes, self.file, line=self.parser.CurrentLineNumber, start=self.parser.CurrentByteIndex
-        )
-        self.open[-1].children.append(node)
-        self.open.append(node)
-
-    def end(self, _: str) -> None:
-        self.open.pop().close = self.parser.CurrentByteIndex
-
-    def characters(self, text: str) -> None:
-        node = self.open[-1]
-        if len(node.text) < MAX_TEXT:
-            node.text += text[:MAX_TEXT]
-
-    def entity(self, *_: Any) -> NoReturn:
-        self.fail("declares an entity, which is not allowed; remove the document type and write the entity's content")
