@@ -48,8 +48,8 @@ def experiment(
     with terminal.working("deriving and compiling the model"):
         loaded = source.compiled.model()
     rivals = experiments.parse_rivals(",".join(between), loaded)
-    with terminal.working("looking for a motion") as tell:
-        proposal = experiments.propose(loaded, rivals, settings, tell)
+    with terminal.working("looking for a motion") as say:
+        proposal = experiments.propose(loaded, rivals, settings, say)
     written = out if proposal.separated else None
     if written:
         experiments.write_motion(written, loaded, proposal.motion)

@@ -95,6 +95,6 @@ def _improved(
     from runtime.report import terminal
     from runtime.report.summary import ResultSummary
 
-    with terminal.working("fitting and looking for missing effects") as tell:
-        result = improved(source, fitted, held_out, tell)
+    with terminal.working("fitting and looking for missing effects") as say:
+        result = improved(source, fitted, held_out, say)
         return result, ResultSummary(result, invocation, floors(result.steps[-1].identification, held_out))

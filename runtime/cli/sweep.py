@@ -75,13 +75,15 @@ def sweep(
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes of this machine, --scheduler is a cluster; give one of them")
     journal.check(table)
-    diary = journal.beside(table)
-    if table.exists() and not diary.exists():
-        raise UsageError(f"{table}: exists without its journal {diary.name}; move it away, or choose another --table")
+    journal_path = journal.beside(table)
+    if table.exists() and not journal_path.exists():
+        raise UsageError(
+            f"{table}: exists without its journal {journal_path.name}; move it away, or choose another --table"
+        )
     path = scenario_path(scenario)
     asked = scenario_file.read(path)
     source = scenario_source(asked.model, path, effects)
-    keep([path, source.path], [table, diary, *([Path(json)] if json else [])])
+    keep([path, source.path], [table, journal_path, *([Path(json)] if json else [])])
     print_notes(source)
     axes = grid.parse(over, effects_described(effects, space=True), [joint.name for joint in source.arm().joints])
     with terminal.working("deriving and compiling the model"):
@@ -93,14 +95,14 @@ def sweep(
     began = time.monotonic()
     with (
         _pool(code, workers, scheduler) as pool,
-        journal.opened(diary, journal.heading(case, code, starts, names)) as kept,
+        journal.opened(journal_path, journal.heading(case, code, starts, names)) as kept,
     ):
         before = kept.finished(jobs)
         try:
-            with terminal.sweep_progress(len(jobs), before) as tell:
-                results = journal.run(jobs, pool, kept, lambda result: tell(result.feasible))
+            with terminal.sweep_progress(len(jobs), before) as say:
+                results = journal.run(jobs, pool, kept, lambda result: say(result.feasible))
         except BaseException:
-            done = f"{kept.finished(jobs)} of {len(jobs)} jobs are in {diary}"
+            done = f"{kept.finished(jobs)} of {len(jobs)} jobs are in {journal_path}"
             print(f"{done}; the same command continues from there", file=sys.stderr)
             raise
     journal.write(table, journal.columns(case, model.n, names), jobs, results)
@@ -113,7 +115,7 @@ def sweep(
         found_finished=before,
         seconds=time.monotonic() - began,
         table=str(table),
-        journal=str(diary),
+        journal=str(journal_path),
         variations=journal.summary(jobs, results, model),
     )
     emit(json, document.to_json(), terminal.printer(motions.sweep))

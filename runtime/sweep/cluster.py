@@ -12,11 +12,10 @@ from pathlib import Path
 from distributed import Client, Worker, WorkerPlugin
 from distributed.comm import get_address_host
 
-from runtime.sweep.job import Code, Job, JobResult, Pool, PoolError, solve
+from runtime.sweep.job import Code, Job, JobResult, Pool, PoolError, digest, solve
 
 _TIMEOUT = 10.0
 """s; to reach the scheduler."""
-_PARTS = ("model", "library")
 _unpacked: dict[str, Code] = {}
 """In a worker: the code that it has received, by name."""
 
@@ -25,14 +24,8 @@ class CompiledCode(WorkerPlugin):
     """The directories of compiled code, written to every worker's own disk, also of workers that join later."""
 
     def __init__(self, code: Code) -> None:
-        self.files = {
-            f"{part}/{path.name}": path.read_bytes()
-            for part, directory in zip(_PARTS, (code.model, code.library), strict=True)
-            for path in sorted(directory.iterdir())
-            if path.is_file()
-        }
-        content = "".join(f"{path} {hashlib.sha256(data).hexdigest()}\n" for path, data in self.files.items())
-        self.name = f"tendon-{hashlib.sha256(content.encode()).hexdigest()[:24]}"
+        self.files = {name: path.read_bytes() for name, path in code.files().items()}
+        self.name = f"tendon-{digest({name: hashlib.sha256(data).hexdigest() for name, data in self.files.items()})}"
 
     def setup(self, worker: Worker) -> None:
         """Called by Dask on each worker. Raises an error if its machine cannot load the code."""
@@ -43,7 +36,7 @@ class CompiledCode(WorkerPlugin):
             target = home / path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
-        code = Code(*(home / part for part in _PARTS))
+        code = Code(home / "model", home / "library")
         code.load()
         _unpacked[self.name] = code
 

@@ -53,16 +53,16 @@ class Code:
     def load(self) -> Model:
         return Model(self.model, Library(self.library))
 
+    def files(self) -> dict[str, Path]:
+        """The files of both directories by their path below a common one."""
+        parts = {"model": self.model, "library": self.library}
+        found = [(f"{part}/{p.name}", p) for part, home in parts.items() for p in sorted(home.iterdir())]
+        return {name: path for name, path in found if path.is_file()}
+
     def identity(self) -> str:
         """A hash of the generated sources: the same for one arm wherever it was compiled."""
-        return digest(
-            {
-                f"{part}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest()
-                for part, directory in (("model", self.model), ("library", self.library))
-                for path in sorted(directory.iterdir())
-                if path.is_file() and path.suffix != ".so" and not path.name.startswith(".")
-            }
-        )
+        sources = {n: p for n, p in self.files().items() if p.suffix != ".so" and not p.name.startswith(".")}
+        return digest({name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in sources.items()})
 
 
 def digest(content: object) -> str:
