@@ -19,10 +19,11 @@ from runtime.documents.diagnosis import (
     LimitEntry,
     RankedCandidate,
 )
+from runtime.documents.fits import JointEntry
 from runtime.documents.parts import EffectAt, EstimateEntry, given
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
-from runtime.report.fits import Names, at_named
+from runtime.report.fits import Names, at_named, names_of
 from runtime.report.sections import (
     Bullets,
     Cell,
@@ -54,21 +55,18 @@ Placed = EffectAt | FindingEntry | RankedCandidate
 """An effect at a joint."""
 
 
-class JointScale(NamedTuple):
-    """What a residual is measured against at a joint."""
-
-    floor: float
-    unit: str
-
-
 class Context(NamedTuple):
-    """The joints of a result: their names, noise floors and units; `also`: all effects that were named."""
+    """The joints of a result by number, with their noise floors and units; `also`: all effects that were named."""
 
-    names: Names
-    places: Mapping[int, JointScale]
+    places: Mapping[int, JointEntry]
     also: Collection[tuple[str, int | None]] = ()
 
-    def at(self, candidate: Placed, finding: Placed | None = None) -> JointScale:
+    @property
+    def names(self) -> Names:
+        """Names of the joints by number."""
+        return names_of(self.places.values())
+
+    def at(self, candidate: Placed, finding: Placed | None = None) -> JointEntry:
         """The joint at which a candidate is judged: its own, or that of the finding it competes with."""
         joint = candidate.joint or (finding.joint if finding else None) or 1
         return self.places[joint]
@@ -171,7 +169,7 @@ def interval(p: EstimateEntry) -> str:
     return f"{text}, only together with {', '.join(others)}" if others else text
 
 
-def evidence(weighed: EvidenceEntry, place: JointScale) -> Facts:
+def evidence(weighed: EvidenceEntry, place: JointEntry) -> Facts:
     """What speaks for a candidate."""
     twist = given(weighed.twist)
     own = _own(weighed, place) if twist is None else quantity(twist.eff, twist.unit, 3)
@@ -186,7 +184,7 @@ def evidence(weighed: EvidenceEntry, place: JointScale) -> Facts:
     return Facts(tuple(facts))
 
 
-def _own(weighed: EvidenceEntry, place: JointScale) -> str:
+def _own(weighed: EvidenceEntry, place: JointEntry) -> str:
     parts = times_floor(weighed.eff, place.floor)
     return "none" if parts < 0.005 else f"{quantity(weighed.eff, place.unit, 3)} ({number(parts, 3)} × noise floor)"
 
@@ -243,7 +241,7 @@ def closest(document: DiagnosisBase, context: Context) -> list[Section]:
     return [Paragraph("Closest candidates:"), Bullets(tuple(lines)), Paragraph("")] if lines else []
 
 
-def _row(e: RankedCandidate, kind: str, why: str, place: JointScale, context: Context) -> tuple[str | Cell, ...]:
+def _row(e: RankedCandidate, kind: str, why: str, place: JointEntry, context: Context) -> tuple[str | Cell, ...]:
     return (
         Cell(context.called(e), note=kind),
         _own(e.evidence, place),
@@ -272,7 +270,7 @@ def _rest(candidates: Sequence[RankedCandidate], context: Context, finding: Find
     return list(texts_)
 
 
-def _group(e: RankedCandidate, place: JointScale) -> str:
+def _group(e: RankedCandidate, place: JointEntry) -> str:
     if not e.evidence.failed_gates:
         return ""
     if e.evidence.eff < _NOTHING * place.floor:
@@ -280,7 +278,7 @@ def _group(e: RankedCandidate, place: JointScale) -> str:
     return "unearned" if e.evidence.delta_bic <= 0 else ""
 
 
-def _failing(e: RankedCandidate, place: JointScale) -> str:
+def _failing(e: RankedCandidate, place: JointEntry) -> str:
     if _group(e, place) == "nothing":
         return "is ruled out: it explains next to nothing that the fitted model does not"
     if _group(e, place) == "unearned":

@@ -7,7 +7,7 @@ from math import inf, isfinite
 from typing import NamedTuple
 
 from runtime.diagnosis.consistency import contradict, deviation
-from runtime.documents.diagnosis import DiagnosisBase, HistoryEntry
+from runtime.documents.diagnosis import DiagnosisBase, FloorEntry, HistoryEntry
 from runtime.documents.fits import (
     CompareDocument,
     FitDocument,
@@ -189,30 +189,22 @@ def _percent(value: float | None) -> str:
     return "–" if value is None else percent(value)
 
 
-class KnownFloor(NamedTuple):
-    """A noise floor, rms, and where it is from."""
-
-    rms: float
-    source: str
-
-
 def errors_by_joint(
-    history: Sequence[HistoryEntry], joints: Sequence[JointEntry], held_out_floors: Sequence[KnownFloor]
+    history: Sequence[HistoryEntry], joints: Sequence[JointEntry], held_out_floors: Sequence[FloorEntry]
 ) -> list[Section]:
     """Error of every joint, a column a step; what was held out in a table of its own."""
     names = names_of(joints)
-    floors = [KnownFloor(j.floor, j.floor_source) for j in joints]
     fitted = [(step_name(s), s.relative, s.rms) for s in history]
     held = [(step_name(s), s.held_out_relative, s.held_out) for s in history if s.held_out_relative and s.held_out]
     made: list[Section] = []
-    for title, steps, least in (("error, rms", fitted, floors), ("held out", held, held_out_floors)):
+    for title, steps, least in (("error, rms", fitted, joints), ("held out", held, held_out_floors)):
         if not least or not steps:
             continue
         rows = [
             (
                 place(j.joint, names),
                 *(f"{_percent(relative[k])}, {number(rms[k])}" for _, relative, rms in steps),
-                f"{number(floor.rms)}{unit(j.unit, ' ')} ({floor.source})",
+                f"{number(floor.floor)}{unit(j.unit, ' ')} ({floor.floor_source})",
             )
             for k, (j, floor) in enumerate(zip(joints, least, strict=True))
         ]

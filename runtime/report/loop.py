@@ -16,8 +16,8 @@ from runtime.documents.diagnosis import (
 from runtime.documents.fits import CompareDocument, JudgedFitDocument
 from runtime.documents.parts import given
 from runtime.report import findings, fits
-from runtime.report.findings import Context, JointScale
-from runtime.report.fits import KnownFloor, place
+from runtime.report.findings import Context
+from runtime.report.fits import place
 from runtime.report.sections import Commands, Group, Paragraph, Section, texts
 from runtime.wording import milliseconds, number, percent, quantity
 from symbolic.model_file.checks import at_joint
@@ -90,19 +90,18 @@ def improvement(document: ImprovementDocument) -> list[Section]:
 
 def errors(document: ImprovementDocument) -> list[Section]:
     """Error after each step; of a single joint a row a step, of several a row a joint."""
-    held = [KnownFloor(f.floor, f.floor_source) for f in given(document.held_out_floors) or []]
+    held = given(document.held_out_floors) or []
     if len(document.joints) > 1:
         return fits.errors_by_joint(document.history, document.joints, held)
     (joint,) = document.joints
     lines = [f"Noise floor (rms): joint 1 {number(joint.floor)} ({joint.floor_source})."]
-    lines += [f"  held out: joint 1 {number(f.rms)} ({f.source})." for f in held]
+    lines += [f"  held out: joint 1 {number(f.floor)} ({f.floor_source})." for f in held]
     return [fits.errors_of_joint(document.history, joint, None), *texts([*lines, ""])]
 
 
 def context(document: DiagnosisBase, named: Sequence[FindingEntry]) -> Context:
     """The joints that findings and candidates refer to; named: all findings."""
-    places = {j.joint: JointScale(j.floor, j.unit) for j in document.joints}
-    return Context(fits.names_of(document.joints), places, {findings.key(f) for f in named})
+    return Context({j.joint: j for j in document.joints}, {findings.key(f) for f in named})
 
 
 def peaks(document: Judged) -> list[str]:

@@ -118,17 +118,6 @@ LoopDocument = CompareDocument | DiagnosisDocument | ImprovementDocument
 
 
 @dataclass(frozen=True)
-class NextCommand:
-    """Something to type, and what it does."""
-
-    what: str
-    line: str
-
-    def document(self) -> CommandEntry:
-        return CommandEntry(what=self.what, command=self.line)
-
-
-@dataclass(frozen=True)
 class ResultSummary:
     """What the three kinds of results have in common: steps of a model, each fitted.
 
@@ -150,15 +139,19 @@ class ResultSummary:
         follows = {
             "more_is_left": self.more_is_left,
             "peaks": [PeaksEntry(joint=k, frequencies_hz=f) for k, f in enumerate(self.peaks, 1) if f],
-            "commands": [command.document() for command in self.commands],
+            "commands": self.commands,
             "improved_model": None if self.improved is None else str(self.improved),
         }
         if isinstance(self.result, Diagnosis):
             return described(self.result).as_part_of(DiagnosisDocument, draft=None, **follows)
-        floors = [
-            FloorEntry(joint=k, floor=f.value, floor_source=f.source) for k, f in enumerate(self.held_out_floors, 1)
-        ]
-        return self.result.document().as_part_of(ImprovementDocument, held_out_floors=floors or UNSET, **follows)
+        floors = self.floor_entries or UNSET
+        return self.result.document().as_part_of(ImprovementDocument, held_out_floors=floors, **follows)
+
+    @property
+    def floor_entries(self) -> list[FloorEntry]:
+        """The held-out floors, as documents have them."""
+        floors = enumerate(self.held_out_floors, 1)
+        return [FloorEntry(joint=k, floor=f.value, floor_source=f.source) for k, f in floors]
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -257,19 +250,19 @@ class ResultSummary:
     def invocation(self) -> Invocation:
         return self.given or unknown(self.first.identification.model.name)
 
-    def copying(self) -> list[NextCommand]:
+    def copying(self) -> list[CommandEntry]:
         """What comes before the first effect is added to an arm of Tendon: a copy of it."""
         named = self.findings and self.invocation.like
-        return [NextCommand("makes a model file of yours, to add it to", self.invocation.copy())] if named else []
+        return [_command("makes a model file of yours, to add it to", self.invocation.copy())] if named else []
 
-    def adding(self) -> list[NextCommand]:
+    def adding(self) -> list[CommandEntry]:
         """One command a finding, in their order."""
-        return [NextCommand(f"adds {f.term.effect}{at(f.term)}", self.invocation.add(f.term)) for f in self.findings]
+        return [_command(f"adds {f.term.effect}{at(f.term)}", self.invocation.add(f.term)) for f in self.findings]
 
-    def separating(self) -> list[NextCommand]:
+    def separating(self) -> list[CommandEntry]:
         """One command for every finding and rival of it."""
         return [
-            NextCommand(
+            _command(
                 f"designs the motion that tells {f.term.effect} from {rival.effect}{at(rival)}",
                 self.invocation.experiment((f.term, rival)),
             )
@@ -277,22 +270,20 @@ class ResultSummary:
             for rival in f.rivals
         ]
 
-    def drafting(self) -> list[NextCommand]:
+    def drafting(self) -> list[CommandEntry]:
         """What helps further where nothing in the library explains what is left."""
         if self.drafted or self.left is None or self.left.verdict != "unexplained":
             return []
         return [
-            NextCommand("drafts an effect for what is left, as a guess", self.invocation.draft()),
-            NextCommand("adds the guess, if it lowers the error", self.invocation.try_draft()),
+            _command("drafts an effect for what is left, as a guess", self.invocation.draft()),
+            _command("adds the guess, if it lowers the error", self.invocation.try_draft()),
         ]
 
-    def refitting(self) -> list[NextCommand]:
+    def refitting(self) -> list[CommandEntry]:
         """What is to do once the findings are added."""
-        return (
-            [NextCommand("fits the model again and writes its values", self.invocation.identify())]
-            if self.findings
-            else []
-        )
+        if not self.findings:
+            return []
+        return [_command("fits the model again and writes its values", self.invocation.identify())]
 
     @property
     def improved(self) -> Path | None:
@@ -300,10 +291,14 @@ class ResultSummary:
         return self.invocation.improved if self.findings else None
 
     @property
-    def commands(self) -> list[NextCommand]:
+    def commands(self) -> list[CommandEntry]:
         """What is still to do, in its order."""
         to_do = [] if self.improved else [*self.copying(), *self.adding(), *self.refitting()]
         return [*to_do, *self.separating(), *self.drafting()]
+
+
+def _command(what: str, line: str) -> CommandEntry:
+    return CommandEntry(what=what, command=line)
 
 
 def relative_floor(series: JointSeries) -> float:

@@ -24,8 +24,8 @@ from runtime.motion import spectrum
 from runtime.plain_json import plain
 from runtime.planning.trajectory import Trajectory
 from runtime.report import findings, fits, loop, motions
-from runtime.report.findings import Context, JointScale
-from runtime.report.fits import KnownFloor, Names
+from runtime.report.findings import Context
+from runtime.report.fits import Names
 from runtime.report.page import page_figures as figures
 from runtime.report.page.arm_motion import picture
 from runtime.report.page.html import ReportPage, embedded, figure, part
@@ -145,11 +145,11 @@ def _short(summary: ResultSummary) -> list[Section]:
     if len(summary.first.joints) == 1:
         made.append(Facts(tuple(_facts(summary)), large=True))
     else:
-        made += fits.errors_by_joint(history(summary), _entries(summary.last), _held_floors(summary))
+        made += fits.errors_by_joint(history(summary), _entries(summary.last), summary.floor_entries)
     if improved := getattr(document, "improved_model", None):
         made.append(Paragraph(f"The improved model is in {improved}. By hand, in the model as it was:"))
     to_type = [*summary.copying(), *summary.adding()] or summary.drafting()[:1]
-    return [*made, Commands(tuple(command.document() for command in to_type))]
+    return [*made, Commands(tuple(to_type))]
 
 
 def _facts(summary: ResultSummary) -> list[tuple[str, str]]:
@@ -188,10 +188,6 @@ def history(summary: ResultSummary) -> list[HistoryEntry]:
 
 def _entries(step: Step) -> list[JointEntry]:
     return [series.document() for series in step.joints]
-
-
-def _held_floors(summary: ResultSummary) -> list[KnownFloor]:
-    return [KnownFloor(f.value, f.source) for f in summary.held_out_floors]
 
 
 def _names(summary: ResultSummary) -> Names:
@@ -294,8 +290,8 @@ def _joint(summary: ResultSummary, joint: int, drawings: dict[str, Markup]) -> G
 
 def context(summary: ResultSummary) -> Context:
     """The joints of a result, with the noise floors of the best model."""
-    scales = {j.joint: JointScale(j.floor, j.unit) for j in _entries(summary.last)}
-    return Context(_names(summary), scales, {(f.term.effect, f.term.joint) for f in summary.findings})
+    places = {j.joint: j for j in _entries(summary.last)}
+    return Context(places, {(f.term.effect, f.term.joint) for f in summary.findings})
 
 
 def finding_title(summary: ResultSummary, number_: int) -> str:
@@ -312,7 +308,7 @@ def finding_card(summary: ResultSummary, number_: int, names: Sequence[str] = ()
     assert summary.diagnosis is not None
     entry = finding_entry(summary.diagnosis, number_)
     info = summary.diagnosis.model.library.effects[entry.effect]
-    adding = Commands((summary.adding()[number_].document(),))
+    adding = Commands((summary.adding()[number_],))
     return [*findings.card(entry, context(summary), info, names), adding]
 
 
@@ -343,7 +339,7 @@ def diagnosis_groups(summary: ResultSummary) -> list[Group]:
         groups.append(Group("The experiment that would decide", tuple(made), "experiment"))
     if made := left_over(summary):
         guess = Paragraph("A guess at a term that explains most of it, as a declaration to read, correct and try:")
-        commands = tuple(command.document() for command in summary.drafting())
+        commands = tuple(summary.drafting())
         further: list[Section] = [guess, Commands(commands)] if commands else []
         groups.append(Group("What is left unexplained", (*made, *further), "left-over"))
     if made := to_record(summary):
@@ -359,7 +355,7 @@ def experiments(summary: ResultSummary) -> list[Section]:
     if summary.diagnosis is None:
         return []
     separating = iter(summary.separating())
-    commands = [[next(separating).document() for _ in f.rivals] for f in summary.findings]
+    commands = [[next(separating) for _ in f.rivals] for f in summary.findings]
     entries = [finding_entry(summary.diagnosis, k) for k in range(len(summary.findings))]
     effects = summary.diagnosis.model.library.effects
     return findings.experiments(entries, effects, commands, context(summary))
@@ -475,7 +471,7 @@ def _adding(summary: ResultSummary) -> list[Group]:
     improved = getattr(summary.document, "improved_model", None)
     lines = [f"{improved} holds the effects with their values. By hand, in the model as it was:"] if improved else []
     where = "In the folder in which this report was asked for:" if summary.given else "With the names of your files:"
-    follow = Commands(tuple(command.document() for command in commands))
+    follow = Commands(tuple(commands))
     return [Group("Put it into the model", (*texts(lines), Paragraph(where, "note"), follow), "commands")]
 
 

@@ -40,7 +40,6 @@ from runtime.model.terms import Term, structure
 from runtime.motion import spectrum
 from runtime.recordings.recording import Recording
 from runtime.report import findings, loop, terminal
-from runtime.report.findings import JointScale
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
@@ -344,7 +343,7 @@ def test_commands_can_be_copied(summary, story_text):
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in text
     assert "tendon identify 'my arms/drive.toml' 'run 1.csv' --write --effects own.py" in text
     assert "tendon experiment 'my arms/drive.toml' --between stribeck@1,elasticity@1 --effects own.py" in text
-    assert [c.command for c in summary.document.commands] == [c.line for c in summary.commands]
+    assert summary.document.commands == summary.commands
 
 
 def test_the_model_files_own_words_and_sources_are_cited():
@@ -355,7 +354,7 @@ def test_the_model_files_own_words_and_sources_are_cited():
 
 def test_what_is_done_already_is_not_asked_for(summary):
     done = replace(summary, given=replace(ORIGIN, improved=Path("better.toml")))
-    assert not any(c.line.startswith("tendon add") for c in done.commands)
+    assert not any(c.command.startswith("tendon add") for c in done.commands)
     assert "The improved model is in better.toml" in Reader(rendered(done)).text.replace(" .", ".")
     assert not done.document.commands[0].command.startswith("tendon identify")
 
@@ -393,7 +392,8 @@ def test_why_a_candidate_was_not_named(summary):
     context = reports.context(summary)
 
     def why(other: RankedCandidate, rivals=(), scale: float = 1.0) -> str:
-        around = context._replace(places={k: JointScale(scale * p.floor, p.unit) for k, p in context.places.items()})
+        scaled = {k: msgspec.structs.replace(p, floor=scale * p.floor) for k, p in context.places.items()}
+        around = context._replace(places=scaled)
         own = msgspec.structs.replace(finding, rivals=[EffectAt(effect=t.effect, joint=t.joint) for t in rivals])
         return findings.in_place_of(other, own, around)
 
