@@ -197,7 +197,8 @@ def errors_by_joint(
     fitted = [(step_name(s), s.relative, s.rms) for s in history]
     held = [(step_name(s), s.held_out_relative, s.held_out) for s in history if s.held_out_relative and s.held_out]
     made: list[Section] = []
-    for title, steps, least in (("error, rms", fitted, joints), ("held out", held, held_out_floors)):
+    known: list[Sequence[JointEntry | FloorEntry]] = [joints, held_out_floors]
+    for title, steps, least in zip(("error, rms", "held out"), (fitted, held), known, strict=True):
         if not least or not steps:
             continue
         rows = [

@@ -11,11 +11,12 @@ import base64
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,39 +26,36 @@ Array = NDArray[np.float64]
 Colour = Literal["ink", "faint", "before", "after"]
 
 
-@dataclass(frozen=True)
-class DrawnLine:
-    """A line of a set (its name there), and what it is called and drawn in; cloud or curve over time."""
+class DrawnLine(msgspec.Struct, frozen=True):
+    """A line of a signal set by its name there, with its label and colour; a curve over time or a cloud."""
 
     line: str
     name: str
     colour: Colour
 
 
-@dataclass(frozen=True)
-class DrawnCurve:
-    """A few numbers of its own: x and y (K,), NaN where it breaks."""
+class DrawnCurve(msgspec.Struct, frozen=True):
+    """A curve with points of its own: x and y (K,), None where it breaks."""
 
     name: str
     colour: Colour
-    x: Sequence[float | None]
-    y: Sequence[float | None]
+    x: list[float | None]
+    y: list[float | None]
     dashed: bool = False
 
 
-@dataclass(frozen=True)
-class SignalPanel:
-    """One of the views of a set, which zoom each on their own and are lit together.
+class SignalPanel(msgspec.Struct, frozen=True):
+    """A panel of a signal set; panels zoom one by one and share a selection.
 
-    kind      "time": lines over the time; "over": clouds over another signal; "curves": curves alone
-    x         for "over" the name of that signal in the set
+    kind      "time": lines over time; "over": clouds over another signal; "curves": curves alone
+    x         name of the signal on the horizontal axis
     labels    of the axes, with units
     low, high vertical scale
     band      ± noise floor, or for "curves" from 0 to it; 0: none
-    stretch   within this distance from 0 the horizontal axis is linear, beyond logarithmic; 0: plain
+    stretch   the horizontal axis is linear within this distance from 0 and logarithmic beyond it; 0: linear
     log       the vertical axis is logarithmic
-    marks     places on the horizontal axis to point at
-    note      a sentence below it
+    marks     positions on the horizontal axis to mark
+    note      a sentence below the panel
     """
 
     kind: Literal["time", "over", "curves"]
@@ -73,23 +71,6 @@ class SignalPanel:
     log: bool = False
     marks: tuple[float, ...] = ()
     note: str = ""
-
-    def to_json(self) -> dict[str, Any]:
-        """Numbers and texts; the browser shows texts as texts."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, document: dict[str, Any]) -> SignalPanel:
-        """As `to_json` wrote it."""
-        return cls(
-            **{
-                **document,
-                "labels": tuple(document["labels"]),
-                "lines": tuple(DrawnLine(**line) for line in document["lines"]),
-                "curves": tuple(DrawnCurve(**curve) for curve in document["curves"]),
-                "marks": tuple(document["marks"]),
-            }
-        )
 
 
 def curve(name: str, colour: Colour, x: Array, y: Array, dashed: bool = False) -> DrawnCurve:
@@ -251,7 +232,7 @@ class SignalSet:
             "floor": self.floor,
             "unit": self.unit,
             "units": dict(self.units),
-            "panels": [panel.to_json() for panel in self.panels],
+            "panels": msgspec.to_builtins(self.panels),
         }
 
     # --- numbers ---
@@ -308,13 +289,12 @@ class SignalSet:
 
     def save(self, path: Path) -> None:
         """As .npz. Raises OSError."""
-        kept = {"title": self.title, "floor": self.floor, "unit": self.unit, "lines": list(self.lines)}
-        kept["units"] = dict(self.units)
-        document = {**kept, "axes": list(self.axes), "panels": [panel.to_json() for panel in self.panels]}
+        kept = {"title": self.title, "panels": self.panels, "floor": self.floor, "unit": self.unit}
+        document = {**kept, "units": self.units, "lines": list(self.lines), "axes": list(self.axes)}
         arrays = {f"line{k}": v for k, v in enumerate(self.lines.values())}
         arrays |= {f"axis{k}": v for k, v in enumerate(self.axes.values())}
         buffer = io.BytesIO()
-        text = json.dumps(document, allow_nan=False).encode()
+        text = msgspec.json.encode(document)
         np.savez(buffer, allow_pickle=False, document=np.frombuffer(text, dtype=np.uint8), t=self.t, **arrays)
         files.replace(path, buffer.getvalue())
 
@@ -323,15 +303,13 @@ class SignalSet:
         """As `save` wrote it. Raises OSError, ValueError or KeyError where it did not."""
         with np.load(path, allow_pickle=False) as kept:
             document = json.loads(kept["document"].tobytes())
+            lines, axes, panels = (document.pop(name) for name in ("lines", "axes", "panels"))
             return cls(
-                document["title"],
-                kept["t"],
-                {name: kept[f"line{k}"] for k, name in enumerate(document["lines"])},
-                {name: kept[f"axis{k}"] for k, name in enumerate(document["axes"])},
-                tuple(SignalPanel.from_json(panel) for panel in document["panels"]),
-                document["floor"],
-                document["unit"],
-                document.get("units", {}),
+                t=kept["t"],
+                lines={name: kept[f"line{k}"] for k, name in enumerate(lines)},
+                axes={name: kept[f"axis{k}"] for k, name in enumerate(axes)},
+                panels=msgspec.convert(panels, tuple[SignalPanel, ...]),
+                **document,
             )
 
 
