@@ -190,15 +190,15 @@ def _percent(value: float | None) -> str:
 
 
 def errors_by_joint(
-    history: Sequence[HistoryEntry], joints: Sequence[JointEntry], held_out_floors: Sequence[FloorEntry]
+    history: Sequence[HistoryEntry], joints: Sequence[JointEntry], held_out_floors: Sequence[JointEntry | FloorEntry]
 ) -> list[Section]:
     """Error of every joint, a column a step; what was held out in a table of its own."""
     names = names_of(joints)
+    floors: Sequence[JointEntry | FloorEntry] = joints
     fitted = [(step_name(s), s.relative, s.rms) for s in history]
     held = [(step_name(s), s.held_out_relative, s.held_out) for s in history if s.held_out_relative and s.held_out]
     made: list[Section] = []
-    known: list[Sequence[JointEntry | FloorEntry]] = [joints, held_out_floors]
-    for title, steps, least in zip(("error, rms", "held out"), (fitted, held), known, strict=True):
+    for title, steps, least in (("error, rms", fitted, floors), ("held out", held, held_out_floors)):
         if not least or not steps:
             continue
         rows = [
