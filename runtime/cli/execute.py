@@ -114,7 +114,7 @@ def execute(
         recording=None if out is None else str(out),
         model_out=None if model_out is None else str(model_out),
         next=_next(same, out, effects),
-    ).to_json()
+    )
     emit(json, said, terminal.printer(motions.execution))
     if report is not None and result.recording is not None:
         from runtime.report.page.reports import execution_page
@@ -220,7 +220,7 @@ def _real(line: ArmLine, on: str, asked: _Asked, *, moves: bool, talks: bool) ->
 
     def ready() -> None:
         if talks:
-            terminal.show(motions.prediction(predicted.to_json()))
+            terminal.show(motions.prediction(predicted))
 
     with terminal.working(f"executing {asked.plan.scenario} on {on}"), listening() as stop:
         done, frames = real.execute_on(link, setup, ready, stop)

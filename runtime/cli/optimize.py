@@ -82,9 +82,9 @@ def optimize(
         with terminal.working(f"optimizing {case.name}"):
             plan = optimizer.optimize(model, case, settings)
     except optimizer.Infeasible as error:
-        emit(json, results.refusal(model, case, error).to_json(), terminal.printer(motions.plan))
+        emit(json, results.refusal(model, case, error), terminal.printer(motions.plan))
         raise typer.Exit(NO) from error
-    document = results.document(model, plan).to_json()
+    document = results.document(model, plan)
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:

@@ -118,7 +118,7 @@ def sweep(
         journal=str(journal_path),
         variations=journal.summary(jobs, results, model),
     )
-    emit(json, document.to_json(), terminal.printer(motions.sweep))
+    emit(json, document, terminal.printer(motions.sweep))
     if not all(variation.feasible for variation in document.variations):
         raise typer.Exit(NO)
 

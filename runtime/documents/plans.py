@@ -26,7 +26,7 @@ PositionUnit = Annotated[str, key("rad or m")]
 ForceUnit = Annotated[str, key("N m or N")]
 Series = list[list[float | None]]
 EachCost = Annotated[list[float], key("integral of the squared torque of each joint", "(N m)^2 s or N^2 s")]
-Total = Annotated[float | None, key("sum over the joints", "(N m)^2 s or N^2 s")]
+Total = Annotated[float, key("sum over the joints", "(N m)^2 s or N^2 s")]
 SpringValues = dict[str, float | int | str]
 """Of a spring: `joint`, values of its parameters by name (SI), and further keys."""
 
@@ -129,13 +129,18 @@ class AttemptEntry(Document, frozen=True, kw_only=True):
     missed: Annotated[str | None, key("the constraint that is violated most; null if all are met")]
 
 
-class SolverEntry(Document, frozen=True, kw_only=True):
-    """The search for a plan."""
+class FailedSearchEntry(Document, frozen=True, kw_only=True):
+    """A search that found no plan."""
 
     attempts: Annotated[list[AttemptEntry], key("coarse solutions, the best first")]
-    refined: Annotated[AttemptEntry | UnsetType, key("the best one on the fine program; absent without a plan")] = UNSET
-    setup_seconds: Annotated[float | UnsetType, key("time to derive the programs; absent without a plan", "s")] = UNSET
-    seconds: Annotated[float | UnsetType, key("time in total; absent without a plan", "s")] = UNSET
+
+
+class SolverEntry(FailedSearchEntry, frozen=True, kw_only=True):
+    """The search for a plan."""
+
+    refined: Annotated[AttemptEntry, key("the best one on the fine program")]
+    setup_seconds: Annotated[float, key("time to derive the programs", "s")]
+    seconds: Annotated[float, key("time in total", "s")]
 
 
 class ViolationEntry(Document, frozen=True, kw_only=True):
@@ -147,32 +152,46 @@ class ViolationEntry(Document, frozen=True, kw_only=True):
     unit: Annotated[str, key("unit of the violation")]
 
 
-class OptimizeDocument(Document, frozen=True, kw_only=True):
-    """A planned motion, or why there is none: `tendon optimize --json`. Keys of a plan are absent without one."""
+class MotionDocument(Document, frozen=True, kw_only=True):
+    """A planned motion as its trajectory file has it."""
 
     scenario: ScenarioName
     arm: ArmName
-    feasible: Annotated[bool | UnsetType, key("whether there is a plan; absent for a trajectory file")] = UNSET
-    reason: Annotated[str | UnsetType, key("why there is no plan")] = UNSET
-    missed: Annotated[ViolationEntry | UnsetType, key("what the best attempt violates, if there is no plan")] = UNSET
-    cycle_time: Annotated[float | UnsetType, key("duration of the motion", "s")] = UNSET
-    friction: Annotated[bool | UnsetType, key("whether the motion was planned with friction")] = UNSET
-    objective: Annotated[ObjectiveEntry | UnsetType, key("what is minimal; absent for a trajectory file")] = UNSET
-    joints: Annotated[list[PlannedJointEntry] | UnsetType, key("each joint")] = UNSET
-    phases: Annotated[list[PhaseEntry] | UnsetType, key("phases in their order")] = UNSET
+    cycle_time: Annotated[float, key("duration of the motion", "s")]
+    friction: Friction
+    joints: Annotated[list[PlannedJointEntry], key("each joint")]
+    phases: Annotated[list[PhaseEntry], key("phases in their order")]
     springs: Annotated[
-        list[SpringValues] | UnsetType,
+        list[SpringValues],
         key("joint, effect and parameters (SI) of each spring; sought: size before one was chosen, in `unit`; text"),
-    ] = UNSET
+    ]
+    samples: Annotated[SamplesEntry, key("one cycle in samples")]
+
+
+class OptimizeDocument(MotionDocument, frozen=True, kw_only=True):
+    """A planned motion: `tendon optimize --json`."""
+
+    feasible: Annotated[Literal[True], key("whether there is a plan")] = True
+    objective: Annotated[ObjectiveEntry, key("what is minimal")]
     catalogue: Annotated[
-        list[dict[str, dict[str, float] | float | None]] | UnsetType,
+        list[dict[str, dict[str, float] | float | None]],
         key("springs compared, the best first: sizes by joint under the name of the parameter, and cost"),
-    ] = UNSET
-    trajectory: Annotated[TrajectoryDocument | UnsetType, key("the motion as --out writes it")] = UNSET
-    samples: Annotated[SamplesEntry | UnsetType, key("one cycle in samples")] = UNSET
-    solver: Annotated[SolverEntry | UnsetType, key("the search; absent for a trajectory file")] = UNSET
-    left_out: Annotated[dict[str, str] | UnsetType, key("effects that a plan cannot hold, and why")] = UNSET
-    warnings: Annotated[list[str] | UnsetType, key("what to know before the plan is used")] = UNSET
+    ]
+    trajectory: Annotated[TrajectoryDocument, key("the motion as --out writes it")]
+    solver: Annotated[SolverEntry, key("the search")]
+    left_out: Annotated[dict[str, str], key("effects that a plan cannot hold, and why")]
+    warnings: Annotated[list[str], key("what to know before the plan is used")]
+
+
+class InfeasibleDocument(Document, frozen=True, kw_only=True):
+    """Why there is no plan: `tendon optimize --json`, with exit status 1."""
+
+    scenario: ScenarioName
+    arm: ArmName
+    feasible: Annotated[Literal[False], key("whether there is a plan")] = False
+    reason: Annotated[str, key("why there is no plan")]
+    missed: Annotated[ViolationEntry, key("what the best attempt violates")]
+    solver: Annotated[FailedSearchEntry, key("the search")]
 
 
 # --- execute ---

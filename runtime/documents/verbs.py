@@ -16,7 +16,13 @@ from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import EffectDocument, EffectsDocument, ExportDocument, ImportDocument, InitDocument
 from runtime.documents.parts import Document
-from runtime.documents.plans import ExecuteDocument, OptimizeDocument, PaperDocument, SweepDocument
+from runtime.documents.plans import (
+    ExecuteDocument,
+    InfeasibleDocument,
+    OptimizeDocument,
+    PaperDocument,
+    SweepDocument,
+)
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
 
 BY_VERB: dict[str, type[Document]] = {
@@ -41,14 +47,14 @@ BY_VERB: dict[str, type[Document]] = {
     "import": ImportDocument,
     "export": ExportDocument,
 }
-ONE_OF_THEM = {"effects": EffectDocument}
-"""Document of a verb that was given the name of one thing."""
+OR_ELSE: dict[str, type[Document]] = {"effects": EffectDocument, "optimize": InfeasibleDocument}
+"""A verb's other document: of one effect by its name, and where there is no plan."""
 KEYS = Path(__file__).parent / "KEYS.md"
 
 
 def schema(verb: str) -> dict[str, Any]:
     """JSON schema of what `tendon VERB --json` writes."""
-    kinds = [BY_VERB[verb], *([ONE_OF_THEM[verb]] if verb in ONE_OF_THEM else [])]
+    kinds = [BY_VERB[verb], *([OR_ELSE[verb]] if verb in OR_ELSE else [])]
     references, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
     root = {"anyOf": list(references)} if len(kinds) > 1 else references[0]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **root, "$defs": components}

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,10 +181,6 @@ class Execution:
             mean=mean(every),
             spread=spread(every),
         )
-
-    def to_json(self) -> Any:
-        """The document as plain dicts and lists."""
-        return self.document().to_json()
 
 
 def no_listener() -> AbstractContextManager[Callable[[], int]]:

@@ -15,6 +15,7 @@ from runtime.diagnosis.credibility import JudgedFit
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.documents.fits import JudgedFitDocument
 from runtime.documents.models import ExportDocument
+from runtime.documents.plans import OptimizeDocument
 from runtime.estimation.compare import Comparison
 from runtime.loop.improve import Improvement
 from runtime.model.loader import Model
@@ -252,9 +253,9 @@ class PlanResult(_Result):
     _sections = staticmethod(motions.plan)
 
     @cached_property
-    def document(self) -> Any:
+    def document(self) -> OptimizeDocument:
         """As `tendon optimize --json`."""
-        return plain(plan_document(self.arm.model, self.plan))
+        return plan_document(self.arm.model, self.plan)
 
     def __repr__(self) -> str:
         return "\n".join([motions.plan_headline(self.document), *motions.spring_lines(self.document)])
@@ -262,12 +263,12 @@ class PlanResult(_Result):
     @cached_property
     def figures(self) -> ResultFigures:
         """Positions and torques of one cycle."""
-        figure = motion_plots.plan(self.json)
+        figure = motion_plots.plan(self.document)
         return ResultFigures([page_figures.drawn(figure, "plan", "Positions and torques of one cycle.")])
 
     def report(self, directory: PathOrText) -> Path:
         """Write the HTML page into a directory; its path. Raises OSError."""
-        return plan_page(self.arm.model, self.plan.trajectory, self.json).write(Path(directory))
+        return plan_page(self.arm.model, self.plan.trajectory, self.document).write(Path(directory))
 
     def save(self, path: PathOrText) -> None:
         """Write the trajectory, for `tendon execute`. Raises OSError."""

@@ -8,7 +8,10 @@ import numpy as np
 
 from runtime.documents.plans import (
     AttemptEntry,
+    FailedSearchEntry,
+    InfeasibleDocument,
     JointUnitsEntry,
+    MotionDocument,
     ObjectiveEntry,
     OptimizeDocument,
     PhaseEntry,
@@ -42,7 +45,6 @@ def document(model: Model, plan: Plan) -> OptimizeDocument:
     return OptimizeDocument(
         scenario=s.name,
         arm=model.name,
-        feasible=True,
         cycle_time=s.cycle_time,
         friction=s.friction,
         objective=ObjectiveEntry(
@@ -72,7 +74,7 @@ def document(model: Model, plan: Plan) -> OptimizeDocument:
     )
 
 
-def stated(model: Model, trajectory: Trajectory) -> OptimizeDocument:
+def stated(model: Model, trajectory: Trajectory) -> MotionDocument:
     """A trajectory from a file: no objective, phases without points, limits of the model file only."""
     found = effort(model, trajectory)
     springs: list[SpringValues] = []
@@ -80,7 +82,7 @@ def stated(model: Model, trajectory: Trajectory) -> OptimizeDocument:
         info = model.library[trajectory.spring(model.library, joint).effect]
         planned = [p for p in info.parameters if p.planned]
         springs.append({"joint": joint, **values, "text": _words(planned, values, model.joints[joint - 1].type)})
-    return OptimizeDocument(
+    return MotionDocument(
         scenario=trajectory.scenario,
         arm=model.name,
         cycle_time=trajectory.duration,
@@ -95,16 +97,15 @@ def stated(model: Model, trajectory: Trajectory) -> OptimizeDocument:
     )
 
 
-def refusal(model: Model, scenario: Scenario, error: Infeasible) -> OptimizeDocument:
+def refusal(model: Model, scenario: Scenario, error: Infeasible) -> InfeasibleDocument:
     """Why there is no plan: the constraint that the best attempt violates most."""
     missed = error.missed
-    return OptimizeDocument(
+    return InfeasibleDocument(
         scenario=scenario.name,
         arm=model.name,
-        feasible=False,
         reason=str(error),
         missed=ViolationEntry(where=missed.where, what=missed.what, amount=missed.amount, unit=missed.unit),
-        solver=SolverEntry(attempts=[_attempt(a) for a in error.attempts]),
+        solver=FailedSearchEntry(attempts=[_attempt(a) for a in error.attempts]),
     )
 
 

@@ -460,7 +460,7 @@ def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]
         model = source.compiled.model()
         planned = trajectory.read(path, model)
         report.part(EVALUATING)
-        stated = plain(results.stated(model, planned))
+        stated = results.stated(model, planned)
         folder = loaded.new_folder(f"plan{k}")
         (folder / "page.html").write_text(reports.plan_page(model, planned, stated).html(), encoding="utf-8")
         _write(folder / "plan.json", PlanOverview(name=name, headline=motions.plan_headline(stated)))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -15,6 +15,8 @@ from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.steps import Step, seconds_moving
 from runtime.documents.diagnosis import CommandEntry, HistoryEntry, RankedCandidate
 from runtime.documents.fits import CompareDocument, JointEntry
+from runtime.documents.parts import given
+from runtime.documents.plans import ExecuteDocument, MotionDocument, OptimizeDocument
 from runtime.estimation.compare import JointSeries, as_written, structure_entries, structure_shares
 from runtime.execution.execute import Execution
 from runtime.loop.improve import Improvement
@@ -37,8 +39,6 @@ from runtime.report.sections import Commands, Facts, Group, Paragraph, Plots, Se
 from runtime.report.signals import joint_signals
 from runtime.report.summary import Result, ResultSummary
 from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence, times_floor
-
-Document = Mapping[str, Any]
 
 TAGS = {
     "effect": "effect found",
@@ -515,29 +515,29 @@ def _range_of(summary: ResultSummary, joint: int) -> tuple[str, ...]:
 
 
 def plan_page(
-    model: Model, trajectory: Trajectory, document: Document, commands: Sequence[CommandEntry] = ()
+    model: Model, trajectory: Trajectory, document: MotionDocument, commands: Sequence[CommandEntry] = ()
 ) -> ReportPage:
-    """The page of a plan; document: as planning.results.document gives it; commands: what to type next."""
+    """The page of a plan; commands: what to type next."""
     moving = picture(planned_motion(model, trajectory), planned_words(model, trajectory))
     drawings = {"moving": part("arm_motion.html.j2", "arm_motion", moving)}
     made = []
     for joint in motion_plots.moving_joints(document):
-        called = numbered(joint, document["joints"][joint - 1]["name"])
+        called = numbered(joint, document.joints[joint - 1].name)
         caption = f"Joint {called}: position, speed and torque over one cycle, with limits and phases."
         made.append(drawn(motion_plots.plan_of_joint(document, joint), f"plan{joint}", caption))
     legend = (
         "One cycle. Dashed horizontal lines: limits near the curve; dotted: end of a phase; shaded: in contact. The "
         "torque is the motor's; dashed: the torque of a spring, positive where it pushes the joint forward."
     )
-    goal = document.get("objective")
+    counted = document.objective.joints if isinstance(document, OptimizeDocument) else None
     costs = [
-        (f"cost of joint {j['joint']}", quantity(j["cost"], f"({j['units']['force']})^2 s"))
-        for j in document["joints"]
-        if goal is None or j["joint"] in goal["joints"]
+        (f"cost of joint {j.joint}", quantity(j.cost, f"({j.units.force})^2 s"))
+        for j in document.joints
+        if counted is None or j.joint in counted
     ]
     warnings = motions.plan_warnings(document)
     return ReportPage(
-        title=f"{model.name}: {document['scenario']}",
+        title=f"{model.name}: {document.scenario}",
         model=model.name,
         kind="clean",
         tag="plan",
@@ -553,14 +553,14 @@ def plan_page(
             *([Group("Notes", tuple(warnings), "notes")] if warnings else []),
         ],
         drawings=drawings,
-        document=document,
+        document=plain(document),
     )
 
 
-def execution_page(result: Execution, document: Document) -> ReportPage:
+def execution_page(result: Execution, document: ExecuteDocument) -> ReportPage:
     """The page of an execution in which something moved; document: what --json gives."""
     cycles, model = ExecutedCycles(result), result.plan.model
-    kind, tag = _STATUS[document["status"]]
+    kind, tag = _STATUS[document.status]
     drawings = {"moving": part("arm_motion.html.j2", "arm_motion", cycles.picture())}
     made = []
     for k, (joint, own) in enumerate(zip(model.joints, cycles.joints, strict=True), 1):
@@ -570,11 +570,11 @@ def execution_page(result: Execution, document: Document) -> ReportPage:
         "Dashed: planned, its torque with every effect of the model. Solid: executed, all cycles except the first of a "
         "trial. Orange: the torque of a spring along the plan, positive where it pushes the joint forward."
     )
-    stopped = [f"Safe stop: {sentence(document['reason'])}"] if document["status"] == "stopped" else []
-    commands = Commands(tuple(CommandEntry(**item) for item in document["next"]))
+    stopped = [f"Safe stop: {sentence(document.reason or '')}"] if document.status == "stopped" else []
+    commands = Commands(tuple(given(document.next) or ()))
     notes = texts(motions.uncompensated(document), "warning")
     return ReportPage(
-        title=f"{model.name}: {document['plan']['scenario']} executed",
+        title=f"{model.name}: {document.plan.scenario} executed",
         model=model.name,
         kind=kind,
         tag=tag,
@@ -594,5 +594,5 @@ def execution_page(result: Execution, document: Document) -> ReportPage:
             *([Group("Notes", tuple(notes), "notes")] if notes else []),
         ],
         drawings=drawings,
-        document=document,
+        document=plain(document),
     )

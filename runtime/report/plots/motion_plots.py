@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from runtime.documents.parts import given
+from runtime.documents.plans import MotionDocument
 from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, styled
 
-Document = Mapping[str, Any]
 Array = NDArray[np.float64]
 
 _ROW = 1.15  # inches, of each joint
@@ -25,11 +25,8 @@ _NEAR = 1.7
 
 
 @styled
-def plan(document: Document) -> Figure:
-    """Position, speed and motor torque of every joint that moves, over one cycle; a spring's torque beside the motor's.
-
-    document   as results.document gives it
-    """
+def plan(document: MotionDocument) -> Figure:
+    """Position, speed and torque of motor and spring over one cycle, of every joint that moves."""
     moving = moving_joints(document)
     figure = Figure(figsize=(2.6 * WIDTH, 0.7 + _ROW * len(moving)), layout="constrained")
     axes = figure.subplots(len(moving), 3, sharex=True, squeeze=False)
@@ -44,7 +41,7 @@ def plan(document: Document) -> Figure:
 
 
 @styled
-def plan_of_joint(document: Document, joint: int) -> Figure:
+def plan_of_joint(document: MotionDocument, joint: int) -> Figure:
     """The same of one joint (1-based), one panel below the other."""
     figure = Figure(figsize=(WIDTH, 0.5 + 3 * _PANEL), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
@@ -55,38 +52,40 @@ def plan_of_joint(document: Document, joint: int) -> Figure:
     return figure
 
 
-def moving_joints(document: Document) -> list[int]:
+def moving_joints(document: MotionDocument) -> list[int]:
     """Joints (1-based) whose position changes; all of them where none does."""
-    joints = document["joints"]
-    return [j["joint"] for j in joints if j["range"][1] > j["range"][0]] or [j["joint"] for j in joints]
+    joints = document.joints
+    return [j.joint for j in joints if j.range[1] > j.range[0]] or [j.joint for j in joints]
 
 
-def _draw(axes: Sequence[Axes], document: Document, joint: int, named: bool) -> None:
+def _draw(axes: Sequence[Axes], document: MotionDocument, joint: int, named: bool) -> None:
     """named: whether the labels say which joint."""
-    samples, entry = document["samples"], document["joints"][joint - 1]
-    limits, units = entry["limits"], entry["units"]
-    t = np.array(samples["t"])
-    q, qd, tau = (np.array(samples[name][joint - 1]) for name in ("q", "qd", "tau"))
+    samples, entry = document.samples, document.joints[joint - 1]
+    limits, units = entry.limits, entry.units
+    t = np.array(samples.t)
+    q, qd, tau, spring = (
+        np.array(row[joint - 1], dtype=float) for row in (samples.q, samples.qd, samples.tau, samples.spring)
+    )
     position, speed, torque = axes
     position.plot(t, q, color=INK, lw=1.3)
     speed.plot(t, qd, color=INK, lw=1.3)
     torque.plot(t, tau, color=AFTER, lw=1.3, label="motor")
-    if joint in {spring["joint"] for spring in document["springs"]}:
-        torque.plot(t, samples["spring"][joint - 1], color=BEFORE, lw=1.1, ls="--", label="spring")
+    if joint in {each["joint"] for each in document.springs}:
+        torque.plot(t, spring, color=BEFORE, lw=1.1, ls="--", label="spring")
         torque.legend(frameon=False, fontsize=7.5, loc="upper left", ncols=2)
         _widen(torque, _LINE, above=True)
-    _limits(position, q, limits["position"], units["position"])
-    _limits(speed, qd, both_ways(limits["speed"]), f"{units['position']}/s")
-    _limits(torque, tau, both_ways(limits["torque"]), units["force"])
+    _limits(position, q, limits.position, units.position)
+    _limits(speed, qd, both_ways(limits.speed), f"{units.position}/s")
+    _limits(torque, tau, both_ways(limits.torque), units.force)
     which = f" {joint}" if named else ""
-    position.set_ylabel(f"position{which}, {units['position']}")
-    speed.set_ylabel(f"speed{which}, {units['position']}/s")
-    torque.set_ylabel(f"torque{which}, {units['force']}")
+    position.set_ylabel(f"position{which}, {units.position}")
+    speed.set_ylabel(f"speed{which}, {units.position}/s")
+    torque.set_ylabel(f"torque{which}, {units.force}")
     for ax in axes:
         low, high = ax.get_ylim()
         if low < 0 < high:
             ax.axhline(0, color=FAINT, lw=0.4, zorder=0)
-        ax.set_xlim(0, document["cycle_time"])
+        ax.set_xlim(0, document.cycle_time)
         ax.yaxis.set_major_locator(MaxNLocator(4))
         _phases(ax, document, named=False)
 
@@ -133,18 +132,19 @@ def _widen(ax: Axes, part: float, above: bool) -> None:
     ax.set_ylim(low if above else low - more, high + more if above else high)
 
 
-def _phases(ax: Axes, document: Document, named: bool) -> None:
+def _phases(ax: Axes, document: MotionDocument, named: bool) -> None:
     """Where a phase ends, and those in contact shaded; named: from which point to which, above the panel."""
     begins = 0.0
-    for phase in document["phases"]:
-        ends = begins + phase["duration"]
+    for phase in document.phases:
+        ends = begins + phase.duration
         if named:
-            wide = "from" in phase and phase["duration"] > 0.3 * document["cycle_time"]
-            text = f"{phase['from']} – {phase['to']}" if wide else ""
+            start, end = given(phase.start), given(phase.end)
+            wide = start is not None and phase.duration > 0.3 * document.cycle_time
+            text = f"{start} – {end}" if wide else ""
             ax.text((begins + ends) / 2, 1.02, text, transform=ax.get_xaxis_transform(), ha="center", fontsize=7)
         else:
             ax.axvline(ends, color=FAINT, lw=0.5, ls=":", zorder=0)
-            if phase["kind"] == "contact":
+            if phase.kind == "contact":
                 ax.axvspan(begins, ends, color=FAINT, alpha=0.14, lw=0, zorder=0)
         begins = ends
 

@@ -90,7 +90,7 @@ def test_the_scenarios_are_what_they_are_called(plans: dict[str, Trajectory]) ->
 def test_the_emulated_firmware_does_what_the_host_build_does(run: Run, name: str, target: str) -> None:
     found, expected = run(name, target), run(name, "simulation")
     assert expected.completed
-    assert found.to_json()["status"] == "done"
+    assert found.document().to_json()["status"] == "done"
     for field in ("t", "q", "q_desired", "tau", "saturated"):
         np.testing.assert_array_equal(getattr(found.trials[0], field), getattr(expected.trials[0], field))
 
@@ -98,7 +98,7 @@ def test_the_emulated_firmware_does_what_the_host_build_does(run: Run, name: str
 @pytest.mark.parametrize("name", CASES)
 def test_the_motion_is_that_of_the_plan(run: Run, name: str) -> None:
     """Its cost with the friction of the model; where friction is not compensated, the plate is pressed down less."""
-    document = run(name, "simulation").to_json()
+    document = run(name, "simulation").document().to_json()
     assert document["mean"]["total"] == pytest.approx(document["plan"]["modelled"]["total"], rel=0.05)
     if name == "scenario2":
         assert document["plan"]["compression"] == pytest.approx(0.05, abs=1e-4)

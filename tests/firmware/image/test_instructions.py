@@ -112,7 +112,7 @@ def test_a_step_of_the_machine(vishard4: Arm, model: Model, kind: str, degree: i
         return made
 
     done = execute(model, directory, plan, ExecutionSettings(trials=1, cycles=1), board=board)
-    assert done.to_json()["status"] == "done", json.dumps(done.to_json())[:500]
+    assert done.document().to_json()["status"] == "done", json.dumps(done.document().to_json())[:500]
     counts = meters[0].counts
     running = [count for count in counts["tendon_machine_step"] if count > min(counts[STEP])]
     assert len(running) == len(counts[STEP])

@@ -89,7 +89,7 @@ def here(six: Model, arm: Arm, plan: Trajectory) -> Execution:
 
 
 def test_the_simulated_arm_follows(here: Execution) -> None:
-    document = here.to_json()
+    document = here.document().to_json()
     assert document["status"] == "done"
     trial = here.trials[0]
     assert np.abs(trial.q - trial.q_desired).max() < 0.02
@@ -125,7 +125,7 @@ def test_what_a_control_period_costs(six: Model, board: Path, plan: Trajectory) 
         return made
 
     done = execute(six, board, plan, ExecutionSettings(trials=1, cycles=1), board=metered)
-    assert done.to_json()["status"] == "done"
+    assert done.document().to_json()["status"] == "done"
     counts = meters[0].counts
     running = [count for count in counts["tendon_machine_step"] if count > min(counts[STEP])]
     assert max(running[1:]) <= WHOLE

@@ -74,7 +74,7 @@ def test_the_document_of_one_effect(capsys: pytest.CaptureFixture[str]) -> None:
     assert output.run(app, ["effects", "lugre", "--json", "-"]) == 0
     document = json.loads(capsys.readouterr().out)
     jsonschema.Draft202012Validator(verbs.schema("effects")).validate(document)
-    assert plain(msgspec.convert(document, verbs.ONE_OF_THEM["effects"])) == document
+    assert plain(msgspec.convert(document, verbs.OR_ELSE["effects"])) == document
 
 
 def test_a_document_of_another_kind_does_not_validate() -> None:

@@ -38,7 +38,7 @@ def executed(bench: Source, arm: Model) -> Executed:
 
 
 def test_a_plan_is_followed_and_costs_what_it_was_planned_for(executed: Executed) -> None:
-    found = executed(trajectory(THERE_AND_BACK, springs={1: SPRING})).to_json()
+    found = executed(trajectory(THERE_AND_BACK, springs={1: SPRING})).document().to_json()
     assert found["status"] == "done"
     assert [len(trial["cycles"]) for trial in found["trials"]] == [3, 3, 3]
     # (7) compensates 92 % of a friction of 1 to 5 N m at 40 N m/rad.
@@ -49,7 +49,7 @@ def test_a_plan_is_followed_and_costs_what_it_was_planned_for(executed: Executed
 
 
 def test_without_compensation_it_lags_and_costs_more_than_a_plan_without_friction(executed: Executed) -> None:
-    frictionless = executed(trajectory(THERE_AND_BACK, friction=False), trials=1).to_json()
+    frictionless = executed(trajectory(THERE_AND_BACK, friction=False), trials=1).document().to_json()
     assert not frictionless["friction_compensation"]
     plan, mean = frictionless["plan"], frictionless["mean"]
     # Between the plan without friction and the same motion with all of it: the lag saves some of the friction's work.
@@ -57,14 +57,16 @@ def test_without_compensation_it_lags_and_costs_more_than_a_plan_without_frictio
     # At the turn it stays behind by more than what Coulomb friction alone opens against the position gain.
     assert -1.2 + 1.05 / 40 < mean["q_min"][0] < -1.1
     assert mean["tracking_max"][0] > 0.05
-    compensated = executed(trajectory(THERE_AND_BACK, friction=False), trials=1, friction_compensation=True).to_json()
+    compensated = (
+        executed(trajectory(THERE_AND_BACK, friction=False), trials=1, friction_compensation=True).document().to_json()
+    )
     assert compensated["mean"]["tracking_max"][0] < 0.2 * mean["tracking_max"][0]
 
 
 def test_the_trajectorys_springs_take_the_place_of_the_files(executed: Executed) -> None:
-    without = executed(trajectory(THERE_AND_BACK), trials=1).to_json()
+    without = executed(trajectory(THERE_AND_BACK), trials=1).document().to_json()
     assert [e["effect"] for e in without["effects"]] == ["coulomb_asymmetric", "viscous"]
-    with_spring = executed(trajectory(THERE_AND_BACK, springs={1: SPRING}), trials=1).to_json()
+    with_spring = executed(trajectory(THERE_AND_BACK, springs={1: SPRING}), trials=1).document().to_json()
     assert with_spring["effects"][-1]["values"] == SPRING
     assert with_spring["mean"]["peak_torque"][0] != pytest.approx(without["mean"]["peak_torque"][0], rel=0.05)
     assert with_spring["mean"]["tracking_max"][0] < 0.02
@@ -72,15 +74,15 @@ def test_the_trajectorys_springs_take_the_place_of_the_files(executed: Executed)
 
 def test_a_motion_that_is_not_periodic_is_made_once(executed: Executed) -> None:
     found = executed(trajectory(THERE_AND_BACK[:1], periodic=False), trials=2, cycles=5)
-    assert [len(trial["cycles"]) for trial in found.to_json()["trials"]] == [1, 1]
+    assert [len(trial["cycles"]) for trial in found.document().to_json()["trials"]] == [1, 1]
     assert found.recording is not None
     assert found.recording.q[0, -1] == pytest.approx(-1.2, abs=0.03)
 
 
 def test_what_is_hidden_raises_the_tracking_error(executed: Executed) -> None:
-    plain = executed(trajectory(THERE_AND_BACK), trials=1).to_json()
-    hidden = executed(trajectory(THERE_AND_BACK), ["linear_spring@1:stiffness=4,rest=0"], trials=1).to_json()
-    changed = executed(trajectory(THERE_AND_BACK), (), ["viscous@1:coefficient=2.5"], trials=1).to_json()
+    plain = executed(trajectory(THERE_AND_BACK), trials=1).document().to_json()
+    hidden = executed(trajectory(THERE_AND_BACK), ["linear_spring@1:stiffness=4,rest=0"], trials=1).document().to_json()
+    changed = executed(trajectory(THERE_AND_BACK), (), ["viscous@1:coefficient=2.5"], trials=1).document().to_json()
     for other in (hidden, changed):
         assert other["mean"]["tracking_rms"][0] > 3 * plain["mean"]["tracking_rms"][0]
     assert [e["effect"] for e in hidden["effects"] if e["hidden"]] == ["linear_spring"]
@@ -94,7 +96,7 @@ def test_figures_are_those_of_the_recording(executed: Executed) -> None:
     found = executed(trajectory(THERE_AND_BACK), trials=2, cycles=2, noise=0.0)
     made = found.recording
     assert made is not None
-    for k, trial in enumerate(found.to_json()["trials"], 1):
+    for k, trial in enumerate(found.document().to_json()["trials"], 1):
         for number, cycle in enumerate(trial["cycles"], 1):
             part = (made.run == k) & (made.t >= 1.4 * number - 1e-9) & (made.t < 1.4 * (number + 1) - 1e-9)
             q, tau = made.q[0, part], made.tau[0, part]
@@ -128,7 +130,7 @@ def test_noise_is_a_part_of_the_recorded_torque_and_of_nothing_else(executed: Ex
     difference = loud.recording.tau - quiet.recording.tau
     # 5600 samples: the standard deviation is known to 1 %.
     assert difference.std() == pytest.approx(0.1 * np.sqrt(np.mean(quiet.recording.tau**2)), rel=0.05)
-    assert loud.to_json()["mean"]["total"] == quiet.to_json()["mean"]["total"]
+    assert loud.document().to_json()["mean"]["total"] == quiet.document().to_json()["mean"]["total"]
 
 
 # --- safe stops ---
@@ -144,7 +146,7 @@ def test_noise_is_a_part_of_the_recorded_torque_and_of_nothing_else(executed: Ex
 )
 def test_limits_stop_the_arm(executed: Executed, hide: list[str], limit: float | None, reason: str) -> None:
     found = executed(trajectory(THERE_AND_BACK), hide, tracking_limit=limit)
-    document = found.to_json()
+    document = found.document().to_json()
     assert document["status"] == "stopped"
     assert len(document["trials"]) == 1
     assert document["trials"][0]["stop"]["joint"] == 1
@@ -156,7 +158,7 @@ def test_limits_stop_the_arm(executed: Executed, hide: list[str], limit: float |
 
 def test_a_motion_that_is_no_number_stops_the_arm(executed: Executed) -> None:
     wild = "end_stop@1:position=-0.01,stiffness=1e15,damping=0,side=-1"
-    found = executed(trajectory(THERE_AND_BACK), [wild], tracking_limit=1e300).to_json()
+    found = executed(trajectory(THERE_AND_BACK), [wild], tracking_limit=1e300).document().to_json()
     assert found["status"] == "stopped"
 
 

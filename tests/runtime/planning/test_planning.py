@@ -183,7 +183,7 @@ def test_springs_at_two_joints_do_better_than_either(two: Model) -> None:
 def test_a_spring_is_from_a_catalogue_only_where_it_has_one(two: Model, capsys: pytest.CaptureFixture[str]) -> None:
     springs = [{"joint": 1, **FREE}, {"joint": 2, **FREE, "catalogue": [500.0, 12500.0]}]
     scenario = and_back(two, 1.0, {"q1": 0.2, "q2": 0.3}, {"q1": -0.8, "q2": -0.7}, spring=springs)
-    terminal.show(motions.plan(document(two, optimize(two, scenario)).to_json()))
+    terminal.show(motions.plan(document(two, optimize(two, scenario))))
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Spring at joint")]
     assert ["from the catalogue" in line for line in lines] == [False, True]
 

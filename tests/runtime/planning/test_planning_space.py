@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from codegen.prepare import prepare_arm
+from runtime.documents.plans import JointUnitsEntry
 from runtime.model.loader import Library, Model
 from runtime.planning.optimize import Plan, StartError, optimize
 from runtime.planning.physics import rotation, target_frame
@@ -82,22 +84,22 @@ def test_the_costs_are_those_of_the_generated_equations(six: Model, pointing: Pl
 
 
 def test_the_document_has_the_tip_and_its_rotation(six: Model, pointing: Plan) -> None:
-    samples = document(six, pointing).to_json()["samples"]
-    assert np.shape(samples["tip"]) == (3, 400)
-    R = np.moveaxis(np.array(samples["tip_rotation"]), 2, 0)
+    samples = document(six, pointing).samples
+    assert np.shape(samples.tip) == (3, 400)
+    R = np.moveaxis(np.array(samples.tip_rotation), 2, 0)
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (400, 1, 1)), atol=1e-12)
 
 
 def test_the_terminal_names_the_joints_and_their_units(
     six: Model, pointing: Plan, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = document(six, pointing).to_json()
-    lift = {**made["joints"][1], "name": "lift", "units": {"position": "m", "force": "N"}}
-    terminal.show(motions.plan({**made, "joints": [made["joints"][0], lift]}))
+    made = document(six, pointing)
+    lift = structs.replace(made.joints[1], name="lift", units=JointUnitsEntry(position="m", force="N"))
+    terminal.show(motions.plan(structs.replace(made, joints=[made.joints[0], lift])))
     rows = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     (row,) = (row for row in rows if row.startswith("2 lift"))
-    assert row.startswith(f"2 lift {lift['cost']:.4g} (N)^2 s {lift['peak_torque']:.4g} N ")
-    assert f" {lift['peak_speed']:.4g} m/s " in row
+    assert row.startswith(f"2 lift {lift.cost:.4g} (N)^2 s {lift.peak_torque:.4g} N ")
+    assert f" {lift.peak_speed:.4g} m/s " in row
     assert row.endswith(" m")
 
 

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench_arm import BENCH, SPRING, THERE_AND_BACK, trajectory
+from msgspec.structs import replace
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.documents.plans import ArmEffectEntry, PlanLimitsEntry
 from runtime.execution.execute import Execution, execute
 from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Library, Model
@@ -41,7 +43,7 @@ def planned(library):
     found = optimize(
         model, there(model, 1.0, {"q1": 0.0, "q2": 0.0}, {"q1": 1.0, "q2": 0.2}), PlanningSettings(starts=1)
     )
-    return model, found, plain(results.document(model, found))
+    return model, found, results.document(model, found)
 
 
 def scripts(page: str) -> list[dict]:
@@ -66,7 +68,7 @@ def test_a_plan_is_drawn_as_it_is(planned) -> None:
     page = plan_page(model, plan.trajectory, document).html()
     alone(page)
     data, whole = scripts(page)
-    assert whole == document
+    assert whole == plain(document)
     t = np.array(data["t"]) / 1000
     assert t[-1] == pytest.approx(plan.trajectory.duration)
     q = plan.trajectory.at(model, t).q
@@ -79,12 +81,12 @@ def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
     _, _, document = planned
     figure = motion_plots.plan_of_joint(document, 1)
     position, speed, torque = figure.axes
-    np.testing.assert_allclose(speed.lines[0].get_ydata(), document["samples"]["qd"][0])
+    np.testing.assert_allclose(speed.lines[0].get_ydata(), document.samples.qd[0])
     drawn = {float(line.get_ydata()[0]) for line in speed.lines[1:]}
     assert {-4.0, 4.0} <= drawn or any("limits ±4" in text.get_text() for text in speed.texts)
     assert any("no limit stated" in text.get_text() for text in torque.texts)
     said = " ".join(text.get_text() for text in position.texts)
-    assert all(point in said for phase in document["phases"] for point in (phase["from"], phase["to"]))
+    assert all(point in said for phase in document.phases for point in (phase.start, phase.end))
     assert len(motion_plots.plan(document).axes) == 3 * 2
 
 
@@ -92,11 +94,10 @@ def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
 def test_what_is_said_of_a_limit_stands_off_the_curve(planned, ends: float) -> None:
     """Over a curve that ends low, under one that ends high."""
     *_, document = planned
-    q = np.linspace(-ends, ends, len(document["samples"]["t"]))
-    limits = {"position": [-50.0, 50.0], "speed": None, "torque": None}
-    joint = {**document["joints"][0], "limits": limits}
-    samples = {**document["samples"], "q": [q, q]}
-    drawn = motion_plots.plan_of_joint({**document, "joints": [joint], "samples": samples}, 1)
+    q = np.linspace(-ends, ends, len(document.samples.t))
+    joint = replace(document.joints[0], limits=PlanLimitsEntry(position=(-50.0, 50.0), speed=None, torque=None))
+    samples = replace(document.samples, q=[q.tolist()] * 2)
+    drawn = motion_plots.plan_of_joint(replace(document, joints=[joint], samples=samples), 1)
     position = drawn.axes[0]
     (note,) = (text for text in position.texts if "limits ±50" in text.get_text())
     drawn.draw_without_rendering()
@@ -109,8 +110,8 @@ def test_a_spring_that_is_there_for_nothing_is_said(library: Library, capsys: py
     model = arm(library, "r")
     spring = [{"joint": 1, "stiffness": 20046.0, "offset": -4.0, "radius": 0.06}]
     scenario = there(model, 1.0, {"q1": 0.0}, {"q1": 1.0}, spring=spring)
-    document = plain(results.document(model, optimize(model, scenario, PlanningSettings(starts=1))))
-    assert "the spring at joint 1 is slack during the whole motion and saves nothing" in document["warnings"]
+    document = results.document(model, optimize(model, scenario, PlanningSettings(starts=1)))
+    assert "the spring at joint 1 is slack during the whole motion and saves nothing" in document.warnings
     terminal.show(motions.plan(document))
     assert "Spring at joint 1: 20050 N/m, taut below -4 rad" in capsys.readouterr().out
 
@@ -120,22 +121,22 @@ def test_all_joints_go_by_one_word(planned, capsys: pytest.CaptureFixture[str]) 
     terminal.show(motions.plan(document))
     assert "the squared torque over a cycle of all joints is " in capsys.readouterr().out
     assert " of all joints is " in motions.plan_headline(document)
-    one = {**document, "objective": {**document["objective"], "joints": [2]}}
+    one = replace(document, objective=replace(document.objective, joints=[2]))
     assert " of joint 2 is " in motions.plan_headline(one)
 
 
 def test_what_is_hidden_in_the_simulated_arm_stands_on_its_page(executed: Execution) -> None:
-    document = plain({"on": "simulation", **executed.to_json(), "next": []})
+    document = replace(executed.document(), on="simulation")
     assert motions.differences(document) == []
-    name = document["joints"][0]["name"]
-    hidden = {"effect": "offset", "joint": 1, "hidden": True, "changed": False, "values": {"torque": -2.5}}
+    name = document.joints[0].name
+    hidden = ArmEffectEntry(effect="offset", joint=1, hidden=True, changed=False, values={"torque": -2.5})
     called = "joint 1" if name is None else f"joint 1 ({name})"
     said = f"hidden: offset at {called}: torque −2.5"
-    assert motions.differences({**document, "effects": [hidden]}) == [said]
+    assert motions.differences(replace(document, effects=[hidden])) == [said]
 
 
 def test_an_execution_is_drawn_beside_its_plan(executed: Execution) -> None:
-    document = plain({"on": "simulation", **executed.to_json(), "next": []})
+    document = replace(executed.document(), on="simulation")
     page = execution_page(executed, document).html()
     alone(page)
     data, _ = scripts(page)
@@ -158,7 +159,7 @@ def test_a_safe_stop_is_drawn_up_to_it(bench: Source) -> None:
         bench.compiled.model(), bench.compiled.controller(), plan, ExecutionSettings(trials=1, tracking_limit=0.001)
     )
     assert not stopped.completed
-    document = plain({"on": "simulation", **stopped.to_json(), "next": []})
+    document = replace(stopped.document(), on="simulation")
     page = execution_page(stopped, document).html()
     assert "safe stop" in page
     data, _ = scripts(page)

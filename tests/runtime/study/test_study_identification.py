@@ -68,7 +68,7 @@ def test_the_speeds_are_those_of_table_1() -> None:
 def test_the_arm_has_the_printed_friction_and_the_controller_compensates_none(model: Model, controller: Path) -> None:
     cosine = MOVED[-1]
     settings = ExecutionSettings(1, 1, friction_compensation=False)
-    done = execute(model, controller, cosine.trajectory(model), settings, changed=printed()).to_json()
+    done = execute(model, controller, cosine.trajectory(model), settings, changed=printed()).document().to_json()
     effects = {(e["effect"], e["joint"]): e for e in done["effects"]}
     # Friction at four joints, three terms each: no spring, no contact.
     assert len(effects) == 12
@@ -142,7 +142,7 @@ def _friction(model: Model, recording: Recording, joint: int) -> tuple[Array, Ar
 
 @pytest.mark.xdist_group("Table I")
 def test_the_document_is_json_and_tells_published_from_assumed(table: Table1) -> None:
-    document = json.loads(json.dumps(table.entry().to_json(), allow_nan=False))
+    document = json.loads(json.dumps(table.entry().document().to_json(), allow_nan=False))
     assert document["published"]["speeds"][3] == [1.0, 3.0, 5.0]
     assert document["assumed"]["amplitude"] == AMPLITUDE
     (joint,) = document["joints"]
