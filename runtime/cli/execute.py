@@ -188,7 +188,6 @@ def _image(controller: Path) -> ImageEntry | None:
 
 def _real(line: ArmLine, on: str, asked: _Asked, *, moves: bool, talks: bool) -> tuple[Execution, ExecuteDocument]:
     """On a real arm: simulated first, and moved only if that was completed and --arm is given."""
-    from runtime.documents.plans import DrivesEntry, LinkEntry
     from runtime.execution import execute, real
     from runtime.interruption import listening
     from runtime.report import motions, terminal
@@ -224,11 +223,9 @@ def _real(line: ArmLine, on: str, asked: _Asked, *, moves: bool, talks: bool) ->
 
     with terminal.working(f"executing {asked.plan.scenario} on {on}"), listening() as stop:
         done, frames = real.execute_on(link, setup, ready, stop)
-    found = msgspec.structs.replace(
-        done.document(), prediction=predicted, every=setup.every, link=msgspec.convert(frames, LinkEntry)
-    )
-    if drives := link.figures().get("drives"):
-        found = msgspec.structs.replace(found, drives=msgspec.convert(drives, DrivesEntry))
+    found = msgspec.structs.replace(done.document(), prediction=predicted, every=setup.every, link=frames)
+    if drives := link.figures():
+        found = msgspec.structs.replace(found, drives=drives)
     if done.completed and link.fault:
         # Something failed after the motion, such as drives that stay powered.
         found = msgspec.structs.replace(found, status="stopped", reason=link.fault)

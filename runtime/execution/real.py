@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.documents.plans import PredictedJointEntry, PredictionEntry, StandingEntry
+from runtime.documents.plans import LinkEntry, PredictedJointEntry, PredictionEntry, StandingEntry
 from runtime.execution.execute import SIMULATED, Execution
 from runtime.execution.options import TRIALS_ON_A_REAL_ARM, ExecutionSettings
 from runtime.execution.results import PlannedCycle
@@ -134,7 +134,7 @@ class Setup:
 
 def execute_on(
     link: BoardLink, setup: Setup, ready: Callable[[], None], asked: Callable[[], int]
-) -> tuple[Execution, dict[str, Any]]:
+) -> tuple[Execution, LinkEntry]:
     """All trials, or up to the first one that is stopped, and the link's counts of frames; closes the link.
 
     ready   called once the board is known and has accepted everything, before anything moves

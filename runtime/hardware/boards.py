@@ -289,7 +289,13 @@ class QemuBoard:
 
     def period(self, counts: Counts, time_us: int, fault: int) -> tuple[bool, Float32]:
         self._put(self._plant, self._line.period(counts, time_us, fault))
-        return self._line.answer(self._answer())
+        found = b""
+        while len(found) < self._line.size:
+            try:
+                found += self._received(self._plant, self._line.size - len(found), PATIENCE)
+            except TimeoutError as error:
+                raise LinkLost(f"the emulated board has not answered for {PATIENCE:g} s") from error
+        return self._line.answer(found)
 
     def close(self) -> None:
         if self._process is not None:
@@ -302,12 +308,15 @@ class QemuBoard:
 
     def _start(self, program: str, image: Path, machine: str) -> None:
         paths = [str(Path(self._place.name) / line) for line in ("host", "plant")]
-        listening = [_listener(path) for path in paths]
+        listening = [socket.socket(socket.AF_UNIX) for _ in paths]
         serial = [part for path in paths for part in ("-serial", f"unix:{path}")]
         command = [program, "-M", machine, "-kernel", str(image), "-nographic", "-monitor", "none", *serial]
         with (Path(self._place.name) / _LOG).open("wb") as errors, contextlib.ExitStack() as stack:
-            for line in listening:
+            for line, path in zip(listening, paths, strict=True):
                 stack.callback(line.close)
+                line.bind(path)
+                line.listen(1)
+                line.settimeout(0.1)
             # In a session of its own, so that Ctrl-C reaches only this process, which stops the arm first.
             self._process = subprocess.Popen(
                 command,
@@ -348,15 +357,6 @@ class QemuBoard:
         found = (self._codec.decode(frame) for frame in data.split(DELIMITER)[:-1] if frame)
         return [message for message in found if isinstance(message, ReceivedMessage)]
 
-    def _answer(self) -> bytes:
-        found = b""
-        while len(found) < self._line.size:
-            try:
-                found += self._received(self._plant, self._line.size - len(found), PATIENCE)
-            except TimeoutError as error:
-                raise LinkLost(f"the emulated board has not answered for {PATIENCE:g} s") from error
-        return found
-
     def _received(self, line: socket.socket, most: int, timeout: float) -> bytes:
         line.settimeout(timeout)
         try:
@@ -373,14 +373,6 @@ class QemuBoard:
     def _last_words(self) -> str:
         words = (Path(self._place.name) / _LOG).read_text(errors="replace")
         return " ".join(words.split())[-_WORDS:]
-
-
-def _listener(path: str) -> socket.socket:
-    line = socket.socket(socket.AF_UNIX)
-    line.bind(path)
-    line.listen(1)
-    line.settimeout(0.1)
-    return line
 
 
 _LIBC = ctypes.CDLL(None)

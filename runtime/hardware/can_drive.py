@@ -7,8 +7,8 @@ commanded by PDO.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Any, NoReturn
@@ -267,11 +267,6 @@ def error_text(code: int) -> str:
     return f"0x{code:04X}"
 
 
-def register_text(register: int) -> str:
-    """The bits of the error register in words."""
-    return ", ".join(word for bit, word in enumerate(_REGISTER) if word and register & 1 << bit)
-
-
 HOST_NODE = 127
 """Node id of the computer, whose heartbeat the drives watch."""
 HOST_LOST = 0.1
@@ -334,7 +329,11 @@ class CanDrive:
     def set_up(self, period: float) -> Scale:
         """Checks that the drive fits the joint, and configures it for a control period in s. Raises LinkError."""
         self._remote.nmt.state = "PRE-OPERATIONAL"
-        self._check_kind()
+        kind = self._read(DEVICE_TYPE) & 0xFFFF
+        if kind != PROFILE:
+            self._refuse(f"has the profile {kind}; expected a servo drive, CiA {PROFILE}")
+        if not self._read(SUPPORTED_MODES) & CYCLIC_TORQUE_BIT:
+            self._refuse(f"has no cyclic synchronous torque mode ({SUPPORTED_MODES}); update its firmware")
         self._check_counts()
         scale = self._scale()
         self._map()
@@ -343,7 +342,9 @@ class CanDrive:
         self._write(_HEARTBEAT, round(1e3 * DRIVE_HEARTBEAT))
         self._write(TARGET_TORQUE, 0)
         self._set_period(period)
-        self._set_mode()
+        self._write(MODE, CYCLIC_TORQUE)
+        if not any(self._read(MODE_DISPLAY) == CYCLIC_TORQUE for _ in range(_TRIES)):
+            self._refuse(f"stays in mode {self._read(MODE_DISPLAY)} ({MODE_DISPLAY}); expected {CYCLIC_TORQUE}")
         self.restarted, self.emergency = False, None
         return scale
 
@@ -367,13 +368,6 @@ class CanDrive:
     def network_state(self) -> str:
         """The node's state in its last heartbeat or boot-up message: OPERATIONAL, STOPPED, …"""
         return str(self._remote.nmt.state)
-
-    def _check_kind(self) -> None:
-        kind = self._read(DEVICE_TYPE)
-        if kind & 0xFFFF != PROFILE:
-            self._refuse(f"has the profile {kind & 0xFFFF}; expected a servo drive, CiA {PROFILE}")
-        if not self._read(SUPPORTED_MODES) & CYCLIC_TORQUE_BIT:
-            self._refuse(f"has no cyclic synchronous torque mode ({SUPPORTED_MODES}); update its firmware")
 
     def _check_counts(self) -> None:
         """Counts per turn and gear ratio must be those of the model file, or the joint would move by another angle."""
@@ -438,31 +432,23 @@ class CanDrive:
                 self._write(PERIOD_EXPONENT, exponent)
                 return
 
-    def _set_mode(self) -> None:
-        self._write(MODE, CYCLIC_TORQUE)
-        for _ in range(_TRIES):
-            if (mode := self._read(MODE_DISPLAY)) == CYCLIC_TORQUE:
-                return
-        self._refuse(f"stays in mode {mode} ({MODE_DISPLAY}); expected {CYCLIC_TORQUE}")
-
     _unwatched = "it would keep its last torque if this computer stopped, so it cannot be driven from here"
 
     def _read(self, entry: Entry) -> int:
-        return self._talk(entry, "read", lambda: entry.unpack(self._remote.sdo.upload(entry.index, entry.sub)))
+        with self._talking(entry, "read"):
+            return entry.unpack(self._remote.sdo.upload(entry.index, entry.sub))
 
     def _write(self, entry: Entry, value: int, otherwise: str = "see its manual") -> None:
-        def send() -> int:
+        with self._talking(entry, f"set to {value}", otherwise):
             self._remote.sdo.download(entry.index, entry.sub, entry.pack(value))
-            return value
 
-        self._talk(entry, f"set to {value}", send, otherwise)
-
-    def _talk(self, entry: Entry, what: str, do: Callable[[], int], otherwise: str = "see its manual") -> int:
-        """Calls `do`; failures become LinkError."""
+    @contextmanager
+    def _talking(self, entry: Entry, what: str, otherwise: str = "see its manual") -> Iterator[None]:
+        """Turns failures of an SDO transfer into LinkError."""
         import canopen
 
         try:
-            return do()
+            yield
         except canopen.SdoAbortedError as error:
             why = canopen.SdoAbortedError.CODES.get(error.code, f"abort code 0x{error.code:08X}")
             self._refuse(f"refuses {entry} to be {what} ({why}); {otherwise}")
@@ -504,7 +490,7 @@ class CanDrive:
         if not message.code & 0xFF00:  # the error has been reset
             self.emergency = None
             return
-        register = register_text(message.register)
+        register = ", ".join(word for bit, word in enumerate(_REGISTER) if word and message.register & 1 << bit)
         self.emergency = error_text(message.code) + (f" (error register: {register})" if register else "")
 
     def _on_heartbeat(self, state: int) -> None:

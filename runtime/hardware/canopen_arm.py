@@ -15,7 +15,7 @@ from __future__ import annotations
 import errno
 import logging
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +26,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from runtime.documents.plans import DrivesEntry
 from runtime.hardware.boards import HostBoard
 from runtime.hardware.can_drive import (
     HOST_LOST,
@@ -138,19 +139,20 @@ def open_network(address: CanAddress, listen: Callable[[Any], None]) -> Any:
     except can.CanInterfaceNotImplementedError as error:
         raise LinkError(f"{address}: interface {address.interface} cannot be used here: {error}") from None
     except (can.CanError, OSError, ValueError, TypeError) as error:
-        raise LinkError(_open_failure(address, error)) from None
+        known = {
+            errno.ENODEV: "there is no such CAN channel; list the channels with ip link, and switch one on with "
+            f"ip link set {address.channel} up type can bitrate {address.bitrate}",
+            errno.EAFNOSUPPORT: "this system has no SocketCAN; load it (modprobe can_raw) or name another interface",
+        }
+        why = known.get(getattr(error, "errno", 0), f"cannot be opened through {address.interface}: {error}")
+        raise LinkError(f"{address}: {why}") from None
 
 
-def _open_failure(address: CanAddress, error: Exception) -> str:
-    code = getattr(error, "errno", None)
-    if code == errno.ENODEV:
-        return (
-            f"{address}: there is no such CAN channel; list the channels with ip link, and switch one on with "
-            f"ip link set {address.channel} up type can bitrate {address.bitrate}"
-        )
-    if code == errno.EAFNOSUPPORT:
-        return f"{address}: this system has no SocketCAN; load it (modprobe can_raw) or name another interface"
-    return f"{address}: cannot be opened through {address.interface}: {error}"
+_BUS_FAILURES = {
+    errno.ENETDOWN: "the channel is down or the bus is off; check wiring, termination and bit rate, then switch it on "
+    "again",
+    errno.ENOBUFS: "no frame is acknowledged; check the drives' power and the bus termination",
+}
 
 
 @contextmanager
@@ -161,16 +163,9 @@ def bus_faults(address: CanAddress) -> Iterator[None]:
     try:
         yield
     except (can.CanError, OSError) as error:
-        raise Fault(f"{address}: {_bus_failure(error)}") from None
-
-
-def _bus_failure(error: Exception) -> str:
-    code = getattr(error, "error_code", None) or getattr(error, "errno", None)
-    if code == errno.ENETDOWN:
-        return "the channel is down or the bus is off; check wiring, termination and bit rate, then switch it on again"
-    if code == errno.ENOBUFS:
-        return "no frame is acknowledged; check the drives' power and the bus termination"
-    return f"the bus cannot be used any more: {error}"
+        code = getattr(error, "error_code", 0) or getattr(error, "errno", 0)
+        why = _BUS_FAILURES.get(code, f"the bus cannot be used any more: {error}")
+        raise Fault(f"{address}: {why}") from None
 
 
 Counts = NDArray[np.int32]
@@ -295,21 +290,22 @@ class CanopenArm:
         """Whether some drive may have power, because the last word it was sent is not disable voltage."""
         return any(word is not Controlword.DISABLE_VOLTAGE for word in self._sent)
 
-    def figures(self) -> dict[str, Any]:
-        """Statistics in SI: bus load, punctuality, resolution of the torques."""
+    def figures(self, real_time: bool) -> DrivesEntry:
+        """Statistics. real_time: whether this process has real-time priority."""
         kept = self.pace.kept
-        return {
-            "channel": self.address.channel,
-            "bitrate": self.address.bitrate,
-            "load": self.load,
-            "late_rms": kept.rms,
-            "late_worst": kept.worst,
-            "overruns": kept.overruns,
-            "missed_answers": self.missed,
-            "resolution": [scale.resolution for scale in self.scales],
-            "largest_torque": [scale.largest for scale in self.scales],
-            "limited_by_drive": self.limited.tolist(),
-        }
+        return DrivesEntry(
+            channel=self.address.channel,
+            bitrate=self.address.bitrate,
+            load=self.load,
+            late_rms=kept.rms,
+            late_worst=kept.worst,
+            overruns=kept.overruns,
+            missed_answers=self.missed,
+            resolution=[scale.resolution for scale in self.scales],
+            largest_torque=[scale.largest for scale in self.scales],
+            limited_by_drive=self.limited.tolist(),
+            real_time=real_time,
+        )
 
     def _meet(self) -> None:
         """Sends SYNCs until every drive has answered one and its position is known."""
@@ -333,16 +329,15 @@ class CanopenArm:
             self._network.send_message(_SYNC, b"")
             self._beat()
             with self._heard:
-                self._heard.wait_for(self._is_complete, self._patience)
+                # Drives that are lost are not waited for.
+                self._heard.wait_for(
+                    lambda: all(d.heard or d.restarted or d.misses >= MISSED for d in self._drives), self._patience
+                )
         for k, drive in enumerate(self._drives):
             if not drive.heard:
                 drive.misses += 1
                 self.missed += 1
             self.limited[k] += self._on and limited(drive.answer.statusword)
-
-    def _is_complete(self) -> bool:
-        """Whether all drives have answered, except those that are lost."""
-        return all(drive.heard or drive.restarted or drive.misses >= MISSED for drive in self._drives)
 
     def _check(self) -> None:
         """Stops all drives and raises Fault if one has failed."""
@@ -398,15 +393,6 @@ class CanopenArm:
         """Switches off at zero torque; the drives that do not report that they are off."""
         return self._until(Controlword.DISABLE_VOLTAGE, _OFF, lambda drive: drive.answer.state in POWERLESS)
 
-    def _quick_stop(self) -> list[CanDrive]:
-        """Quick stop as configured in the drives (0x605A), then voltage off; the drives that are not off."""
-        self._until(
-            Controlword.QUICK_STOP,
-            BRAKING,
-            lambda drive: drive.answer.state not in (DriveState.ENABLED, DriveState.QUICK_STOP),
-        )
-        return self._switch_off()
-
     def _until(self, word: Controlword, seconds: float, done: Callable[[CanDrive], bool]) -> list[CanDrive]:
         """Sends a word and zero torque until all drives are done or time is over; the drives that are not done."""
         left = list(self._drives)
@@ -433,7 +419,10 @@ class CanopenArm:
     def _fail(self, what: str, drive: CanDrive | None = None) -> NoReturn:
         """Stops all drives and raises Fault. drive: the one whose error is reported with it."""
         self._on = False
-        still = self._quick_stop()
+        braking = (DriveState.ENABLED, DriveState.QUICK_STOP)
+        # As configured in the drives (0x605A).
+        self._until(Controlword.QUICK_STOP, BRAKING, lambda drive: drive.answer.state not in braking)
+        still = self._switch_off()
         why = "" if drive is None else f": {drive.error()}"
         self._fault = f"{what}{why}" + (f"; {_not_off(still)}" if still else "")
         raise Fault(self._fault)
@@ -504,8 +493,8 @@ class CanopenLink(Lockstep):
             self.start(np.zeros(model.n), np.random.default_rng(0))
             self._open = stack.pop_all()
 
-    def figures(self) -> Mapping[str, Any]:
-        return {"drives": {**self.arm.figures(), "real_time": self._precedence.granted}}
+    def figures(self) -> DrivesEntry:
+        return self.arm.figures(self._precedence.granted)
 
     def close(self) -> None:
         try:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
-from runtime.hardware.link import BoardLink, Codec, Decoder, LinkError, LinkLost, ReceivedMessage
+from runtime.documents.plans import LinkEntry
+from runtime.hardware.link import BoardLink, Codec, Decoder, LinkError, LinkLost, ReceivedMessage, Values
 
 _OFF, _UNPOWERED = ("idle",), ("idle", "armed")
 """States with the drives off, and states without torque."""
@@ -28,8 +28,9 @@ class Statements:
         self._limits: Sequence[float] = page["ceilings"]["torque_limit"]
         self._ceilings = self._limits
         self._version: int = page["version"]
-        self._checks: Mapping[str, Callable[[Mapping[str, Any]], str | None]] = {
-            "identity": self._identity,
+        self._checks: Mapping[str, Callable[[Values], str | None]] = {
+            # Another version may have other states.
+            "identity": lambda values: self._standing(values) if values["version"] == self._version else None,
             "state": self._state,
             "telemetry": self._telemetry,
         }
@@ -43,11 +44,7 @@ class Statements:
         check = self._checks.get(message.name)
         return None if check is None else check(message.values)
 
-    def _identity(self, values: Mapping[str, Any]) -> str | None:
-        # Another version may have other states.
-        return self._standing(values) if values["version"] == self._version else None
-
-    def _standing(self, values: Mapping[str, Any]) -> str | None:
+    def _standing(self, values: Values) -> str | None:
         """Checks state and reason, which three messages have."""
         state, reason = values["state"], values["reason"]
         if state not in self._states:
@@ -58,7 +55,7 @@ class Statements:
             return f"state {self._states[state]} with reason {self._reasons[reason]}"
         return None
 
-    def _state(self, values: Mapping[str, Any]) -> str | None:
+    def _state(self, values: Values) -> str | None:
         if (wrong := self._standing(values)) is not None:
             return wrong
         state, enabled = self._states[values["state"]], values["enabled"]
@@ -68,7 +65,7 @@ class Statements:
             return f"state {state} with the drives {'on' if enabled else 'off'}"
         return None
 
-    def _telemetry(self, values: Mapping[str, Any]) -> str | None:
+    def _telemetry(self, values: Values) -> str | None:
         if (wrong := self._standing(values)) is not None:
             return wrong
         state = self._states[values["state"]]
@@ -118,19 +115,19 @@ class Conversation:
         self._unanswered: tuple[int, bytes] | None = None
         self._acks: dict[int, ReceivedMessage] = {}
         self._identity: ReceivedMessage | None = None
-        self._state: dict[str, Any] | None = None
-        self._telemetry: list[dict[str, Any]] = []
+        self._state: Values | None = None
+        self._telemetry: list[Values] = []
         self._counters: dict[str, int] | None = None
         self._silence = self._due = 0.0
 
     def close(self) -> None:
         self.link.close()
 
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> LinkEntry:
         """Numbers of frames that arrived damaged here, by kind, and of those that the board counted."""
-        return {"damaged": dict(self._decoder.errors), "board": self._counters}
+        return LinkEntry(damaged=dict(self._decoder.errors), board=self._counters)
 
-    def _hello(self, attempts: int = _ATTEMPTS) -> dict[str, Any]:
+    def _hello(self, attempts: int = _ATTEMPTS) -> Values:
         """The board's identity; commands are numbered from here."""
         self._identity = self._unanswered = None
         # Of a board with another version, only the identity can be read.
@@ -162,7 +159,7 @@ class Conversation:
     def _unheard(self) -> bool:
         return self._unanswered is not None and self._unanswered[0] not in self._acks
 
-    def _command(self, name: str, values: Any = None) -> int:
+    def _command(self, name: str, values: Values | None = None) -> int:
         """Sends a command until it is acknowledged; the detail of the answer. Raises Refused, LinkLost, Untrusted."""
         number, frame = self._frame(name, values)
         self._repeat(name, frame, lambda: number in self._acks)
@@ -171,9 +168,10 @@ class Conversation:
         result = self._names["results"].get(ack.values["result"], "unknown")
         if result != "done":
             refused = NotReady if result == "not_ready" else Refused
-            raise refused(self._refusal(name, ack.values))
-        detail: int = ack.values["detail"]
-        return detail
+            texts = {result["number"]: result["text"] for result in self.codec.document["results"]}
+            why = f" ({meant})" if (meant := self._detail(name, result, ack.values["detail"])) else ""
+            raise refused(f"the board does not accept {name}: {texts.get(ack.values['result'], 'refused')}{why}")
+        return int(ack.values["detail"])
 
     def _ask(self, answered: Callable[[], bool], otherwise: str) -> None:
         """Sends queries until the wanted message arrives; each is new, because none is executed twice.
@@ -202,11 +200,6 @@ class Conversation:
                 return
         raise LinkLost(f"the board does not answer ({name}, {attempts} times); is its firmware running?")
 
-    def _refusal(self, name: str, ack: dict[str, Any]) -> str:
-        texts = {result["number"]: result["text"] for result in self.codec.document["results"]}
-        detail = self._detail(name, self._names["results"].get(ack["result"], ""), ack["detail"])
-        return f"the board does not accept {name}: {texts.get(ack['result'], 'refused')}{detail and f' ({detail})'}"
-
     def _detail(self, name: str, result: str, number: int) -> str:
         """The meaning of the number that comes with a result."""
         if result in ("not_finite", "out_of_range"):
@@ -222,7 +215,7 @@ class Conversation:
         values = [field for field, count in self.codec.fields(name).items() for _ in range(count or 1)]
         return values[number] if number < len(values) else ""
 
-    def _frame(self, name: str, values: Any = None) -> tuple[int, bytes]:
+    def _frame(self, name: str, values: Values | None = None) -> tuple[int, bytes]:
         self._sequence = (self._sequence + 1) & 0xFFFF
         self._acks.pop(self._sequence, None)
         return self._sequence, self.codec.encode(name, values, self._sequence)
@@ -246,4 +239,4 @@ class Conversation:
             elif message.name == "identity":
                 self._identity = message
             elif message.name == "counters":
-                self._counters = message.values
+                self._counters = dict(message.values)

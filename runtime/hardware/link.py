@@ -18,6 +18,11 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
+from runtime.documents.plans import DrivesEntry
+
+Values = Mapping[str, Any]
+"""Values of a message's fields, as protocol.json lays them out: an integer or a float, or a sequence of them."""
+
 
 class LinkError(RuntimeError):
     """The link cannot be opened or used; the message says what to do."""
@@ -50,8 +55,8 @@ class BoardLink(Protocol):
     def now(self) -> float:
         """Time in s of this link's clock, which advances in `read`."""
 
-    def figures(self) -> Mapping[str, Any]:
-        """Statistics for --json."""
+    def figures(self) -> DrivesEntry | None:
+        """Statistics of the drives, if this computer drives the arm itself."""
 
     def close(self) -> None:
         """Closes the link; may be called twice."""
@@ -110,8 +115,8 @@ class SerialLink:
     def now(self) -> float:
         return time.monotonic()
 
-    def figures(self) -> Mapping[str, Any]:
-        return {}
+    def figures(self) -> None:
+        return None
 
     def close(self) -> None:
         self._port.close()
@@ -165,11 +170,11 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ReceivedMessage:
-    """A received message; values are numbers or, for arrays, tuples."""
+    """A received message; arrays are tuples."""
 
     name: str
     sequence: int
-    values: dict[str, Any]
+    values: Values
 
 
 class _Layout:
@@ -187,7 +192,7 @@ class _Layout:
             self._slices.append((name, at if count is None else slice(at, at + count)))
             at += count or 1
 
-    def pack(self, values: Mapping[str, Any]) -> bytes:
+    def pack(self, values: Values) -> bytes:
         """The payload. Raises FrameError for missing or unknown fields and wrong lengths."""
         if values.keys() != self.counts.keys():
             wrong = sorted(values.keys() ^ self.counts.keys())
@@ -207,7 +212,7 @@ class _Layout:
         except (struct.error, OverflowError) as error:
             raise FrameError(f"{self.name}: {error}") from error
 
-    def unpack(self, payload: bytes) -> dict[str, Any]:
+    def unpack(self, payload: bytes) -> Values:
         flat = self.struct.unpack(payload)
         return {name: flat[part] for name, part in self._slices}
 
@@ -240,13 +245,13 @@ class Codec:
     def number(self, name: str) -> int:
         return self._by_name[name].number
 
-    def payload(self, name: str, values: Mapping[str, Any] | None = None) -> bytes:
+    def payload(self, name: str, values: Values | None = None) -> bytes:
         """The payload alone, of which the checksum of a trajectory is computed."""
         if name not in self._by_name:
             raise FrameError(f'no message "{name}"; there are: {", ".join(self._by_name)}')
         return self._by_name[name].pack(values or {})
 
-    def encode(self, name: str, values: Mapping[str, Any] | None = None, sequence: int = 0) -> bytes:
+    def encode(self, name: str, values: Values | None = None, sequence: int = 0) -> bytes:
         """A frame with its delimiter. The board refuses values that are not finite or out of range."""
         payload = self.payload(name, values)
         plain = _HEADER.pack(self.version, self._by_name[name].number, sequence & 0xFFFF, len(payload)) + payload
@@ -275,16 +280,13 @@ class Decoder:
     """Finds messages in a stream of bytes that arrives in pieces of any length.
 
     errors   number of damaged frames by kind: bad_frame, bad_crc, bad_header, unknown
-    lost     number of frames missing between sequence numbers
     """
 
     def __init__(self, codec: Codec) -> None:
         self.codec = codec
         self.errors: Counter[str] = Counter()
-        self.lost = 0
         self._pending = b""
         self._skipping = False
-        self._expected: int | None = None
 
     def feed(self, data: bytes) -> list[ReceivedMessage]:
         """The messages that `data` completes."""
@@ -298,7 +300,6 @@ class Decoder:
                 if isinstance(message, str):
                     self.errors[message] += 1
                 else:
-                    self._count(message.sequence)
                     found.append(message)
         # An endless frame must not fill the memory.
         if len(rest) > 2 * self.codec.longest:
@@ -306,15 +307,6 @@ class Decoder:
             self._skipping, rest = True, b""
         self._pending = rest
         return found
-
-    def _count(self, sequence: int) -> None:
-        if self._expected is not None:
-            ahead = (sequence - self._expected) & 0xFFFF
-            # Beyond half of the circle it is an older frame, repeated or late, and no gap.
-            self.lost += ahead if ahead < 0x8000 else 0
-            if ahead >= 0x8000:
-                return
-        self._expected = (sequence + 1) & 0xFFFF
 
 
 def cobs_encode(plain: bytes) -> bytes:

@@ -8,14 +8,16 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from runtime.documents.plans import DrivesEntry
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int32]
@@ -127,8 +129,8 @@ class Lockstep:
     def now(self) -> float:
         return self._clock.now()
 
-    def figures(self) -> Mapping[str, Any]:
-        return {}
+    def figures(self) -> DrivesEntry | None:
+        return None
 
     def close(self) -> None:
         self._switch(False)
@@ -136,26 +138,27 @@ class Lockstep:
 
     def _play(self) -> None:
         time_us = self._clock.period() & _WORD
-        try:
+        with self._faults_kept():
             self._counts = self.arm.counts()
-        except Fault as fault:
-            self.fault = self.fault or str(fault)
         assert self._counts is not None
         enabled, torque = self.board.period(self._counts, time_us, BOARD_FAULT if self.fault else 0)
         self._switch(enabled)
         if self.fault is None:
-            try:
+            with self._faults_kept():
                 self.arm.apply(torque)
-            except Fault as fault:
-                self.fault = str(fault)
 
     def _switch(self, on: bool) -> None:
         if on != self._enabled:
             self._enabled = on
-            try:
+            with self._faults_kept():
                 self.arm.enable(on)
-            except Fault as fault:
-                self.fault = self.fault or str(fault)
+
+    @contextmanager
+    def _faults_kept(self) -> Iterator[None]:
+        try:
+            yield
+        except Fault as fault:
+            self.fault = self.fault or str(fault)
 
 
 _SWITCH = 1e-4
@@ -202,11 +205,6 @@ class Punctuality:
     def rms(self) -> float:
         return sqrt(self.squares / self.periods) if self.periods else 0.0
 
-    def add(self, late: float) -> None:
-        self.periods += 1
-        self.squares += late * late
-        self.worst = max(self.worst, late)
-
 
 class Pace:
     """Real-time clock: a period begins every `length` s.
@@ -235,7 +233,9 @@ class Pace:
             self._sleep(early)
         begun = self._now()
         late = max(0.0, begun - self._next)
-        self.kept.add(late)
+        self.kept.periods += 1
+        self.kept.squares += late * late
+        self.kept.worst = max(self.kept.worst, late)
         if late >= self.length:
             self.kept.overruns += 1
             self._next = begun

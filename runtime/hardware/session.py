@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.hardware.conversation import Conversation, NotReady, Refused, Untrusted
-from runtime.hardware.link import DELIMITER, BoardLink, Codec, LinkLost
+from runtime.hardware.link import DELIMITER, BoardLink, Codec, LinkLost, Values
 from runtime.hardware.settings import Settings
 
 _BLOCK = 4096
@@ -35,7 +35,8 @@ class Log:
     def __init__(self, every: int, codec: Codec) -> None:
         self.every = every
         self.last: int | None = None
-        self._type = _record_type(codec)
+        message = next(item for item in codec.document["messages"] if item["name"] == "telemetry")
+        self._type = np.dtype([(f["name"], _TYPES[f["type"]], f["count"] or ()) for f in message["fields"]])
         self._states, self._reasons = codec.names("states"), codec.names("reasons")
         self._whole: list[NDArray[Any]] = []
         self._recent: list[tuple[Any, ...]] = []
@@ -50,7 +51,7 @@ class Log:
         """(N,) records with the fields of the message."""
         return np.concatenate([*self._whole, np.array(self._recent, dtype=self._type)])
 
-    def take(self, rows: list[dict[str, Any]]) -> None:
+    def take(self, rows: list[Values]) -> None:
         """Adds `rows` and clears them."""
         for row in rows:
             if self.gap is None and not self.over:
@@ -80,7 +81,7 @@ class Log:
             "set its timer to the rate in [controller], or that rate to the timer's"
         )
 
-    def _add(self, row: dict[str, Any]) -> None:
+    def _add(self, row: Values) -> None:
         if self._states[row["state"]] == "running":
             self._running = max(self._running, row["period"])
         if row["period"] > self._expected:
@@ -94,7 +95,7 @@ class Log:
             if self._reasons[row["reason"]] != "done":
                 self._append(row)
 
-    def _append(self, row: dict[str, Any]) -> None:
+    def _append(self, row: Values) -> None:
         self.last = row["period"]
         if self._begun is None:
             self._begun = row["period"]
@@ -107,12 +108,6 @@ class Log:
         if len(self._recent) >= _BLOCK:
             self._whole.append(np.array(self._recent, dtype=self._type))
             self._recent.clear()
-
-
-def _record_type(codec: Codec) -> np.dtype[Any]:
-    """The array type of a telemetry message."""
-    message = next(item for item in codec.document["messages"] if item["name"] == "telemetry")
-    return np.dtype([(field["name"], _TYPES[field["type"]], field["count"] or ()) for field in message["fields"]])
 
 
 _GREETINGS = 30
@@ -168,7 +163,7 @@ class Session(Conversation):
 
     # --- before a run ---
 
-    def identify(self) -> dict[str, Any]:
+    def identify(self) -> Values:
         """Checks that the board runs the firmware of this model, and leaves it idle; its identity.
 
         Raises Refused, LinkLost, Untrusted.

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.hardware.link import Values
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Term, given
 from runtime.planning.trajectory import Phase, Trajectory
 
 Array = NDArray[np.float64]
-Values = Mapping[str, Any]
 
 UNLIMITED = float(np.finfo(np.float32).max)
 OVERSPEED = 1.5
@@ -145,7 +145,7 @@ class Settings:
             yield "points", {"first_row": first, "values": block.ravel().tolist()}
 
 
-def _drive(model: Model, per_count: Array) -> dict[str, Any]:
+def _drive(model: Model, per_count: Array) -> Values:
     settings = model.controller or {}
     limits = [joint.torque_limit for joint in model.joints]
     return {
@@ -159,7 +159,7 @@ def _drive(model: Model, per_count: Array) -> dict[str, Any]:
     }
 
 
-def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -> dict[str, Any]:
+def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -> Values:
     joints = model.joints
     largest = np.array([TRACKING[j.type] if tracking is None else tracking for j in joints])
     speed = np.array([OVERSPEED * j.speed_limit if j.speed_limit else inf for j in joints])
@@ -183,7 +183,7 @@ def _safety(model: Model, per_count: Array, dt: float, tracking: float | None) -
     }
 
 
-def _within(values: dict[str, Any], ceilings: Mapping[str, Any]) -> Values:
+def _within(values: Values, ceilings: Values) -> Values:
     """The values within the board's ceilings, so that reported limits are those in force."""
     lowered = {
         name: np.clip(values[name], ceilings["low"], ceilings["high"]).tolist()
@@ -191,7 +191,7 @@ def _within(values: dict[str, Any], ceilings: Mapping[str, Any]) -> Values:
         else np.minimum(values[name], ceilings[name]).tolist()
         for name in _LOWERED & values.keys()
     }
-    return values | lowered
+    return {**values, **lowered}
 
 
 def _finite(values: Array) -> list[float]:
@@ -202,7 +202,7 @@ def _finite(values: Array) -> list[float]:
 def _trajectory(page: Mapping[str, Any], model: Model, trajectory: Trajectory) -> Values:
     records = {record["name"].removeprefix(f"{page['name']}_"): record for record in page["records"]}
     springs = _springs(page, model, trajectory)
-    contact = dict.fromkeys(_names(records["contact_f32"]), 0.0)
+    contact = {field["name"]: 0.0 for field in records["contact_f32"]["fields"]}
     for effect, values in trajectory.contact.items():
         named = {f"{effect}_{key}": value for key, value in values.items()}
         _check_known(named, contact, effect)
@@ -230,10 +230,6 @@ def _springs(page: Mapping[str, Any], model: Model, trajectory: Trajectory) -> d
         for name, powers in products.items():
             springs[name][joint - 1] = prod(values[p] ** power for p, power in powers.items())
     return springs
-
-
-def _names(record: Mapping[str, Any]) -> list[str]:
-    return [field["name"] for field in record["fields"]]
 
 
 def _check_known(values: Mapping[str, float], known: Mapping[str, Any], effect: str) -> None:

@@ -424,7 +424,7 @@ def test_an_answer_that_is_missed_once_is_no_fault() -> None:
         assert arm.counts().tolist() == before.tolist()
         behind.drives[0].silent = False
         running(arm, [0.0], 3)
-        assert arm.figures()["missed_answers"] == 1
+        assert arm.missed == 1
 
 
 def test_the_first_position_is_one_that_a_drive_has_told() -> None:

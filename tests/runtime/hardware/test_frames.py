@@ -114,13 +114,6 @@ def test_errors_by_kind() -> None:
     assert CODEC.decode(framed(1, hello, 7, 0, 0, 0)[:-1] + b"\x77") == "bad_crc"
 
 
-def test_missing_numbers_are_counted() -> None:
-    decoder = Decoder(CODEC)
-    for sequence in (65534, 65535, 0, 3, 2, 4):
-        decoder.feed(CODEC.encode("hello", sequence=sequence))
-    assert decoder.lost == 2
-
-
 def test_what_does_not_fill_a_message_is_named() -> None:
     with pytest.raises(FrameError, match='no message "go"; there are: hello, parameters'):
         CODEC.encode("go")
