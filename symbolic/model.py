@@ -70,9 +70,10 @@ def _in_the_plane(arm: Arm) -> ArmModel:
 
 def _in_space(arm: Arm) -> ArmModel:
     g = geometry(arm)
-    layout = spatial_base.choose_layout(g)
-    base = spatial_base.base_parameters(arm, g, layout.merged)
-    lumps = spatial_base.named_lumps(arm, base, layout.merged)
+    merged = spatial_base.merging(g)
+    axes = spatial_base.choose_axes(g, merged.kept)
+    base = spatial_base.base_parameters(arm, g, merged)
+    lumps = spatial_base.named_lumps(arm, base, merged)
     symbols = _symbols(base, lumps)
     own = [_rotor(joint, i, base, symbols) for i, joint in enumerate(arm.joints)]
     angles = spatial_base.angles(g)
@@ -80,7 +81,7 @@ def _in_space(arm: Arm) -> ArmModel:
     chain = g.symbolic()
     bodies, rotors = spatial_dynamics.bodies(symbols, g.n)
     functions = [
-        *spatial_dynamics.functions(author, chain, layout, symbols=symbols, own=own),
+        *spatial_dynamics.functions(author, chain, axes, symbols=symbols, own=own),
         *composites.functions(author, chain, bodies, rotors=rotors, own=own),
         spatial_dynamics.forward_dynamics(author, chain, bodies, rotors),
         *spatial_kinematics.functions(author, arm, chain),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf
 
 from symbolic import units as u
@@ -13,10 +14,10 @@ NOT_NEGATIVE = (0.0, inf)
 
 _DEPTH = parameter("position") - Y
 
-PLATE = Effect(
+_contact = partial(Effect, scope="contact", family="contact")
+
+PLATE = _contact(
     name="plate",
-    scope="contact",
-    family="contact",
     # The plate's force stands on the other side of (1): minus J^T F.
     torque=-ROW
     * (
@@ -45,10 +46,8 @@ PLATE = Effect(
     brought=True,
 )
 
-PLATE_DAMPING = Effect(
+PLATE_DAMPING = _contact(
     name="plate_damping",
-    scope="contact",
-    family="contact",
     torque=ROW * parameter("coefficient") * YD * step(PLATE_Y - Y, WIDTH_POSITION),
     parameters=(
         Parameter("coefficient", u.NEWTON * u.SECOND / u.METRE, "force per speed of the plate", bounds=NOT_NEGATIVE),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf
 
 import sympy as sp
@@ -14,10 +15,10 @@ PREDICTED, PREDICTED_RATE = SIGNAL["predicted"].symbol, SIGNAL["predicted_rate"]
 
 _ANGLE = parameter("order") * RATIO * Q
 
-TORQUE_RIPPLE = Effect(
+_drive = partial(Effect, scope="joint", family="drive")
+
+TORQUE_RIPPLE = _drive(
     name="torque_ripple",
-    scope="joint",
-    family="drive",
     torque=parameter("amplitude") * sp.cos(_ANGLE + parameter("phase")),
     parameters=(
         Parameter(
@@ -57,10 +58,8 @@ TORQUE_RIPPLE = Effect(
     several=True,
 )
 
-TORQUE_SATURATION = Effect(
+TORQUE_SATURATION = _drive(
     name="torque_saturation",
-    scope="joint",
-    family="drive",
     torque=parameter("coefficient") * PREDICTED**3,
     parameters=(
         Parameter(
@@ -75,10 +74,8 @@ TORQUE_SATURATION = Effect(
     sits_at="motor",
 )
 
-TORQUE_SCALE = Effect(
+TORQUE_SCALE = _drive(
     name="torque_scale",
-    scope="joint",
-    family="drive",
     torque=(parameter("factor") - 1) * PREDICTED,
     parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=(0.0, inf), neutral=1.0),),
     summary="The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.",
@@ -90,10 +87,8 @@ TORQUE_SCALE = Effect(
     sits_at="motor",
 )
 
-TORQUE_DELAY = Effect(
+TORQUE_DELAY = _drive(
     name="torque_delay",
-    scope="joint",
-    family="drive",
     # recorded(t) = predicted(t + time) to first order: good for times short against the motion's.
     torque=parameter("time") * PREDICTED_RATE,
     parameters=(

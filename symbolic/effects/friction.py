@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf
 
 import sympy as sp
@@ -22,10 +23,10 @@ SURVEY = (
 )
 BOOK = "Armstrong-Hélouvry 1991, Control of Machines with Friction, Kluwer"
 
-COULOMB = Effect(
+_friction = partial(Effect, scope="joint", family="friction")
+
+COULOMB = _friction(
     name="coulomb",
-    scope="joint",
-    family="friction",
     torque=parameter("torque") * SIGN,
     parameters=(
         Parameter(
@@ -41,10 +42,8 @@ COULOMB = Effect(
     dry=True,
 )
 
-COULOMB_ASYMMETRIC = Effect(
+COULOMB_ASYMMETRIC = _friction(
     name="coulomb_asymmetric",
-    scope="joint",
-    family="friction",
     torque=parameter("positive") * step(QD, WIDTH_RATE) - parameter("negative") * step(-QD, WIDTH_RATE),
     parameters=(
         Parameter("positive", u.FORCE, "friction torque while qd > 0", bounds=NOT_NEGATIVE, abroad="friction"),
@@ -63,10 +62,8 @@ COULOMB_ASYMMETRIC = Effect(
     dry=True,
 )
 
-VISCOUS = Effect(
+VISCOUS = _friction(
     name="viscous",
-    scope="joint",
-    family="friction",
     torque=parameter("coefficient") * QD,
     parameters=(Parameter("coefficient", u.VISCOUS, "torque per rate", bounds=NOT_NEGATIVE, abroad="damping"),),
     summary="Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not compensated.",
@@ -78,10 +75,8 @@ VISCOUS = Effect(
     assumed=True,
 )
 
-VISCOUS_ASYMMETRIC = Effect(
+VISCOUS_ASYMMETRIC = _friction(
     name="viscous_asymmetric",
-    scope="joint",
-    family="friction",
     torque=parameter("positive") * ramp(QD, WIDTH_RATE) - parameter("negative") * ramp(-QD, WIDTH_RATE),
     parameters=(
         Parameter("positive", u.VISCOUS, "torque per rate while qd > 0", bounds=NOT_NEGATIVE, abroad="damping"),
@@ -96,10 +91,8 @@ VISCOUS_ASYMMETRIC = Effect(
     generalises=("viscous",),
 )
 
-VISCOUS_CUBIC = Effect(
+VISCOUS_CUBIC = _friction(
     name="viscous_cubic",
-    scope="joint",
-    family="friction",
     torque=parameter("coefficient") * QD**3,
     parameters=(
         Parameter(
@@ -121,10 +114,8 @@ VISCOUS_CUBIC = Effect(
 # Far below any rate, level or resolution: what keeps a power and a quotient finite at 0, where another factor is 0.
 _TINY = sp.Rational(1, 10**9)
 
-VISCOUS_POWER = Effect(
+VISCOUS_POWER = _friction(
     name="viscous_power",
-    scope="joint",
-    family="friction",
     torque=parameter("torque") * (SPEED + _TINY) ** parameter("exponent") * SIGN,
     parameters=(
         Parameter("torque", u.FORCE, "torque at 1 rad/s (1 m/s)", bounds=NOT_NEGATIVE),
@@ -147,10 +138,8 @@ VISCOUS_POWER = Effect(
     dissipates=True,
 )
 
-STRIBECK = Effect(
+STRIBECK = _friction(
     name="stribeck",
-    scope="joint",
-    family="friction",
     torque=parameter("torque") * sp.exp(-((QD / parameter("speed")) ** 2)) * SIGN,
     parameters=(
         Parameter("torque", u.FORCE, "how much friction at the slowest motion exceeds Coulomb's", bounds=NOT_NEGATIVE),
@@ -172,10 +161,8 @@ STRIBECK = Effect(
     dry=True,
 )
 
-LOAD_FRICTION = Effect(
+LOAD_FRICTION = _friction(
     name="load_friction",
-    scope="joint",
-    family="friction",
     torque=parameter("coefficient") * absolute(LOAD, WIDTH_FORCE) * SIGN,
     parameters=(Parameter("coefficient", u.ONE, "friction torque per transmitted torque", bounds=NOT_NEGATIVE),),
     summary="Gear friction in proportion to the torque that the gear transmits.",
@@ -187,10 +174,8 @@ LOAD_FRICTION = Effect(
     dissipates=True,
 )
 
-FRICTION_PATCH = Effect(
+FRICTION_PATCH = _friction(
     name="friction_patch",
-    scope="joint",
-    family="friction",
     torque=parameter("torque")
     * step(Q - parameter("start"), WIDTH_POSITION)
     * step(parameter("end") - Q, WIDTH_POSITION)
@@ -233,10 +218,8 @@ _WAY = Q - state("position")
 _SLIDING = LEVEL * sgn(_WAY, WIDTH_POSITION)
 _BENT = _SLIDING + (_Z - _SLIDING) * sp.exp(-parameter("stiffness") * absolute(_WAY, WIDTH_POSITION) / _LEVEL)
 
-LUGRE = Effect(
+LUGRE = _friction(
     name="lugre",
-    scope="joint",
-    family="friction",
     torque=_BENT - LEVEL * SIGN + parameter("damping") * (QD - SPEED * _BENT / _LEVEL),
     parameters=(
         Parameter(
@@ -271,10 +254,8 @@ LUGRE = Effect(
 
 _WARMING = WARMTH + UNMEASURED * (1 - sp.exp(-T / parameter("time_constant")))
 
-THERMAL_FRICTION = Effect(
+THERMAL_FRICTION = _friction(
     name="thermal_friction",
-    scope="joint",
-    family="friction",
     torque=(parameter("coulomb") * SIGN + parameter("viscous") * QD) * _WARMING,
     parameters=(
         Parameter(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf
 
 import sympy as sp
@@ -13,10 +14,10 @@ from symbolic.primitives import WIDTH_POSITION, ramp, step
 Q, QD = SIGNAL["q"].symbol, SIGNAL["qd"].symbol
 NOT_NEGATIVE = (0.0, inf)
 
-OFFSET = Effect(
+_spring = partial(Effect, scope="joint", family="spring")
+
+OFFSET = _spring(
     name="offset",
-    scope="joint",
-    family="spring",
     torque=parameter("torque"),
     parameters=(Parameter("torque", u.FORCE, "constant part of the recorded torque"),),
     summary="A constant torque: an amplifier's offset, a constant pull.",
@@ -27,10 +28,8 @@ OFFSET = Effect(
     sits_at="link",
 )
 
-LINEAR_SPRING = Effect(
+LINEAR_SPRING = _spring(
     name="linear_spring",
-    scope="joint",
-    family="spring",
     torque=parameter("stiffness") * (Q - parameter("rest")),
     parameters=(
         Parameter("stiffness", u.STIFFNESS, "torque per displacement", bounds=NOT_NEGATIVE, abroad="stiffness"),
@@ -60,10 +59,8 @@ _LACKING = parameter("offset") - Q
 _TAUT = step(_LACKING, WIDTH_POSITION)
 _STRETCH = ramp(_LACKING, WIDTH_POSITION)
 
-PARALLEL_SPRING = Effect(
+PARALLEL_SPRING = _spring(
     name="parallel_spring",
-    scope="joint",
-    family="spring",
     torque=-(
         parameter("radius") ** 2 * parameter("stiffness") * _STRETCH
         + parameter("radius") * parameter("pretension") * _TAUT
@@ -123,10 +120,8 @@ PARALLEL_SPRING = Effect(
     brought=True,
 )
 
-CABLE = Effect(
+CABLE = _spring(
     name="cable",
-    scope="joint",
-    family="spring",
     torque=sum((parameter(f"c{k}") * Q**k for k in range(2, 5)), parameter("c1") * Q),
     parameters=tuple(
         Parameter(f"c{k}", u.FORCE / u.POSITION**k, f"torque per q^{k}" if k > 1 else "torque per q")
@@ -148,10 +143,8 @@ CABLE = Effect(
 _SIDE = parameter("side")
 _DEPTH = _SIDE * (Q - parameter("position"))
 
-END_STOP = Effect(
+END_STOP = _spring(
     name="end_stop",
-    scope="joint",
-    family="spring",
     torque=parameter("stiffness") * _SIDE * ramp(_DEPTH, WIDTH_POSITION)
     + parameter("damping") * QD * step(_DEPTH, WIDTH_POSITION),
     parameters=(
@@ -200,10 +193,8 @@ def _held(number: int) -> sp.Expr:
 
 _HELD = tuple(_held(number) for number in range(1, _ELEMENTS + 1))
 
-SPRING_HYSTERESIS = Effect(
+SPRING_HYSTERESIS = _spring(
     name="spring_hysteresis",
-    scope="joint",
-    family="spring",
     # The limits' sum is this part of N^2 widths.
     torque=parameter("torque")
     * sp.Rational(2 * _ELEMENTS - 1, _ELEMENTS**2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf, pi
 
 import sympy as sp
@@ -63,10 +64,10 @@ def _missed(acceleration: sp.Expr) -> sp.Expr:
     return -(COUPLING * acceleration + COUPLING_RATE * _RATE + COUPLING_SLOPE * _DEFLECTION)
 
 
-ELASTICITY = Effect(
+_transmission = partial(Effect, scope="joint", family="transmission")
+
+ELASTICITY = _transmission(
     name="elasticity",
-    scope="joint",
-    family="transmission",
     torque=_missed(state("acceleration")),
     parameters=(
         Parameter(
@@ -162,10 +163,8 @@ def _gap_step() -> sp.Matrix:
 
 _ACROSS = _gap_step()
 
-BACKLASH = Effect(
+BACKLASH = _transmission(
     name="backlash",
-    scope="joint",
-    family="transmission",
     # The mean accelerations of the last two steps, continued by half a step to this sample: an impact shorter than
     # a sample leaves its whole momentum in them, which the acceleration at the samples would miss.
     torque=_missed((3 * state("acceleration") - state("acceleration_before")) / 2),

@@ -164,16 +164,9 @@ def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Colum
         qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
         moving = motion(chain, 0, q, qd=qd, qdd=qdd, notes=notes)
         for column in columns:
-            tau = torques(chain, unit_lumps(n, column), moving, qdd=qdd, notes=notes)
+            tau = torques(chain, lumps_of({column: 1}, n), moving, qdd=qdd, notes=notes)
             result[column] += [t % PRIME for t in tau]
     return result
-
-
-def unit_lumps(n: int, column: Column) -> Lumps:
-    """Lumps that are 0, except for one that is 1."""
-    values = {kind: [0] * n for kind in KINDS}
-    values[column[0]][column[1]] = 1
-    return Lumps(**{kind: tuple(v) for kind, v in values.items()})
 
 
 def lumps_of(values: dict[Column, Any], n: int) -> Lumps:

@@ -9,7 +9,7 @@ from typing import Any
 import sympy as sp
 
 from symbolic.functions import Author, Continuation, Recorder, Suffixed, SymbolicFunction, output
-from symbolic.rigid_body.base_parameters import Column, lumps_of, unit_lumps
+from symbolic.rigid_body.base_parameters import Column, lumps_of
 from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
 from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques
 
@@ -190,10 +190,10 @@ def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame:
     recorder, n = author.recorder(), chain.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(chain, frame, q, qd=qd, qdd=qdd, notes=recorder)
-    parts = [
-        torques(chain, unit_lumps(n, column), moving, qdd=qdd, notes=Suffixed(recorder, f"_{column[0]}{column[1] + 1}"))
-        for column in columns
-    ]
+    parts = []
+    for kind, i in columns:
+        notes = Suffixed(recorder, f"_{kind}{i + 1}")
+        parts.append(torques(chain, lumps_of({(kind, i): 1}, n), moving, qdd=qdd, notes=notes))
     Y = [part[i] for i in range(n) for part in parts]
     return equation(
         author,

@@ -9,13 +9,14 @@ wherever sin q_2 ≠ 0; an LU decomposition of J_w would also divide by cos q_1.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import sympy as sp
 
 from symbolic.functions import Argument, Author, Recorder, SymbolicFunction, output
 from symbolic.model_file.arm import Arm
-from symbolic.rigid_body.base_parameters import unit_lumps
+from symbolic.rigid_body.base_parameters import lumps_of
 from symbolic.rigid_body.lagrangian import Components, derivative, distal_points, moved, rational
 from symbolic.rigid_body.newton_euler import Chain, motion, notation, torques
 
@@ -24,12 +25,7 @@ NOTATION = {"theta": "absolute angle of a link", "c, s": "cosine and sine; c12 o
 
 def functions(author: Author, arm: Arm, chain: Chain, frame: int) -> list[SymbolicFunction]:
     """tip, tip_jacobian, tip_rate, tip_load, moment_jacobian. chain: lengths in m, gravity in m/s²."""
-    return [
-        _tip(author, chain),
-        *_tip_motion(author, chain),
-        _tip_load(author, chain, frame),
-        _moment(author, arm),
-    ]
+    return [*_tip(author, chain), _tip_load(author, chain, frame), _moment(author, arm)]
 
 
 def base_coordinates(vector: Components, directions: dict[int, tuple[Any, Any]]) -> tuple[Any, Any]:
@@ -53,46 +49,41 @@ def directions(revolute: Sequence[bool], q: Sequence[Any], recorder: Recorder) -
     return result
 
 
-def _tip(author: Author, chain: Chain) -> SymbolicFunction:
-    recorder, q = author.recorder(), author.coordinates.symbols("q")
-    x, y = base_coordinates(distal_points(chain, q)[-1], directions(chain.revolute, q, recorder))
-    angle = sum(q[i] for i, turns in enumerate(chain.revolute) if turns)
-    return author.function(
-        "tip",
-        ("q",),
-        output("p", (x, y, angle), (3,), unit="m, m, rad", meaning="x, y and absolute angle of the last link"),
-        recorder,
-        doc="Position and angle of the end-effector, the distal point of the last link.",
-        source="Forward kinematics; p_4 of equation (12)",
-        notation=NOTATION,
-    )
-
-
-def _tip_motion(author: Author, chain: Chain) -> list[SymbolicFunction]:
+def _tip(author: Author, chain: Chain) -> list[SymbolicFunction]:
     recorder, q, qd = author.recorder(), author.coordinates.symbols("q"), author.coordinates.symbols("qd")
-    turned = directions(chain.revolute, q, recorder)
-    columns = _columns(distal_points(chain, q)[-1], chain, turned, recorder)
+    turned, point = directions(chain.revolute, q, recorder), distal_points(chain, q)[-1]
+    angle = sum(q[i] for i, turns in enumerate(chain.revolute) if turns)
+    position = (*base_coordinates(point, turned), angle)
+    columns = _columns(point, chain, turned, recorder)
     rows = [[x for x, _ in columns], [y for _, y in columns], [int(turns) for turns in chain.revolute]]
     rates = [sum((slope * rate for slope, rate in zip(row, qd, strict=True)), sp.Integer(0)) for row in rows]
     unit = author.coordinates.unit("m/rad", "1")
+    made = partial(author.function, recorder=recorder)
+    slopes = NOTATION | {"x, y": "derivative of the tip by the angle of a joint"}
     return [
-        author.function(
+        made(
+            "tip",
+            ("q",),
+            output("p", position, (3,), unit="m, m, rad", meaning="x, y and absolute angle of the last link"),
+            doc="Position and angle of the end-effector, the distal point of the last link.",
+            source="Forward kinematics; p_4 of equation (12)",
+            notation=NOTATION,
+        ),
+        made(
             "tip_jacobian",
             ("q",),
             output("J", [e for row in rows for e in row], (3, chain.n), unit=unit, meaning="rows x, y, angle"),
-            recorder,
             doc="Derivative of the end-effector's position and angle by q.",
             source="J of equation (1)",
-            notation=NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
+            notation=slopes,
         ),
-        author.function(
+        made(
             "tip_rate",
             ("q", "qd"),
             output("v", rates, (3,), unit="m/s, m/s, rad/s", meaning="rates of x, y and angle"),
-            recorder,
             doc="Rate of the end-effector's position and angle.",
             source="J qd, with J of equation (1)",
-            notation=NOTATION | {"x, y": "derivative of the tip by the angle of a joint"},
+            notation=slopes,
         ),
     ]
 
@@ -127,7 +118,7 @@ def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
     recorder, n = author.recorder(), chain.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(chain, frame, q, qd=qd, qdd=qdd, notes=recorder)
-    load = torques(chain, unit_lumps(n, ("mu", n - 1)), moving, qdd=qdd, notes=recorder)
+    load = torques(chain, lumps_of({("mu", n - 1): 1}, n), moving, qdd=qdd, notes=recorder)
     return author.function(
         "tip_load",
         ("q", "qd", "qdd"),
@@ -191,7 +182,53 @@ def has_contact_phase(chain: Chain) -> bool:
 
 def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
     """contact_coordinates, _jacobian, _bias, _inverse, _acceleration. chain: lengths in m."""
-    return [make(author, chain.lengths) for make in (_coordinates, _jacobian, _bias, _inverse, _acceleration)]
+    recorder = author.recorder()
+    made = partial(author.function, recorder=recorder, notation=CONTACT_NOTATION)
+    angles, x, y = _links(author, chain.lengths, recorder)
+    q = author.coordinates.symbols("q")
+    w = [sum(x), y[0] + y[1], angles[2], q[3]]
+    r4 = recorder.let("r4", y[3])
+    r3 = recorder.let("r3", r4 + y[2])
+    r2 = recorder.let("r2", r3 + y[1])
+    rows = [-r2 - y[0], -r2, -r3, -r4, x[0] + x[1], x[1], 0, 0, 1, 1, 1, 0, 0, 0, 0, 1]
+    rates: list[Any] = [0]
+    for i, qd in enumerate(author.coordinates.symbols("qd"), 1):
+        rates.append(recorder.let(f"w{i}", rates[-1] + qd))
+    squares = [recorder.let(f"ww{i}", rate * rate) for i, rate in enumerate(rates[1:], 1)]
+    bias = [-sum(a * b for a, b in zip(x, squares, strict=True)), -y[0] * squares[0] - y[1] * squares[1], 0, 0]
+    wdd = _w("wdd", "m/s^2, m/s^2, rad/s^2, rad/s^2", "second derivative of w")
+    qdd = _acceleration(recorder, chain.lengths, wdd.symbols, squares, extents=(x, y), q2=q[1])
+    return [
+        made(
+            "contact_coordinates",
+            ("q",),
+            output("w", w, (4,), unit=W_UNIT, meaning="p_4x, p_2y, absolute angle of link 3, q_4"),
+            doc="Coordinates w = phi(q) of the contact phase.",
+            source="Equation (13); p_2 is the end of link 2",
+        ),
+        made(
+            "contact_jacobian",
+            ("q",),
+            output("J_w", rows, (4, 4), unit="m/rad, m/rad, 1, 1 by row", meaning="derivative of w by q"),
+            doc="J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.",
+            source="Equation (14)",
+        ),
+        made(
+            "contact_bias",
+            ("q", "qd"),
+            output("b_w", bias, (4,), unit="m/s^2, m/s^2, rad/s^2, rad/s^2", meaning="acceleration of w at qdd = 0"),
+            doc="b_w = (dJ_w/dt) qd.",
+            source="Equation (14), with the factor qd",
+        ),
+        _inverse(author, chain.lengths),
+        made(
+            "contact_acceleration",
+            ("q", "qd", wdd),
+            output("qdd", qdd, (4,), unit="rad/s^2", meaning="joint accelerations"),
+            doc="qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.",
+            source="Equation (14), solved for qdd",
+        ),
+    ]
 
 
 def _w(name: str, unit: str, meaning: str) -> Argument:
@@ -211,64 +248,6 @@ def _links(author: Author, lengths: tuple[Any, ...], recorder: Recorder) -> tupl
         x.append(recorder.let(f"x{i + 1}", lengths[i] * c))
         y.append(recorder.let(f"y{i + 1}", lengths[i] * s))
     return angles, x, y
-
-
-def _rates(author: Author, name: str, recorder: Recorder) -> list[Any]:
-    w: Any = 0
-    rates = []
-    for i, qd in enumerate(author.coordinates.symbols(name)):
-        w = recorder.let(f"w{i + 1}", w + qd)
-        rates.append(w)
-    return rates
-
-
-def _coordinates(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
-    recorder = author.recorder()
-    angles, x, y = _links(author, lengths, recorder)
-    w = [sum(x), y[0] + y[1], angles[2], author.coordinates.symbols("q")[3]]
-    return author.function(
-        "contact_coordinates",
-        ("q",),
-        output("w", w, (4,), unit=W_UNIT, meaning="p_4x, p_2y, absolute angle of link 3, q_4"),
-        recorder,
-        doc="Coordinates w = phi(q) of the contact phase.",
-        source="Equation (13); p_2 is the end of link 2",
-        notation=CONTACT_NOTATION,
-    )
-
-
-def _jacobian(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
-    recorder = author.recorder()
-    _, x, y = _links(author, lengths, recorder)
-    x4 = recorder.let("r4", y[3])
-    x3 = recorder.let("r3", x4 + y[2])
-    x2 = recorder.let("r2", x3 + y[1])
-    rows = [-x2 - y[0], -x2, -x3, -x4, x[0] + x[1], x[1], 0, 0, 1, 1, 1, 0, 0, 0, 0, 1]
-    return author.function(
-        "contact_jacobian",
-        ("q",),
-        output("J_w", rows, (4, 4), unit="m/rad, m/rad, 1, 1 by row", meaning="derivative of w by q"),
-        recorder,
-        doc="J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.",
-        source="Equation (14)",
-        notation=CONTACT_NOTATION,
-    )
-
-
-def _bias(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
-    recorder = author.recorder()
-    _, x, y = _links(author, lengths, recorder)
-    squares = [recorder.let(f"ww{i + 1}", w * w) for i, w in enumerate(_rates(author, "qd", recorder))]
-    bias = [-sum(a * b for a, b in zip(x, squares, strict=True)), -y[0] * squares[0] - y[1] * squares[1], 0, 0]
-    return author.function(
-        "contact_bias",
-        ("q", "qd"),
-        output("b_w", bias, (4,), unit="m/s^2, m/s^2, rad/s^2, rad/s^2", meaning="acceleration of w at qdd = 0"),
-        recorder,
-        doc="b_w = (dJ_w/dt) qd.",
-        source="Equation (14), with the factor qd",
-        notation=CONTACT_NOTATION,
-    )
 
 
 def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
@@ -309,29 +288,24 @@ def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     )
 
 
-def _acceleration(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
-    recorder = author.recorder()
-    let = recorder.let
-    wdd = _w("wdd", "m/s^2, m/s^2, rad/s^2, rad/s^2", "second derivative of w")
-    _, x, y = _links(author, lengths, recorder)
-    w = [let(f"ww{i + 1}", r * r) for i, r in enumerate(_rates(author, "qd", recorder))]
-    v1, v2, al3, v4 = wdd.symbols
+def _acceleration(
+    recorder: Recorder,
+    lengths: tuple[Any, ...],
+    wdd: Sequence[Any],
+    squares: Sequence[Any],
+    extents: tuple[list[Any], list[Any]],
+    q2: Any,
+) -> list[Any]:
+    """qdd (4,) for wdd. squares: of the links' absolute rates; extents: of the links along x and y."""
+    let, (x, y), w = recorder.let, extents, squares
+    v1, v2, al3, v4 = wdd
     al4 = let("al4", al3 + v4)
     # Required contributions of links 1 and 2 to the accelerations of p_4x and p_2y:
     # [−y1 −y2; x1 x2] [al1; al2] = [ax; ay], of determinant x1 y2 − x2 y1 = l1 l2 sin q_2.
     ax = let("ax", v1 + x[0] * w[0] + x[1] * w[1] + x[2] * w[2] + x[3] * w[3] + y[2] * al3 + y[3] * al4)
     ay = let("ay", v2 + y[0] * w[0] + y[1] * w[1])
-    _, elbow = recorder.sincos(author.coordinates.symbols("q")[1])
-    determinant = let("det", lengths[0] * lengths[1] * elbow)  # exactly 0 at q_2 = 0, unlike a difference of products
-    scale = let("scale", 1 / determinant)
+    # Exactly 0 at q_2 = 0, unlike a difference of products.
+    scale = let("scale", 1 / let("det", lengths[0] * lengths[1] * recorder.sincos(q2)[1]))
     al1 = let("al1", (x[1] * ax + y[1] * ay) * scale)
     al2 = let("al2", -(x[0] * ax + y[0] * ay) * scale)
-    return author.function(
-        "contact_acceleration",
-        ("q", "qd", wdd),
-        output("qdd", [al1, al2 - al1, al3 - al2, v4], (4,), unit="rad/s^2", meaning="joint accelerations"),
-        recorder,
-        doc="qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.",
-        source="Equation (14), solved for qdd",
-        notation=CONTACT_NOTATION,
-    )
+    return [al1, al2 - al1, al3 - al2, v4]

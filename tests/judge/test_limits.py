@@ -30,7 +30,7 @@ def with_hidden(limit: dict[str, Any], times: float) -> Diagnosis:
     return kept(diagnose, bank.model("judge1"), [kept(specimens.at_limit, limit, times)])
 
 
-@pytest.mark.parametrize("effect", ["stribeck", *(slow(x) for x in ("elasticity", "load_friction", "payload"))])
+@pytest.mark.parametrize("effect", ["stribeck", "elasticity", slow("load_friction"), slow("payload")])
 def test_what_would_have_been_seen_is_seen(effect: str, clean: dict[str, Any]) -> None:
     found = with_hidden(limit(clean, effect), BEYOND)
     assert [f.term.effect for f in found.findings][:1] == [effect]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -170,43 +170,33 @@ def base_parameters(arm: Arm, g: Geometry, merged: Merging) -> BaseParameters:
     return BaseParameters({c: known_sum(values, parts[c]) for c in order}, {c: tuple(parts[c]) for c in order})
 
 
-@dataclass(frozen=True)
-class SpatialLayout:
-    """axes: see recursion.motion; merged: the base parameters."""
-
-    axes: tuple[int, ...]
-    merged: Merging
-
-
-def choose_layout(g: Geometry) -> SpatialLayout:
-    """The layout with the fewest operations in inverse dynamics that single changes of axes lead to.
+def choose_axes(g: Geometry, kept: Sequence[Column]) -> tuple[int, ...]:
+    """The axes of recursion.motion with the fewest operations in inverse dynamics that single changes lead to.
 
     Masses of revolute links are not kept as base parameters: that would save the recursion 1 % of its operations and
     cost D and forward dynamics several.
     """
-    best = SpatialLayout(tuple(range(g.n)), merging(g))
-    # Layouts that were tried before cannot be better.
-    least, tried, improved = _cost(g, best), {best.axes}, True
+    best = tuple(range(g.n))
+    # Axes that were tried before cannot be better.
+    least, tried, improved = _cost(g, best, kept), {best}, True
     while improved:
         improved = False
-        for layout in (other for other in _other_axes(g, best) if other.axes not in tried):
-            tried.add(layout.axes)
-            cost = _cost(g, layout)
+        for axes in (other for other in _other_axes(g, best) if other not in tried):
+            tried.add(axes)
+            cost = _cost(g, axes, kept)
             if cost < least:
-                best, least, improved = layout, cost, True
+                best, least, improved = axes, cost, True
                 break
     return best
 
 
-def _other_axes(g: Geometry, layout: SpatialLayout) -> Iterator[SpatialLayout]:
-    """The layouts in which consecutive links of a group are written along other axes of it."""
+def _other_axes(g: Geometry, chosen: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """The choices in which consecutive links of a group are written along other axes of it."""
     for group in groups(g):
         for first in group:
             for last in range(first, group[-1] + 1):
                 for axes in range(group[0] - 1, group[-1] + 1):
-                    chosen = (*layout.axes[:first], *[axes] * (last + 1 - first), *layout.axes[last + 1 :])
-                    if chosen != layout.axes:
-                        yield replace(layout, axes=chosen)
+                    yield (*chosen[:first], *[axes] * (last + 1 - first), *chosen[last + 1 :])
 
 
 def moments_of(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:
@@ -215,7 +205,7 @@ def moments_of(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], lis
     return moments, [values.get((ROTOR, i), 0) for i in range(n)]
 
 
-def _cost(g: Geometry, layout: SpatialLayout) -> int:
+def _cost(g: Geometry, axes: Sequence[int], kept: Sequence[Column]) -> int:
     counter = OperationCounter()
     chain = g.over(lambda x: x, [rest if rest == 0 else counter.leaf(f"rest{i}") for i, rest in enumerate(g.rests)])
 
@@ -223,8 +213,8 @@ def _cost(g: Geometry, layout: SpatialLayout) -> int:
         return [counter.leaf(f"{name}{i}") for i in range(g.n)]
 
     qdd = leaves("qdd")
-    moments, rotors = moments_of({c: counter.leaf(str(c)) for c in layout.merged.kept}, g.n)
-    moving = motion(chain, layout.axes, leaves("q"), qd=leaves("qd"), qdd=qdd, notes=counter)
+    moments, rotors = moments_of({c: counter.leaf(str(c)) for c in kept}, g.n)
+    moving = motion(chain, axes, leaves("q"), qd=leaves("qd"), qdd=qdd, notes=counter)
     return counter.cost(torques(chain, moments, rotors, moving=moving, qdd=qdd, notes=counter))
 
 
@@ -242,7 +232,8 @@ def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, 
     for column, value in base.values.items():
         kind, i = column
         parts = base.merged[column]
-        about_z = _only_about_z(column, merged)
+        # A link that only turns about its joint's direction: XX and YY act as one.
+        about_z = kind == "xx" and merged.terms["yy", i] == {column: 1}
         name = "I" if kind == ROTOR else "ZZ" if about_z else NAMES[kind]
         sliding = arm.joints[i].type == "prismatic"
         lumps.append(
@@ -256,12 +247,6 @@ def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, 
             )
         )
     return overridden(arm, lumps)
-
-
-def _only_about_z(column: Column, merged: Merging) -> bool:
-    """Whether a link only turns about its joint's direction, so that XX and YY act as one, ZZ."""
-    kind, i = column
-    return kind == "xx" and merged.terms["yy", i] == {column: 1}
 
 
 def _meaning(name: str, joint: int) -> str:

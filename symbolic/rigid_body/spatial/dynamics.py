@@ -27,7 +27,7 @@ import sympy as sp
 from symbolic.functions import Author, Continuation, SymbolicFunction
 from symbolic.rigid_body.base_parameters import Column
 from symbolic.rigid_body.dynamics import equation, solve_symmetric
-from symbolic.rigid_body.spatial.base_parameters import MIRRORED, SpatialLayout, columns, moments_of
+from symbolic.rigid_body.spatial.base_parameters import MIRRORED, columns, moments_of
 from symbolic.rigid_body.spatial.composites import (
     COMPOSITE_NOTATION,
     Composite,
@@ -76,15 +76,16 @@ def bodies(symbols: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[A
 
 
 def functions(
-    author: Author, g: Geometry, layout: SpatialLayout, symbols: Mapping[Column, sp.Symbol], own: Sequence[Any]
+    author: Author, g: Geometry, axes: Sequence[int], symbols: Mapping[Column, sp.Symbol], own: Sequence[Any]
 ) -> list[SymbolicFunction]:
     """inverse_dynamics, link_load, regressor.
 
-    g   with SymPy numbers     symbols   the base parameters     own   (n,) the rotors' inertias, kg m² (kg)
+    g   with SymPy numbers     axes   (n,) see recursion.motion
+    symbols   the base parameters     own   (n,) the rotors' inertias, kg m² (kg)
     """
     recorder, n = author.recorder(), g.n
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
-    moving = motion(g, layout.axes, q, qd=qd, qdd=qdd, notes=recorder)
+    moving = motion(g, axes, q, qd=qd, qdd=qdd, notes=recorder)
     tau = torques(g, *bodies(symbols, n), moving, qdd, recorder)
     whole = [recorder.symbol(f"whole{i + 1}", torque) for i, torque in enumerate(tau)]
     load = [torque - rotor * a for torque, rotor, a in zip(whole, own, qdd, strict=True)]

@@ -25,7 +25,7 @@ from symbolic.rigid_body.spatial.geometry import (
     negative,
     scaled,
 )
-from symbolic.rigid_body.spatial.recursion import Moments
+from symbolic.rigid_body.spatial.recursion import Moments, named
 
 NOTATION = {
     "c, s": "cosine and sine",
@@ -166,7 +166,7 @@ def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorde
             )
         )
     tip = added(o, along(geometry.tip.at, x, y, z))
-    return axes, _named("tip", tip, recorder)
+    return axes, named("tip", "", tip, recorder)
 
 
 def _columns(geometry: Geometry, axes: JointAxes, point: Vector) -> list[tuple[Any, ...]]:
@@ -186,10 +186,10 @@ def _rates(geometry: Geometry, axes: JointAxes, tip: Vector, qd: Sequence[Any], 
     for k, (link, z, o, end, rate) in enumerate(zip(geometry.links, axes.along, axes.origin, ends, qd, strict=True), 1):
         own = scaled(link.sign * rate, z)
         if link.revolute:
-            w = _named(f"w{k}", added(w, own), recorder)
+            w = named(f"w{k}", "", added(w, own), recorder)
         else:
             v = added(v, own)
-        v = _named(f"v{k}", added(v, cross(w, less(end, o))), recorder)
+        v = named(f"v{k}", "", added(v, cross(w, less(end, o))), recorder)
     return (*v, *w)
 
 
@@ -241,7 +241,7 @@ def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder
         y, z = added(scaled(ct, y), scaled(-st, z)), added(scaled(ct, z), scaled(st, y))
     pull = along(geometry.gravity, x, y, z)
     reverse = JointAxes(axes.before[::-1], axes.along[::-1], axes.origin[::-1])
-    return reverse, _named("g", pull, recorder)
+    return reverse, named("g", "", pull, recorder)
 
 
 def _acceleration(
@@ -313,8 +313,3 @@ def nominal_com(arm: Arm, j: int) -> Sequence[float]:
         return [c / 2 for c in following.xyz]
     across = min(range(3), key=lambda k: abs(arm.joints[j].axis[k]))
     return [float(k == across) for k in range(3)]
-
-
-def _named(name: str, v: Sequence[Any], recorder: Recorder) -> Vector:
-    x, y, z = (recorder.let(f"{name}{e}", value) for e, value in zip("xyz", v, strict=True))
-    return x, y, z

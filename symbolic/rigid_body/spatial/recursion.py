@@ -354,14 +354,14 @@ def torques(
         for i in reversed(group):
             link, m, k = g.links[i], moving[i], i + 1
             own_F, own_N = wrench(turned_moments(moments[i], m.direction, k, notes), m)
-            F, N = named("F", k, _sum(F, own_F), notes), named("N", k, _sum(N, own_N), notes)
+            F, N = named("F", k, added(F, own_F), notes), named("N", k, added(N, own_N), notes)
             own = dot(N if link.revolute else F, m.axis)
             tau[i] = (own if link.sign > 0 else -own) + rotors[i] * qdd[i]
-            N = named("N", k, _sum(N, (-m.lift * F[1], m.lift * F[0], 0)), notes)
+            N = named("N", k, added(N, (-m.lift * F[1], m.lift * F[0], 0)), notes)
             back = (m.before[0], -m.before[1])
             F, N = (named(name, k, turned(v, back), notes) for name, v in (("F", F), ("N", N)))
             x, y = m.reach
-            N = named("N", k, _sum(N, (y * F[2], -x * F[2], x * F[1] - y * F[0])), notes)
+            N = named("N", k, added(N, (y * F[2], -x * F[2], x * F[1] - y * F[0])), notes)
         F, N = _inwards(F, N, g.links[group[0]], k=group[0] + 1, notes=notes)
     return tau
 
@@ -380,11 +380,7 @@ def wrench(S: Moments, m: SpatialMotion) -> tuple[Vector, Vector]:
 def _inwards(F: Vector, N: Vector, link: LinkFrame, k: int, notes: Notes) -> tuple[Vector, Vector]:
     """Force and moment carried from a group's first link to the previous link, in its axes."""
     F, N = (named(name, k, twisted(v, -link.twist), notes) for name, v in (("F", F), ("N", N)))
-    return F, named("N", k, _sum(N, (0, -link.a * F[2], link.a * F[1])), notes)
-
-
-def _sum(u: Sequence[Any], v: Sequence[Any]) -> Vector:
-    return vector([a + b for a, b in zip(u, v, strict=True)])
+    return F, named("N", k, added(N, (0, -link.a * F[2], link.a * F[1])), notes)
 
 
 def turned_moments(S: Moments, direction: Direction, k: int, notes: Notes) -> Moments:
