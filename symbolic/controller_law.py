@@ -6,7 +6,7 @@ belong to a trajectory, not to the arm: they are always compensated, with their 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,23 +105,6 @@ class Spring:
         return self._law.xreplace({**reading, **own})
 
 
-def _springs(model: ArmModel, library: Mapping[str, Effect]) -> tuple[Spring, ...]:
-    """One spring of each kind that a trajectory may have, joint by joint."""
-    effects = [e for e in library.values() if e.brought and e.scope == "joint"]
-    joints = range(1, len(model.arm.joints) + 1)
-    return tuple(Spring(effect, joint, effect is effects[0]) for joint in joints for effect in effects)
-
-
-def _touched(library: Mapping[str, Effect]) -> tuple[Site, ...]:
-    """Contact effects that a trajectory may have; of several that give the same signal, the first."""
-    found: list[Effect] = []
-    for effect in (e for e in library.values() if e.brought and e.scope == "contact"):
-        given = {p.gives for p in effect.parameters if p.gives}
-        if not any(p.gives in given for e in found for p in e.parameters):
-            found.append(effect)
-    return tuple(map(Site, found))
-
-
 @dataclass(frozen=True)
 class Compensation:
     """A controller's generated functions besides those of the arm, and their parameters.
@@ -144,17 +127,23 @@ class Compensation:
 
 def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation:
     """The compensation of an arm's active effects. library: all declarations by name."""
-    springs, touched = _springs(model, library), _touched(library)
-    sites = [site for site, _ in _active(model, library) if not site.effect.brought]
-    compensated = tuple(site for site in sites if site.obstacle is None)
-    values = {str(site): found for site, found in _active(model, library)}
-    effects = _struct(model, compensated, values)
+    kinds = [e for e in library.values() if e.brought and e.scope == "joint"]
+    joints = range(1, len(model.arm.joints) + 1)
+    springs = tuple(Spring(effect, joint, effect is kinds[0]) for joint in joints for effect in kinds)
+    touched: list[Site] = []
+    for effect in (e for e in library.values() if e.brought and e.scope == "contact"):
+        # Of several that give the same signal, the first.
+        if not any(p.gives and site.effect.giving(p.gives) for site in touched for p in effect.parameters):
+            touched.append(Site(effect))
+    active = [(site, values) for site, values in _active(model, library) if not site.effect.brought]
+    known = [(site, values) for site, values in active if site.obstacle is None]
+    compensated, effects = tuple(site for site, _ in known), _struct(model, known)
     return Compensation(
         springs,
-        touched,
+        tuple(touched),
         effects,
         compensated=compensated,
-        uncompensated=tuple(site for site in sites if site.obstacle is not None),
+        uncompensated=tuple(site for site, _ in active if site.obstacle is not None),
         functions=(
             _joints(model, effects, springs, touched=touched, sites=compensated),
             _contact(model, effects, touched, compensated),
@@ -171,17 +160,17 @@ def _active(model: ArmModel, library: Mapping[str, Effect]) -> Iterable[tuple[Si
         yield from ((Site(declared(name, library)), values) for name, values in model.arm.contact.effects.items())
 
 
-def _struct(model: ArmModel, sites: Sequence[Site], values: Mapping[str, Mapping[str, float]]) -> Struct:
+def _struct(model: ArmModel, sites: Sequence[tuple[Site, Mapping[str, float]]]) -> Struct:
     arm, coordinates = model.arm, _coordinates(model)
     scale, slope = (arm.controller.friction_scale, arm.controller.friction_slope) if arm.controller else (None, None)
     fields: list[tuple[sp.Symbol, str, str, float | None]] = [
         (C_U, "1", "c_u of (7); 0: friction is not compensated", scale),
         (C_E, coordinates.unit("s/rad", "s/m"), "c_e of (7)", slope),
     ]
-    for site in sites:
+    for site, values in sites:
         kind = "revolute" if site.joint is None else arm.joints[site.joint - 1].type
         for p in site.effect.parameters:
-            value = values[str(site)].get(p.name, p.default)
+            value = values.get(p.name, p.default)
             fields.append((site.symbol(p), p.unit.text(kind), p.meaning, value))
     symbols, units, meanings, defaults = zip(*fields, strict=True)
     return Struct("effects", symbols, units, meanings=meanings, defaults=defaults)
@@ -219,42 +208,70 @@ def underestimated(friction: sp.Expr, qd: sp.Expr) -> sp.Expr:
 def _joints(
     model: ArmModel, effects: Struct, springs: Sequence[Spring], touched: Sequence[Site], sites: Sequence[Site]
 ) -> SymbolicFunction:
-    recorder = Recorder([s.name for s in _inputs(model, effects, *springs)])
-    torques = []
-    for number, reading in enumerate(_readings(model, touched, recorder), 1):
+    def torque(number: int, reading: Reading) -> sp.Expr:
         here = [site for site in sites if site.acts_on(number) and site.effect.scope != "contact"]
         friction = sum((site.torque(number, reading) for site in here if site.effect.rubs), sp.S.Zero)
         rest = sum((site.torque(number, reading) for site in here if not site.effect.rubs), sp.S.Zero)
         spring = sum((s.torque(reading) for s in springs if s.joint == number), sp.S.Zero)
         qd = reading[SIGNAL["qd"].symbol]
-        torques.append(underestimated(nested(friction, qd), qd) + spring + rest)
+        return underestimated(nested(friction, qd), qd) + spring + rest
+
     columns = ", ".join(name for spring in springs if spring.joint == 1 for name in spring.names)
     return _function(
         model,
-        "joint_compensation",
-        [_effects(effects), _brought("springs", springs, f"a row a joint: {columns}")],
-        torques=torques,
-        recorder=recorder,
+        effects,
+        touched,
+        torque,
+        name="joint_compensation",
+        brought=_brought("springs", springs, f"a row a joint: {columns}"),
         doc="Torques of friction, springs and the other static effects of joints and arm at the measured motion.",
         source="Equations (2), (4) and (7); the effects' own sources are in the library",
     )
 
 
 def _contact(model: ArmModel, effects: Struct, touched: Sequence[Site], sites: Sequence[Site]) -> SymbolicFunction:
-    recorder = Recorder([s.name for s in _inputs(model, effects, *touched)])
     here = [*touched, *(site for site in sites if site.effect.scope == "contact")]
-    readings = enumerate(_readings(model, touched, recorder), 1)
-    torques = [sum((site.torque(number, r) for site in here), sp.S.Zero) for number, r in readings]
-    names = ", ".join(s.name for site in touched for s in site.symbols)
     return _function(
         model,
-        "contact_compensation",
-        [_effects(effects), _brought("contact", touched, names)],
-        torques=torques,
-        recorder=recorder,
+        effects,
+        touched,
+        lambda number, reading: sum((site.torque(number, reading) for site in here), sp.S.Zero),
+        name="contact_compensation",
+        brought=_brought("contact", touched, ", ".join(s.name for site in touched for s in site.symbols)),
         doc="Torques of the plate, and of other effects of the contact, at the measured motion.",
         source="Equation (3)",
     )
+
+
+def _brought(name: str, sites: Sequence[Site | Spring], meaning: str) -> Argument:
+    symbols = tuple(s for site in sites for s in site.symbols)
+    return Argument(name, symbols, (len(symbols),), unit="as declared", meaning=meaning)
+
+
+def _function(
+    model: ArmModel,
+    effects: Struct,
+    touched: Sequence[Site],
+    torque: Callable[[int, Reading], sp.Expr],
+    *,
+    name: str,
+    brought: Argument,
+    doc: str,
+    source: str,
+) -> SymbolicFunction:
+    """A function of the torques that `torque` returns for each joint (1-based) and its signals."""
+    coordinates, fields, own = _coordinates(model), model.struct.symbols, effects.symbols
+    inputs = (
+        Argument("parameters", fields, (len(fields),), unit="as named", meaning="of the arm"),
+        Argument(effects.name, own, (len(own),), unit="as named", meaning="c_u, c_e and parameters"),
+        brought,
+        coordinates.argument("q"),
+        coordinates.argument("qd"),
+    )
+    recorder = Recorder([s.name for argument in inputs for s in argument.symbols])
+    torques = tuple(torque(number, reading) for number, reading in enumerate(_readings(model, touched, recorder), 1))
+    output = Output("tau", torques, (len(torques),), unit=coordinates.force, meaning="added to the motor torque")
+    return SymbolicFunction(name, inputs, (output,), doc=doc, source=source, definitions=recorder.live(torques))
 
 
 def _readings(model: ArmModel, touched: Sequence[Site], recorder: Recorder) -> list[Reading]:
@@ -298,35 +315,3 @@ def _replayed(model: ArmModel, name: str, recorder: Recorder) -> list[sp.Expr]:
     for symbol, expression in function.definitions:
         known[symbol] = recorder.let(symbol.name, expression.xreplace(known))
     return [e.xreplace(known) for e in function.outputs[0].expressions]
-
-
-def _inputs(model: ArmModel, effects: Struct, *sites: Site | Spring) -> list[sp.Symbol]:
-    own = [*_coordinates(model).symbols("q"), *_coordinates(model).symbols("qd")]
-    return [*model.struct.symbols, *effects.symbols, *(s for site in sites for s in site.symbols), *own]
-
-
-def _effects(struct: Struct) -> Argument:
-    return Argument(
-        struct.name, struct.symbols, (len(struct.symbols),), unit="as named", meaning="c_u, c_e and parameters"
-    )
-
-
-def _brought(name: str, sites: Sequence[Site | Spring], meaning: str) -> Argument:
-    symbols = tuple(s for site in sites for s in site.symbols)
-    return Argument(name, symbols, (len(symbols),), unit="as declared", meaning=meaning)
-
-
-def _function(
-    model: ArmModel,
-    name: str,
-    arguments: Sequence[Argument],
-    torques: Sequence[sp.Expr],
-    recorder: Recorder,
-    doc: str,
-    source: str,
-) -> SymbolicFunction:
-    coordinates, fields = _coordinates(model), model.struct.symbols
-    parameters = Argument("parameters", fields, (len(fields),), unit="as named", meaning="of the arm")
-    inputs = (parameters, *arguments, coordinates.argument("q"), coordinates.argument("qd"))
-    output = Output("tau", tuple(torques), (len(torques),), unit=coordinates.force, meaning="added to the motor torque")
-    return SymbolicFunction(name, inputs, (output,), doc=doc, source=source, definitions=recorder.live(torques))

@@ -332,25 +332,6 @@ def drafts() -> tuple[Effect, ...]:
     return tuple(found)
 
 
-def draft(carrier: Carrier, modulation: Modulation) -> Effect:
-    """The guess for a carrier and a modulation."""
-    over = "the position" if modulation.over == "position" else "the " + (modulation.over or "rate")
-    says = f"{carrier.says}, {modulation.says}" if modulation.says else carrier.says
-    return Effect(
-        name=PREFIX + "_".join(filter(None, (carrier.name, modulation.name))),
-        scope="joint",
-        family="draft",
-        torque=_torque(carrier, modulation),
-        parameters=(*_coefficients(carrier, modulation), *modulation.shape),
-        states=_memory(carrier) if modulation.lag else (),
-        summary=f"A guess. {says}.",
-        equation=_equation(carrier, modulation),
-        trace=f"The residual is proportional to {carrier.text or 'a constant'}, with a factor that depends on {over}.",
-        experiment=_EXPERIMENT[modulation.over],
-        source="None: this is a guess from one set of recordings, not a law from the literature.",
-    )
-
-
 _EXPERIMENT = {
     "": "Other speeds, loads and postures, one at a time, to see on what the term depends.",
     "position": "The whole range at several constant speeds in both directions: does the pattern keep its position?",
@@ -358,35 +339,40 @@ _EXPERIMENT = {
     "time": "The same motion at the beginning, in the middle and at the end of a long recording.",
 }
 
-
-def _coefficients(carrier: Carrier, modulation: Modulation) -> tuple[Parameter, ...]:
-    return tuple(Parameter(p.name, u.FORCE / (carrier.unit * p.unit), p.meaning) for p in modulation.parts)
-
-
 _FOLLOWED = state("followed")
 
 
-def _memory(carrier: Carrier) -> tuple[State, ...]:
-    """dx/dt = (carrier - x)/T, exact for a carrier that is constant during dt."""
-    kept = sp.exp(-DT / parameter("time_constant"))
-    after = carrier.expr + (_FOLLOWED - carrier.expr) * kept
-    return (State("followed", carrier.unit, "what it follows, through a first-order lag", after),)
-
-
-def _torque(carrier: Carrier, modulation: Modulation) -> sp.Expr:
-    acting = _FOLLOWED if modulation.lag else carrier.expr
+def draft(carrier: Carrier, modulation: Modulation) -> Effect:
+    """The guess for a carrier and a modulation."""
+    over = "the position" if modulation.over == "position" else "the " + (modulation.over or "rate")
+    says = f"{carrier.says}, {modulation.says}" if modulation.says else carrier.says
     size = sum((parameter(p.name) * p.expr for p in modulation.parts), sp.S.Zero)
-    if carrier.inertial and modulation.over == "position":
-        # d/dt of dT/dqd less dT/dq with T = m(q) qd^2/2.
-        return size * acting + sp.factor_terms(sp.diff(size, Q)) * QD**2 / 2
-    return size * acting
-
-
-def _equation(carrier: Carrier, modulation: Modulation) -> str:
-    terms = [" ".join(filter(None, (p.name, p.text))) for p in modulation.parts]
-    size = terms[0] if len(terms) == 1 else f"({' + '.join(terms)})"
+    terms = " + ".join(" ".join(filter(None, (p.name, p.text))) for p in modulation.parts)
+    factor = f"({terms})" if len(modulation.parts) > 1 else terms
+    torque, equation = size * carrier.expr, " ".join(filter(None, (factor, carrier.text)))
+    states: tuple[State, ...] = ()
     if modulation.lag:
-        return f"{size} x,  dx/dt = ({carrier.text} - x)/time_constant"
-    if carrier.inertial and modulation.over == "position":
-        return f"m qdd + dm/dq qd^2/2,  m = {' + '.join(terms)}"
-    return " ".join(filter(None, (size, carrier.text)))
+        # dx/dt = (carrier - x)/T, exact for a carrier that is constant during dt.
+        after = carrier.expr + (_FOLLOWED - carrier.expr) * sp.exp(-DT / parameter("time_constant"))
+        states = (State("followed", carrier.unit, "what it follows, through a first-order lag", after),)
+        torque, equation = size * _FOLLOWED, f"{factor} x,  dx/dt = ({carrier.text} - x)/time_constant"
+    elif carrier.inertial and modulation.over == "position":
+        # d/dt of dT/dqd less dT/dq with T = m(q) qd^2/2.
+        torque += sp.factor_terms(sp.diff(size, Q)) * QD**2 / 2
+        equation = f"m qdd + dm/dq qd^2/2,  m = {terms}"
+    return Effect(
+        name=PREFIX + "_".join(filter(None, (carrier.name, modulation.name))),
+        scope="joint",
+        family="draft",
+        torque=torque,
+        parameters=(
+            *(Parameter(p.name, u.FORCE / (carrier.unit * p.unit), p.meaning) for p in modulation.parts),
+            *modulation.shape,
+        ),
+        states=states,
+        summary=f"A guess. {says}.",
+        equation=equation,
+        trace=f"The residual is proportional to {carrier.text or 'a constant'}, with a factor that depends on {over}.",
+        experiment=_EXPERIMENT[modulation.over],
+        source="None: this is a guess from one set of recordings, not a law from the literature.",
+    )
