@@ -79,7 +79,7 @@ def _in_space(arm: Arm) -> ArmModel:
     angles = spatial_base.angles(g)
     author = Author(Coordinates(tuple(j.type for j in arm.joints)), _struct(lumps, angles))
     chain = g.symbolic()
-    bodies, rotors = spatial_dynamics.bodies(symbols, g.n)
+    bodies, rotors = spatial_base.bodies(symbols, g.n)
     functions = [
         *spatial_dynamics.functions(author, chain, axes, symbols=symbols, own=own),
         *composites.functions(author, chain, bodies, rotors=rotors, own=own),

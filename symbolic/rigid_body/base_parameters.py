@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isqrt
@@ -20,7 +21,7 @@ from typing import Any
 
 import sympy as sp
 
-from symbolic.functions import OperationCounter, Residues, Turn, random_turn, residue
+from symbolic.functions import Notes, OperationCounter, Residues, Turn, random_turn, residue
 from symbolic.model_file.arm import Arm, Link
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
@@ -58,11 +59,23 @@ def known_sum(values: Mapping[Column, Fraction | None], parts: Sequence[tuple[Co
     return total
 
 
-def dependencies(rows: Mapping[Column, Sequence[int]]) -> dict[Column, Combination]:
-    """The columns (given by residues) that depend on earlier independent ones, each with its combination of them.
+def dependencies(
+    revolute: Sequence[bool],
+    points: int,
+    torques_of: Callable[[list[Any], list[int], list[int], Notes], Mapping[Column, Sequence[Any]]],
+) -> dict[Column, Combination]:
+    """The columns of the regressor that depend on earlier independent ones, each with its combination of them.
+
+    torques_of   columns (n,) by q, qd, qdd and notes; evaluated at random states modulo PRIME, from a fixed seed
 
     Raises ArithmeticError if a coefficient has more digits than PRIME can represent.
     """
+    rng, rows = random.Random(1), defaultdict[Column, list[int]](list)
+    for _ in range(points):
+        q = [random_turn(rng, PRIME) if r else rng.randrange(PRIME) for r in revolute]
+        qd, qdd = ([rng.randrange(PRIME) for _ in revolute] for _ in range(2))
+        for column, tau in torques_of(q, qd, qdd, Residues(PRIME)).items():
+            rows[column] += [t % PRIME for t in tau]
     independent: list[Column] = []
     # Pivot row, the column without the earlier pivot rows, and its combination of independent columns.
     reduced: list[tuple[int, list[int], list[int]]] = []
@@ -143,7 +156,13 @@ def base_parameters(arm: Arm) -> BaseParameters:
     """The base parameters, ordered J, I, mu, h, hy and then by joint."""
     values = elementary(arm)
     points = -(-len(values) // len(arm.joints)) + 4
-    coefficients = dependencies(_regressor(arm, tuple(values), points))
+    chain = exact_chain(arm).over(lambda x: residue(x, PRIME))
+
+    def torques_of(q: list[Any], qd: list[int], qdd: list[int], notes: Notes) -> dict[Column, list[Any]]:
+        moving = motion(chain, 0, q, qd=qd, qdd=qdd, notes=notes)
+        return {c: torques(chain, lumps_of({c: 1}, chain.n), moving, qdd=qdd, notes=notes) for c in values}
+
+    coefficients = dependencies(chain.revolute, points, torques_of)
     merged: dict[Column, list[tuple[Column, Fraction]]] = {
         c: [(c, Fraction(1))] for c in values if c not in coefficients
     }
@@ -152,21 +171,6 @@ def base_parameters(arm: Arm) -> BaseParameters:
             merged[target].append((column, factor))
     order = sorted(merged, key=lambda c: (KINDS.index(c[0]), c[1]))
     return BaseParameters({c: known_sum(values, merged[c]) for c in order}, {c: tuple(merged[c]) for c in order})
-
-
-def _regressor(arm: Arm, columns: tuple[Column, ...], points: int) -> dict[Column, list[int]]:
-    """Columns of the regressor over `points` random states, modulo PRIME, from a fixed seed."""
-    rng, notes, n = random.Random(1), Residues(PRIME), len(arm.joints)
-    chain = exact_chain(arm).over(lambda x: residue(x, PRIME))
-    result: dict[Column, list[int]] = {c: [] for c in columns}
-    for _ in range(points):
-        q = [random_turn(rng, PRIME) if r else rng.randrange(PRIME) for r in chain.revolute]
-        qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
-        moving = motion(chain, 0, q, qd=qd, qdd=qdd, notes=notes)
-        for column in columns:
-            tau = torques(chain, lumps_of({column: 1}, n), moving, qdd=qdd, notes=notes)
-            result[column] += [t % PRIME for t in tau]
-    return result
 
 
 def lumps_of(values: dict[Column, Any], n: int) -> Lumps:

@@ -12,13 +12,12 @@ Source: Gautier & Khalil 1990 (minimum inertial parameters).
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from symbolic.functions import Notes, OperationCounter, Residues, Turn, random_turn
+from symbolic.functions import Notes, OperationCounter, Turn
 from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.base_parameters import (
     PRIME,
@@ -69,7 +68,13 @@ def merging(g: Geometry) -> Merging:
     candidates = [(kind, i) for i, link in enumerate(g.links) for kind in _STAYS[link.revolute]]
     rotors = [(ROTOR, i) for i in range(g.n)]
     order = [*candidates[:1], *rotors, *candidates[1:]]
-    dependent = dependencies(_residues(g, order))
+    chain = g.residues(PRIME)
+
+    def torques_of(q: list[Any], qd: list[int], qdd: list[int], notes: Notes) -> dict[Column, list[Any]]:
+        return columns(chain, order, motion(chain, range(g.n), q, qd=qd, qdd=qdd, notes=notes), qdd, notes)
+
+    points = -(-len(order) // g.n) + 2
+    dependent = dependencies([link.revolute for link in g.links], points, torques_of)
     kept = tuple(c for c in order if c not in dependent)
     far = {c: {c: Fraction(1)} for c in kept} | dependent
     terms = {c: _combined([(f, far[own]) for own, f in parts.items()]) for c, parts in near.items()}
@@ -87,7 +92,7 @@ def _merged_inwards(g: Geometry) -> dict[Column, Combination]:
                 found[kind, i] = {}
             else:
                 before = Moments(**{kind: Fraction(1)}).placed(link.start)
-                found[kind, i] = _combined([(f, found[k, i - 1]) for k, f in zip(KINDS, before, strict=True) if f])
+                found[kind, i] = _combined([(f, found[k, i - 1]) for k, f in zip(KINDS, before, strict=False) if f])
     return found
 
 
@@ -97,19 +102,6 @@ def _combined(parts: Sequence[tuple[Fraction, Combination]]) -> Combination:
         for column, f in combination.items():
             total[column] = total.get(column, Fraction(0)) + factor * f
     return {column: f for column, f in total.items() if f}
-
-
-def _residues(g: Geometry, kept: Sequence[Column]) -> dict[Column, list[int]]:
-    """Columns of the regressor at random states, modulo PRIME, from a fixed seed."""
-    rng, notes, n, chain = random.Random(1), Residues(PRIME), g.n, g.residues(PRIME)
-    found: dict[Column, list[int]] = {c: [] for c in kept}
-    for _ in range(-(-len(kept) // n) + 2):
-        q = [random_turn(rng, PRIME) if link.revolute else rng.randrange(PRIME) for link in g.links]
-        qd, qdd = ([rng.randrange(PRIME) for _ in range(n)] for _ in range(2))
-        moving = motion(chain, range(n), q, qd=qd, qdd=qdd, notes=notes)
-        for column, tau in columns(chain, kept, moving, qdd=qdd, notes=notes).items():
-            found[column] += [t % PRIME for t in tau]
-    return found
 
 
 def columns(
@@ -160,7 +152,7 @@ def base_parameters(arm: Arm, g: Geometry, merged: Merging) -> BaseParameters:
         values[ROTOR, i] = None if joint.rotor_inertia is None else exact(joint.rotor_inertia)
         own = {kind: unit.placed(link.body) for kind, unit in INERTIA.items()}
         units = {
-            kind: _combined([(f, merged.terms[k, i]) for k, f in zip(KINDS, moments, strict=True) if f])
+            kind: _combined([(f, merged.terms[k, i]) for k, f in zip(KINDS, moments, strict=False) if f])
             for kind, moments in own.items()
         }
         for kind, terms in (units | {ROTOR: merged.terms[ROTOR, i]}).items():
@@ -199,9 +191,13 @@ def _other_axes(g: Geometry, chosen: tuple[int, ...]) -> Iterator[tuple[int, ...
                     yield (*chosen[:first], *[axes] * (last + 1 - first), *chosen[last + 1 :])
 
 
-def moments_of(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:
-    """The links' moments and the joints' rotors; those without a value are 0."""
-    moments = [Moments(**{kind: x for (kind, j), x in values.items() if j == i and kind != ROTOR}) for i in range(n)]
+def bodies(values: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:
+    """The links' moments and the joints' rotors from base parameters, which have the inertia tensor's signs; 0 where
+    there is none."""
+    moments = [Moments()] * n
+    for (kind, i), x in values.items():
+        if kind != ROTOR:
+            moments[i] = moments[i]._replace(**{kind: -x if kind in MIRRORED else x})
     return moments, [values.get((ROTOR, i), 0) for i in range(n)]
 
 
@@ -213,7 +209,7 @@ def _cost(g: Geometry, axes: Sequence[int], kept: Sequence[Column]) -> int:
         return [counter.leaf(f"{name}{i}") for i in range(g.n)]
 
     qdd = leaves("qdd")
-    moments, rotors = moments_of({c: counter.leaf(str(c)) for c in kept}, g.n)
+    moments, rotors = bodies({c: counter.leaf(str(c)) for c in kept}, g.n)
     moving = motion(chain, axes, leaves("q"), qd=leaves("qd"), qdd=qdd, notes=counter)
     return counter.cost(torques(chain, moments, rotors, moving=moving, qdd=qdd, notes=counter))
 

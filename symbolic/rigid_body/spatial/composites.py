@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from symbolic.functions import Author, Continuation, Notes, SymbolicFunction
 from symbolic.rigid_body.dynamics import equation
@@ -30,30 +30,6 @@ from symbolic.rigid_body.spatial.recursion import KINDS, Direction, Moments, dir
 Wrench = tuple[Vector, Vector]
 """A force and a moment, or a momentum and its moment."""
 STRAIGHT: Direction = (1, 0)
-
-
-class Composite(NamedTuple):
-    """Moments of everything that a joint moves, at the joint, in the axes before it; see Moments.
-
-    spin   second moment about z, xx + yy, which rotation about z does not change
-    """
-
-    m: Any
-    x: Any
-    y: Any
-    z: Any
-    xx: Any
-    yy: Any
-    zz: Any
-    xy: Any
-    xz: Any
-    yz: Any
-    spin: Any
-
-    @property
-    def first(self) -> Vector:
-        """First mass moments, (3,) kg m."""
-        return self.x, self.y, self.z
 
 
 @dataclass(frozen=True)
@@ -171,7 +147,7 @@ class JointStep:
         xz, yz, zz = self._turned((b.xz, b.yz, b.zz), direction, f"{name}z")
         return Moments(b.m, x, y, z=z, xx=xx, yy=yy, zz=zz, xy=xy, xz=xz, yz=yz)
 
-    def carried_moments(self, b: Composite) -> Moments:
+    def carried_moments(self, b: Moments) -> Moments:
         """The body about the previous origin, in its axes."""
         rx, ry, rz = self.at
         h = added(b.first, scaled(b.m, self.at))
@@ -216,15 +192,15 @@ class JointStep:
         return xx, xy, yx, yy
 
 
-def composites(steps: Sequence[JointStep], bodies: Sequence[Moments]) -> list[Composite]:
+def composites(steps: Sequence[JointStep], bodies: Sequence[Moments]) -> list[Moments]:
     """The composites of all joints, (n,). bodies: of the links, each in its frame."""
-    result: list[Composite] = []
+    result: list[Moments] = []
     carried = Moments()
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
-        sums = [own + others for own, others in zip(step.along_group(body), carried, strict=True)]
+        sums = [own + others for own, others in zip(step.along_group(body)[:-1], carried[:-1], strict=True)]
         whole = Moments(*step.named([f"{name}_c" for name in KINDS], sums))
         (spin,) = step.named(("D",), (whole.xx + whole.yy,))
-        result.append(Composite(*step.turned_moments(whole), spin))
+        result.append(step.turned_moments(whole)._replace(spin=spin))
         carried = step.carried_moments(result[-1])
     return result[::-1]
 
@@ -264,9 +240,7 @@ def signed(geometry: Geometry, rates: Sequence[Any]) -> list[Any]:
     return [link.sign * rate for link, rate in zip(geometry.links, rates, strict=True)]
 
 
-def inertia(
-    geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], rotors: Sequence[Any]
-) -> Square:
+def inertia(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], rotors: Sequence[Any]) -> Square:
     """D (n, n). wholes: the composites at the joints; rotors: (n,) added to the diagonal."""
     columns = [_momentum(*joint) for joint in zip(geometry.links, steps, wholes, strict=True)]
     D = _along_axes(geometry, steps, columns, "")
@@ -277,7 +251,7 @@ def inertia(
     return D
 
 
-def _momentum(link: LinkFrame, step: JointStep, b: Composite) -> Wrench:
+def _momentum(link: LinkFrame, step: JointStep, b: Moments) -> Wrench:
     """Momentum and its moment at a unit rate of the joint."""
     if link.revolute:
         return (-b.y, b.x, 0), (-b.xz, -b.yz, b.spin)
@@ -304,7 +278,7 @@ def _along(link: LinkFrame, step: JointStep, wrench: Wrench) -> Any:
     return dot(wrench[1] if link.revolute else wrench[0], step.axis)
 
 
-def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite]) -> list[Any]:
+def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments]) -> list[Any]:
     """g (n,) = dV/dq, with V = −gravity · (first moment of the composites)."""
     result, pull = [], geometry.gravity
     for link, step, b in zip(geometry.links, steps, wholes, strict=True):
@@ -328,12 +302,12 @@ def turning(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any]
     return result
 
 
-def _uniform(b: Composite, a: Vector) -> Wrench:
+def _uniform(b: Moments, a: Vector) -> Wrench:
     """Force and moment of a body in a uniform acceleration."""
     return scaled(b.m, a), cross(b.first, a)
 
 
-def coriolis(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], qd: Sequence[Any]) -> Square:
+def coriolis(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], qd: Sequence[Any]) -> Square:
     """C (n, n) from Christoffel symbols."""
     rates = signed(geometry, qd)
     flows, turns = _flows(geometry, steps, wholes, rates), turning(geometry, steps, rates)
@@ -347,7 +321,7 @@ def coriolis(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Co
 
 
 def _flows(
-    geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], rates: Sequence[Any]
+    geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], rates: Sequence[Any]
 ) -> list[MomentFlow]:
     """(n,) flows of the composites relative to their first link, at the joints."""
     result: list[MomentFlow] = []
@@ -361,7 +335,7 @@ def _flows(
     return result[::-1]
 
 
-def _with_joint(link: LinkFrame, step: JointStep, b: Composite, flow: MomentFlow, rate: Any) -> MomentFlow:
+def _with_joint(link: LinkFrame, step: JointStep, b: Moments, flow: MomentFlow, rate: Any) -> MomentFlow:
     """The flow relative to the link before the joint."""
     (hx, hy, hz), x, y, z = flow.h, flow.x, flow.y, flow.z
     if not link.revolute:
@@ -376,7 +350,7 @@ def _with_joint(link: LinkFrame, step: JointStep, b: Composite, flow: MomentFlow
     return MomentFlow((h[0], h[1], hz), x, y, z)
 
 
-def _field(link: LinkFrame, step: JointStep, b: Composite, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
+def _field(link: LinkFrame, step: JointStep, b: Moments, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
     """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × axis; w of its link."""
     if not link.revolute:
         return _uniform(b, cross(w, step.axis))

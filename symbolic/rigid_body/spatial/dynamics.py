@@ -27,10 +27,9 @@ import sympy as sp
 from symbolic.functions import Author, Continuation, SymbolicFunction
 from symbolic.rigid_body.base_parameters import Column
 from symbolic.rigid_body.dynamics import equation, solve_symmetric
-from symbolic.rigid_body.spatial.base_parameters import MIRRORED, columns, moments_of
+from symbolic.rigid_body.spatial.base_parameters import MIRRORED, bodies, columns
 from symbolic.rigid_body.spatial.composites import (
     COMPOSITE_NOTATION,
-    Composite,
     JointStep,
     Wrench,
     composites,
@@ -68,11 +67,6 @@ NOTATION = {
     "N": "moment",
 }
 """The meaning of names in the generated code; they end with the axis and the link's number."""
-
-
-def bodies(symbols: Mapping[Column, Any], n: int) -> tuple[list[Moments], list[Any]]:
-    """The links' moments and the joints' rotors from base parameters, which have the inertia tensor's signs."""
-    return moments_of({c: -x if c[0] in MIRRORED else x for c, x in symbols.items()}, n)
 
 
 def functions(
@@ -175,7 +169,7 @@ class _Motion:
     U: Matrix
 
 
-def bias(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Composite], qd: Sequence[Any]) -> list[Any]:
+def bias(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], qd: Sequence[Any]) -> list[Any]:
     """C qd + g, (n,). wholes: the composites at the joints."""
     result: list[Any] = [0] * geometry.n
     motions = _motions(geometry, steps, signed(geometry, qd))
@@ -241,7 +235,7 @@ def _spun_gradient(step: JointStep, U: Matrix, w: Vector) -> Matrix:
     )
 
 
-def _at_revolute(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
+def _at_revolute(step: JointStep, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
     """Moment about z in the previous link's field; force and moment in the field that the joint adds."""
     (x, y, z), (hx, hy, _) = m.w, b.first
     X, Y = step.named(("X", "Y"), (b.xx * x + b.xy * y + b.xz * z, b.xy * x + b.yy * y + b.yz * z))
@@ -251,7 +245,7 @@ def _at_revolute(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench
     return moment, ((-t * hx, -t * hy, m.twice * (x * hx + y * hy)), (m.twice * Y, -m.twice * X, 0))
 
 
-def _at_prismatic(step: JointStep, b: Composite, m: _Motion) -> tuple[Any, Wrench]:
+def _at_prismatic(step: JointStep, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
     """As _at_revolute, with the force along the slide."""
     field = cross(m.w, scaled(m.twice, step.axis))
     force = added(applied(m.U, b.first), scaled(b.m, m.a))

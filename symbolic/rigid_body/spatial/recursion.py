@@ -47,6 +47,7 @@ class Moments(NamedTuple):
     m          mass, kg
     x, y, z    first moments, kg m
     xx .. yz   second moments, kg m²
+    spin       xx + yy of a composite, which rotation about z does not change
     """
 
     m: Any = 0
@@ -59,6 +60,7 @@ class Moments(NamedTuple):
     xy: Any = 0
     xz: Any = 0
     yz: Any = 0
+    spin: Any = 0
 
     @property
     def first(self) -> tuple[Any, Any, Any]:
@@ -82,7 +84,7 @@ class Moments(NamedTuple):
         )
 
 
-KINDS = Moments._fields
+KINDS = Moments._fields[:-1]
 
 INERTIA: Mapping[str, Moments] = {
     "XX": Moments(xx=Fraction(-1, 2), yy=Fraction(1, 2), zz=Fraction(1, 2)),
@@ -192,7 +194,8 @@ def motion(
             reach: tuple[Any, Any] = (0, 0)
             if i > group[0]:
                 c, s = direction_along(g, at, i - 1, q=q, notes=notes)
-                reach = _along_x(link.across(q[i]), (c, s), k, notes)
+                across = notes.let(f"x{k}", link.across(q[i]))
+                reach = notes.let(f"lc{k}", across * c), notes.let(f"ls{k}", across * s)
                 state = state.moved(found[-1].U.along(*reach, 0), k, notes)
             before = direction_along(g, axes[i], at, q=q, notes=notes)
             state, at = _turned_state(state, before, k, notes), axes[i]
@@ -230,12 +233,6 @@ class _State:
 
     def moved(self, by: Sequence[Any], k: int, notes: Notes) -> _State:
         return replace(self, a=named("a", k, [a + e for a, e in zip(self.a, by, strict=True)], notes))
-
-
-def _along_x(a: Any, direction: Direction, k: int, notes: Notes) -> tuple[Any, Any]:
-    """A displacement along an x axis with this direction."""
-    a, (c, s) = notes.let(f"x{k}", a), direction
-    return notes.let(f"lc{k}", a * c), notes.let(f"ls{k}", a * s)
 
 
 def _jointed(state: _State, link: LinkFrame, axis: Vector, qd: Any, qdd: Any, k: int, notes: Notes) -> _State:
@@ -362,7 +359,9 @@ def torques(
             F, N = (named(name, k, turned(v, back), notes) for name, v in (("F", F), ("N", N)))
             x, y = m.reach
             N = named("N", k, added(N, (y * F[2], -x * F[2], x * F[1] - y * F[0])), notes)
-        F, N = _inwards(F, N, g.links[group[0]], k=group[0] + 1, notes=notes)
+        first, k = g.links[group[0]], group[0] + 1
+        F, N = (named(name, k, twisted(v, -first.twist), notes) for name, v in (("F", F), ("N", N)))
+        N = named("N", k, added(N, (0, -first.a * F[2], first.a * F[1])), notes)
     return tau
 
 
@@ -375,12 +374,6 @@ def wrench(S: Moments, m: SpatialMotion) -> tuple[Vector, Vector]:
         S.zz * U.xz - S.xx * U.zx + S.yz * U.xy - S.xy * U.zy + S.xz * U.xx_zz + S.z * ax - S.x * az,
         S.xx * U.yx - S.yy * U.xy + S.xz * U.yz - S.yz * U.xz + S.xy * U.yy_xx + S.x * ay - S.y * ax,
     )
-
-
-def _inwards(F: Vector, N: Vector, link: LinkFrame, k: int, notes: Notes) -> tuple[Vector, Vector]:
-    """Force and moment carried from a group's first link to the previous link, in its axes."""
-    F, N = (named(name, k, twisted(v, -link.twist), notes) for name, v in (("F", F), ("N", N)))
-    return F, named("N", k, added(N, (0, -link.a * F[2], link.a * F[1])), notes)
 
 
 def turned_moments(S: Moments, direction: Direction, k: int, notes: Notes) -> Moments:
