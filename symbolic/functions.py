@@ -8,7 +8,7 @@ numbers of an exact ring it returns the value. Code generation sees SymbolicFunc
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from types import MappingProxyType
@@ -122,6 +122,10 @@ class Turn:
 
     def __rsub__(self, _zero: int) -> Turn:
         return -self
+
+    def over(self, number: Callable[[Any], Any]) -> Turn:
+        """The same in another ring."""
+        return Turn(number(self.cos), number(self.sin))
 
 
 def residue(number: Fraction | int, prime: int) -> int:

@@ -10,6 +10,7 @@ Source: Spong & Vidyasagar 1989; equation (1) of the paper.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,20 +123,34 @@ def mechanics(
     def slope(i: int, j: int, k: int) -> sp.Expr:
         return slopes[min(i, j), max(i, j), k]
 
-    rates = _absolute_rates(chain, qd, notes)
+    rates: list[Any] = []
+    w: Any = 0
+    for i, revolute in enumerate(chain.revolute):
+        w = notes.let(f"w{i + 1}", w + qd[i]) if revolute else w
+        rates.append(w if revolute else qd[i])
     C = [
         [sum((slope(i, j, k) + slope(i, k, j) - slope(j, k, i)) / 2 * rates[k] for k in range(n)) for j in range(n)]
         for i in range(n)
     ]
     V = _potential(chain, bodies)
     g = [sp.diff(V, x) for x in coordinates]
-    back = _relative_angles(chain, q, [A, C, g, V])
-    D = relative(chain, _replaced(A, back, notes, "A"), notes, half="AS", name="D")
+    # Absolute angles are sums of joint angles.
+    turning = [i for i, revolute in enumerate(chain.revolute) if revolute]
+    sums = itertools.accumulate(q[i] for i in turning)
+    absolute = {theta(i + 1): angle for i, angle in zip(turning, sums, strict=True)}
+
+    def rows(matrix: list[list[Any]], name: str) -> list[list[Any]]:
+        return [
+            [notes.let(f"{name}{i}{j}", sp.sympify(e).xreplace(absolute)) for j, e in enumerate(row, 1)]
+            for i, row in enumerate(matrix, 1)
+        ]
+
+    D = relative(chain, rows(A, "A"), notes, half="AS", name="D")
     for i in range(n):
         D[i][i] = D[i][i] + rotors[i]
-    C = relative(chain, _replaced(C, back, notes, "B"), notes, half="BS", name="C")
-    g = relative_vector(chain, [_replace(e, back, notes, f"V{i + 1}") for i, e in enumerate(g)], notes, "g{}")
-    return Mechanics(D, C, g, _replace(V, back, Exact(), "V"))
+    C = relative(chain, rows(C, "B"), notes, half="BS", name="C")
+    g = relative_vector(chain, [notes.let(f"V{i}", e.xreplace(absolute)) for i, e in enumerate(g, 1)], notes, "g{}")
+    return Mechanics(D, C, g, V.xreplace(absolute))
 
 
 def _inertia(chain: Chain, bodies: list[Body], slides: set[Any], notes: Notes) -> list[list[sp.Expr]]:
@@ -191,15 +206,6 @@ def _products(
     return total
 
 
-def _absolute_rates(chain: Chain, qd: list[Any], notes: Notes) -> list[Any]:
-    rates: list[Any] = []
-    w: Any = 0
-    for i, revolute in enumerate(chain.revolute):
-        w = notes.let(f"w{i + 1}", w + qd[i]) if revolute else w
-        rates.append(w if revolute else qd[i])
-    return rates
-
-
 def _potential(chain: Chain, bodies: list[Body]) -> sp.Expr:
     """V = −Σ gravity · (mass times position + first moment)."""
     if chain.gravity is None:
@@ -223,32 +229,6 @@ def gravity_along(gravity: Gravity, angle: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
         return gravity.y * sp.sin(angle), gravity.y * sp.cos(angle)
     turned = angle - gravity.angle
     return gravity.strength * sp.cos(turned), -gravity.strength * sp.sin(turned)
-
-
-def _relative_angles(chain: Chain, q: list[Any], parts: list[Any]) -> dict[sp.Expr, sp.Expr]:
-    """Substitutions of cos and sin of absolute angles by those of sums of joint angles."""
-    absolute = {}
-    angle: Any = 0
-    for i, revolute in enumerate(chain.revolute):
-        if revolute:
-            angle = angle + q[i]
-            absolute[theta(i + 1)] = angle
-    found: set[sp.Expr] = set()
-    flat = [e for part in parts for e in (part if isinstance(part, list) else [part])]
-    for e in [x for row in flat for x in (row if isinstance(row, list) else [row])]:
-        found |= sp.sympify(e).atoms(sp.sin, sp.cos)
-    return {f: f.func(f.args[0].xreplace(absolute)) for f in found}
-
-
-def _replace(expr: Any, back: dict[sp.Expr, sp.Expr], notes: Notes, name: str) -> Any:
-    return notes.let(name, sp.sympify(expr).xreplace(back))
-
-
-def _replaced(matrix: list[list[Any]], back: dict[sp.Expr, sp.Expr], notes: Notes, name: str) -> list[list[Any]]:
-    """As _replace, for a matrix; elements are named by row and column."""
-    return [
-        [_replace(e, back, notes, f"{name}{i}{j}") for j, e in enumerate(row, 1)] for i, row in enumerate(matrix, 1)
-    ]
 
 
 def relative(chain: Chain, matrix: list[list[Any]], notes: Notes, half: str, name: str) -> list[list[Any]]:

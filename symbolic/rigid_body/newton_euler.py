@@ -57,7 +57,7 @@ class Chain:
         """The same with numbers of another ring."""
         g = self.gravity
         if g is not None:
-            angle = Turn(number(g.angle.cos), number(g.angle.sin)) if isinstance(g.angle, Turn) else number(g.angle)
+            angle = g.angle.over(number) if isinstance(g.angle, Turn) else number(g.angle)
             g = Gravity(number(g.x), number(g.y), number(g.strength), angle)
         return Chain(self.revolute, tuple(map(number, self.lengths)), g)
 

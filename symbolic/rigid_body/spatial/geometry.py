@@ -160,7 +160,7 @@ def link_frames(arm: Arm, files: Sequence[Placement]) -> list[Placement]:
     turning = False
     for joint, z in zip(arm.joints, own, strict=True):
         stays = turning and joint.type == "prismatic"
-        axes.append(axes[-1] if stays or (axes and _length(cross(axes[-1], z)) < PARALLEL) else z)
+        axes.append(axes[-1] if stays or (axes and math.hypot(*cross(axes[-1], z)) < PARALLEL) else z)
         turning = turning or joint.type == "revolute"
     frames: list[Placement] = []
     foot = files[0].at  # foot of the common normal with the previous axis
@@ -171,8 +171,16 @@ def link_frames(arm: Arm, files: Sequence[Placement]) -> list[Placement]:
                 x, origin, foot = _normal(foot, z, files[j + 1].at, axes[j + 1])
             else:
                 x, origin = _slope(z, axes[j + 1], own[j + 1]), foot
-        before = transposed(frames[-1].turn) if frames else transposed(BASE.turn)
-        x = _across(z, before) if x is None else _nearer(x, before[0], z) if frames else x
+        x_before, y_before, _ = transposed(frames[-1].turn if frames else BASE.turn)
+        if x is None:
+            # The previous x axis (or y, if x is closer to z) without its part along z.
+            x = less(x_before, scaled(dot(x_before, z), z))
+            x = _unit(x if math.hypot(*x) ** 2 > 0.5 else less(y_before, scaled(dot(y_before, z), z)))
+        elif frames:
+            # Of the two directions of a normal, the one that turns the frame less.
+            cosine = dot(x, x_before)
+            side = cosine if abs(cosine) > PARALLEL else dot(cross(x_before, x), z)
+            x = x if side > 0 else scaled(-1.0, x)
         frames.append(Placement(transposed((x, cross(z, x), z)), origin))
     return frames
 
@@ -181,43 +189,26 @@ def _slope(z: Vector, z_next: Vector, slide: Vector) -> Vector | None:
     """x before a slide: perpendicular to z and z_next or, if these are parallel, perpendicular to z in the plane of the
     slide; None if it is arbitrary."""
     across = cross(z, z_next)
-    if _length(across) < PARALLEL:
+    if math.hypot(*across) < PARALLEL:
         across = cross(cross(z, slide), z)
-    return None if _length(across) < PARALLEL else _unit(across)
+    return None if math.hypot(*across) < PARALLEL else _unit(across)
 
 
 def _normal(foot: Vector, z: Vector, point: Vector, z_next: Vector) -> tuple[Vector | None, Vector, Vector]:
     """The common normal of two axes (point and direction each): its direction, or None if arbitrary, and its feet."""
     across = cross(z, z_next)
-    size = _length(across)
+    size = math.hypot(*across)
     apart = less(point, foot)
     if size < PARALLEL:
         apart = less(apart, scaled(dot(apart, z), z))
-        return (None if _length(apart) < COINCIDENT else _unit(apart)), foot, added(foot, apart)
+        return (None if math.hypot(*apart) < COINCIDENT else _unit(apart)), foot, added(foot, apart)
     normal = _unit(across)
     origin = added(foot, scaled(dot(cross(apart, z_next), across) / size**2, z))
     return normal, origin, added(origin, scaled(dot(apart, normal), normal))
 
 
-def _across(z: Vector, before: Matrix) -> Vector:
-    """A direction perpendicular to z: the previous x axis (or y, if x is closer to z) without its part along z."""
-    x = less(before[0], scaled(dot(before[0], z), z))
-    return _unit(x if _length(x) ** 2 > 0.5 else less(before[1], scaled(dot(before[1], z), z)))
-
-
-def _nearer(x: Vector, before: Vector, z: Vector) -> Vector:
-    """The direction of a normal (of two) that turns the frame less against the previous x axis."""
-    cosine = dot(x, before)
-    side = cosine if abs(cosine) > PARALLEL else dot(cross(before, x), z)
-    return x if side > 0 else scaled(-1.0, x)
-
-
-def _length(v: Sequence[float]) -> float:
-    return math.sqrt(dot(v, v))
-
-
 def _unit(v: Sequence[float]) -> Vector:
-    return scaled(1 / _length(v), v)
+    return scaled(1 / math.hypot(*v), v)
 
 
 LENGTH_DIGITS = 12
@@ -306,12 +297,12 @@ class Geometry:
         links = tuple(
             replace(
                 link,
-                twist=_turn_over(link.twist, number),
+                twist=link.twist.over(number),
                 a=number(link.a),
-                offset=_turn_over(link.offset, number),
+                offset=link.offset.over(number),
                 rest=rest,
                 d=number(link.d),
-                tilt=_turn_over(link.tilt, number),
+                tilt=link.tilt.over(number),
                 body=link.body.over(number),
             )
             for link, rest in zip(self.links, rests, strict=True)
@@ -327,7 +318,7 @@ class Geometry:
     def residues(self, prime: int) -> Geometry:
         """Modulo a prime."""
         number = functools.partial(residue, prime=prime)
-        return self.over(number, [r if isinstance(r, int) else _turn_over(r, number) for r in self.rests])
+        return self.over(number, [r if isinstance(r, int) else r.over(number) for r in self.rests])
 
     @property
     def rests(self) -> tuple[Any, ...]:
@@ -344,10 +335,6 @@ def quarter_turned(direction: tuple[Any, Any], quarter: Turn) -> tuple[Any, Any]
     """(cos, sin) of an angle plus quarter turns."""
     c, s = direction
     return c * quarter.cos - s * quarter.sin, s * quarter.cos + c * quarter.sin
-
-
-def _turn_over(turn: Turn, number: Callable[[Fraction], Any]) -> Turn:
-    return Turn(number(turn.cos), number(turn.sin))
 
 
 def geometry(arm: Arm) -> Geometry:
@@ -430,7 +417,16 @@ def exact_turn(cosine: float, sine: float) -> Turn:
 
 def exact_rotation(R: Matrix) -> Matrix:
     """A rational rotation matrix near R, by its quaternion; exact where axes map to axes."""
-    w, x, y, z = _scaled(_quaternion(R))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
+    t = xx + yy + zz
+    # (w, x, y, z) of any length: the largest of four proportional candidates.
+    candidates = (
+        (1 + t, zy - yz, xz - zx, yx - xy),
+        (zy - yz, 1 + 2 * xx - t, xy + yx, xz + zx),
+        (xz - zx, xy + yx, 1 + 2 * yy - t, yz + zy),
+        (yx - xy, xz + zx, yz + zy, 1 + 2 * zz - t),
+    )
+    w, x, y, z = _scaled(max(enumerate(candidates), key=lambda item: item[1][item[0]])[1])
     size = w * w + x * x + y * y + z * z
     rows = (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -439,19 +435,6 @@ def exact_rotation(R: Matrix) -> Matrix:
     )
     a, b, c = (vector([e / size for e in row]) for row in rows)
     return a, b, c
-
-
-def _quaternion(R: Matrix) -> Sequence[float]:
-    """(w, x, y, z) of any length, from the largest of four proportional candidates."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
-    t = xx + yy + zz
-    rows = (
-        (1 + t, zy - yz, xz - zx, yx - xy),
-        (zy - yz, 1 + 2 * xx - t, xy + yx, xz + zx),
-        (xz - zx, xy + yx, 1 + 2 * yy - t, yz + zy),
-        (yx - xy, xz + zx, yz + zy, 1 + 2 * zz - t),
-    )
-    return max(enumerate(rows), key=lambda item: item[1][item[0]])[1]
 
 
 def _scaled(elements: Sequence[float]) -> list[Fraction]:
