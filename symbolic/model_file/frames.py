@@ -165,8 +165,8 @@ UNREPORTED = 4e-15
 class Snapping:
     """Angles and axes of a file that were rounded to exact quarter turns, with their locations and deviations."""
 
-    turned: list[tuple[str, float]] = field(default_factory=list)
-    directed: list[tuple[str, float]] = field(default_factory=list)
+    changed: list[tuple[str, str, float]] = field(default_factory=list)
+    """What was rounded, the joint or the tip, and by how much."""
 
     def frame(self, where: str, frame: Frame) -> Frame:
         """The frame with exact quarter turns."""
@@ -174,7 +174,7 @@ class Snapping:
         snapped = [b if abs(a - b) < CLOSE else a for a, b in zip(frame.rpy, turns, strict=True)]
         off = max(abs(a - b) for a, b in zip(frame.rpy, snapped, strict=True))
         if off > UNREPORTED:
-            self.turned.append((where, off))
+            self.changed.append(("the angles", where, off))
         roll, pitch, yaw = snapped
         return Frame(frame.xyz, (roll, pitch, yaw))
 
@@ -192,22 +192,18 @@ class Snapping:
         snapped = (x, y, z)
         off = max(abs(a / length - b / math.hypot(*snapped)) for a, b in zip(axis, snapped, strict=True))
         if off > UNREPORTED:
-            self.directed.append((where, off))
+            self.changed.append(("the axis", where, off))
         return snapped
 
-    def only(self, places: Set[str]) -> None:
-        """Keep only the entries of these places."""
-        self.turned = [entry for entry in self.turned if entry[0] in places]
-        self.directed = [entry for entry in self.directed if entry[0] in places]
-
-    def notes(self) -> list[str]:
-        """A warning, or an empty list."""
-        kinds = (("the angles", " rad", self.turned), ("the axis", "", self.directed))
+    def notes(self, places: Set[str] | None = None) -> list[str]:
+        """A warning about what was rounded at these places (None: all), or an empty list."""
         parts = []
-        for what, unit, places in kinds:
-            if places:
-                off = max(off for _, off in places)
-                parts.append(f"{what} of {listed([where for where, _ in places])} (off by up to {off:.1g}{unit})")
+        for kind, unit in (("the angles", " rad"), ("the axis", "")):
+            changed = [(where, off) for what, where, off in self.changed if what == kind]
+            changed = [entry for entry in changed if places is None or entry[0] in places]
+            if changed:
+                off = max(off for _, off in changed)
+                parts.append(f"{kind} of {listed([where for where, _ in changed])} (off by up to {off:.1g}{unit})")
         return [f"taken as exact quarter turns: {'; '.join(parts)}"] if parts else []
 
 

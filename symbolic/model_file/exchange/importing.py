@@ -17,7 +17,6 @@ from symbolic.model_file.exchange import urdf, xml_file
 from symbolic.model_file.exchange.tree import (
     Tree,
     TreeChain,
-    TreeJoint,
     chain,
     gears_of,
     joints_of,
@@ -192,10 +191,14 @@ def _placeholders(found: TreeChain, friction: bool) -> list[str]:
     """A note on values that look like placeholders; they are used as stated."""
     typed = (*(("friction", "damping") if friction else ()), "rotor_inertia")
     seen: dict[str, list[bool]] = {}
+    tree_joints = [one.joint for one in found.joints]
+    stated_of = [{"speed": j.speed, "torque": j.torque, "rotor_inertia": j.rotor, **j.dynamics} for j in tree_joints]
     for kind in ("revolute", "prismatic"):
         here = [joint.type == kind for joint in found.joints]
         for word in (*typed, "speed", "torque"):
-            stated = [_stated(joint.joint, word) if own else 0.0 for joint, own in zip(found.joints, here, strict=True)]
+            stated = [
+                max(values.get(word) or 0.0, 0.0) if own else 0.0 for values, own in zip(stated_of, here, strict=True)
+            ]
             # Equal drives have equal limits, but several joints hardly share a power of ten by chance.
             if is_placeholder(stated) if word in typed else is_round(stated) and sum(map(bool, stated)) > 1:
                 which = seen.setdefault(f"{word} = {max(stated):g}", [False] * len(stated))
@@ -207,12 +210,6 @@ def _placeholders(found: TreeChain, friction: bool) -> list[str]:
         places.setdefault(joints_of(which), []).append(what)
     said = "; ".join(f"{listed(numbers)} at {where}" for where, numbers in places.items())
     return [f"{said}: looks like a placeholder, used as stated; delete it if it was not measured: it is then unknown"]
-
-
-def _stated(joint: TreeJoint, word: str) -> float:
-    """The stated value; 0 where there is none or a negative one."""
-    others = {"speed": joint.speed, "torque": joint.torque, "rotor_inertia": joint.rotor}
-    return max(joint.dynamics.get(word, others.get(word) or 0.0), 0.0)
 
 
 def is_placeholder(stated: Sequence[float]) -> bool:

@@ -324,9 +324,9 @@ class _Bodies:
         zero = -float(model.qpos0[at])
         shift = Frame(scaled(zero, axis)) if kind == "prismatic" else Frame(rpy=angles(about(axis, zero)))
         low, high = (float(end) for end in model.jnt_range[k])
-        drive = _drive(model, k)
+        gears, torque, rotor, damping = _drive(model, k)
         stated = {
-            "damping": float(model.dof_damping[dof]) + drive.damping,
+            "damping": float(model.dof_damping[dof]) + damping,
             "friction": float(model.dof_frictionloss[dof]),
             "stiffness": float(model.jnt_stiffness[k]),
             "rest": float(model.qpos_spring[at]),
@@ -339,11 +339,10 @@ class _Bodies:
             origin=composed(origin, shift) if zero else origin,
             axis=axis,
             position=(low, high) if model.jnt_limited[k] and low < high and max(-low, high) < LARGEST else None,
-            speed=None,
-            torque=drive.torque,
+            torque=torque,
             dynamics={word: value for word, value in stated.items() if value},
-            rotor=float(model.dof_armature[dof]) + drive.rotor or None,
-            gears=drive.gears,
+            rotor=float(model.dof_armature[dof]) + rotor or None,
+            gears=gears,
         )
 
     def body(self, k: int, shift: Vector) -> StatedBody | None:
@@ -358,18 +357,9 @@ class _Bodies:
         return StatedBody(float(model.body_mass[k]), com, packed(product(product(R, diagonal), transposed(R))))
 
 
-@dataclass(frozen=True)
-class _Drive:
-    """The actuators of a joint, at its output: gears with their sources; maximum torque or None; inertia and damping on
-    the motor's side (newer MuJoCo versions)."""
-
-    gears: tuple[tuple[str, float], ...]
-    torque: float | None
-    rotor: float
-    damping: float
-
-
-def _drive(model: Any, k: int) -> _Drive:
+def _drive(model: Any, k: int) -> tuple[tuple[tuple[str, float], ...], float | None, float, float]:
+    """The actuators of a joint, at its output: gears with their sources; maximum torque or None; inertia and damping of
+    the motors (newer MuJoCo versions)."""
     at_joint = [a for a in range(model.nu) if int(model.actuator_trnid[a][0]) == k]
     gears = {a: ratio for a in at_joint if (ratio := abs(float(model.actuator_gear[a][0])))}
     # Forces, inertias and damping of several actuators at one joint add up.
@@ -381,12 +371,12 @@ def _drive(model: Any, k: int) -> _Drive:
         forces.append(ratio * min(_largest(ranges), default=math.inf))
     own = _largest([model.jnt_actfrcrange[k]] if model.jnt_actfrclimited[k] else [])
     torque = min([*own, *([sum(forces)] if forces else [])], default=math.inf)
-    sums = [
+    rotor, damping = (
         sum(ratio**2 * float(getattr(model, what)[a]) for a, ratio in gears.items() if hasattr(model, what))
         for what in ("actuator_armature", "actuator_damping")
-    ]
+    )
     by = tuple((f"actuator {shortened(model.actuator(a).name) or a + 1}", ratio) for a, ratio in gears.items())
-    return _Drive(by, torque if torque < LARGEST else None, *sums)
+    return by, torque if torque < LARGEST else None, rotor, damping
 
 
 def _largest(ranges: Iterable[Sequence[Any]]) -> list[float]:

@@ -271,12 +271,7 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
     locked   joint -> fixed position, rad or m
     Raises ModelError, which says what to pass instead.
     """
-    _check_locks(tree, locked)
-    notes, snapping = [], Snapping()
-    for name, value in locked.items():
-        low, high = tree.joints[name].position or (-math.inf, math.inf)
-        if not low <= value <= high:
-            notes.append(f"{shortened(name)} is locked at {value:g}, outside its range of {low:g} to {high:g}")
+    notes, snapping = list(_lock_notes(tree, locked)), Snapping()
     tree = replace(tree, joints={name: _settled(tree, joint, locked, snapping) for name, joint in tree.joints.items()})
     above, below = tree.above(), tree.below()
     root = _root(tree, above) if base is None else _link(tree, base, "--base")
@@ -299,7 +294,6 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
             f"{'it' if len(turning) == 1 else 'them'} at 0 (--lock JOINT=VALUE for another position)",
         )
     used = (*before, *way, *(above[link] for joint in joints for link in joint.links))
-    snapping.only({_place(joint.name) for joint in used})
     return TreeChain(
         tree,
         root,
@@ -309,7 +303,7 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
         held=tuple(held),
         root=before[0].parent if before else root,
         mounting=rotation(reduce(composed, (joint.origin for joint in before), Frame()).rpy),
-        notes=(*([note] if note else []), *notes, *snapping.notes()),
+        notes=(*([note] if note else []), *notes, *snapping.notes({_place(joint.name) for joint in used})),
     )
 
 
@@ -340,17 +334,18 @@ def path_to(link: str, above: Mapping[str, TreeJoint]) -> list[TreeJoint]:
 # --- which links ---
 
 
-def _check_locks(tree: Tree, locked: Mapping[str, float]) -> None:
-    for name in locked:
-        joint = tree.joints.get(name)
+def _lock_notes(tree: Tree, locked: Mapping[str, float]) -> Iterator[str]:
+    """Notes on joints locked outside their range. Raises ModelError for a joint that cannot be locked."""
+    for name, value in locked.items():
+        joint, place = tree.joints.get(name), f"{tree.file}: --lock {shortened(name)}"
         if joint is None:
             able = (one.name for one in tree.joints.values() if one.kind in MOVING)
-            raise ModelError(f"{tree.file}: --lock {shortened(name)}: no such joint; {_meant(name, able)}")
+            raise ModelError(f"{place}: no such joint; {_meant(name, able)}")
         if joint.kind not in MOVING:
-            raise ModelError(
-                f"{tree.file}: --lock {shortened(name)}: the joint is {shortened(joint.kind)}; only {_or(MOVING)} can "
-                "be locked"
-            )
+            raise ModelError(f"{place}: the joint is {shortened(joint.kind)}; only {_or(MOVING)} can be locked")
+        low, high = joint.position or (-math.inf, math.inf)
+        if not low <= value <= high:
+            yield f"{shortened(name)} is locked at {value:g}, outside its range of {low:g} to {high:g}"
 
 
 def _link(tree: Tree, name: str, option: str) -> str:

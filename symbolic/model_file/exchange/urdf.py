@@ -119,7 +119,7 @@ def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Map
     parent, child = (node.needed(end).word("link") for end in ("parent", "child"))
     axis, limit, dynamics, mimic = (node.first(tag) for tag in ("axis", "limit", "dynamics", "mimic"))
     x, y, z = (1.0, 0.0, 0.0) if axis is None else axis.numbers("xyz", 3)
-    position, speed, torque = (None, None, None) if limit is None else _limits(limit, kind)
+    position, speed, torque, doubts = (None, None, None, ()) if limit is None else _limits(limit, kind)
     stated = {} if dynamics is None else {key: dynamics.number(key, 0.0) for key in DYNAMICS}
     return TreeJoint(
         name,
@@ -134,32 +134,26 @@ def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Map
         dynamics={key: value for key, value in stated.items() if value},
         gears=tuple((one.by, one.ratio) for one in gears.get(name, ())),
         mimics=None if mimic is None else mimic.word("joint"),
-        doubts=(*(() if limit is None else _doubts(limit)), *dict.fromkeys(doubted.get(name, ()))),
+        doubts=(*doubts, *dict.fromkeys(doubted.get(name, ()))),
     )
 
 
-def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, float | None, float | None]:
-    """Limits of position, speed and torque; 0, infinite or huge values are no limits."""
-    low, high = (limit.bound(key) or 0.0 for key in ("lower", "upper"))
+def _limits(limit: XmlNode, kind: str) -> tuple[tuple[float, float] | None, float | None, float | None, Sequence[str]]:
+    """Limits of position, speed and torque, and impossible ones; 0, infinite or huge values are no limits."""
+    stated = {key: limit.bound(key) for key in ("lower", "upper", "velocity", "effort")}
+    low, high = (stated[key] or 0.0 for key in ("lower", "upper"))
     bounded = kind in ("revolute", "prismatic") and low < high and max(-low, high) < FREE
-    endless = any(limit.attributes.get(key) is not None and limit.bound(key) is None for key in ("lower", "upper"))
-    speed, torque = (limit.bound(key) for key in ("velocity", "effort"))
+    endless = any(limit.attributes.get(key) is not None and stated[key] is None for key in ("lower", "upper"))
+    speed, torque = stated["velocity"] or 0.0, stated["effort"] or 0.0
+    doubts = [f"its limit of {key} is {stated[key]:g}" for key in ("velocity", "effort") if (stated[key] or 0.0) < 0]
+    if stated["lower"] is not None and stated["upper"] is not None and low > high:
+        doubts.insert(0, f"its lower limit {low:g} is above the upper one, {high:g}")
     return (
         (low, high) if bounded and not endless else None,
-        speed if speed is not None and 0 < speed < FREE else None,
-        torque if torque is not None and 0 < torque < FREE else None,
+        speed if 0 < speed < FREE else None,
+        torque if 0 < torque < FREE else None,
+        doubts,
     )
-
-
-def _doubts(limit: XmlNode) -> Iterator[str]:
-    """Impossible values of <limit>."""
-    low, high = (limit.bound(key) for key in ("lower", "upper"))
-    if low is not None and high is not None and low > high:
-        yield f"its lower limit {low:g} is above the upper one, {high:g}"
-    for key in ("velocity", "effort"):
-        value = limit.bound(key)
-        if value is not None and value < 0:
-            yield f"its limit of {key} is {value:g}"
 
 
 def _transmissions(root: XmlNode) -> tuple[dict[str, list[Reduction]], dict[str, list[str]]]:
@@ -210,7 +204,6 @@ def urdf_onto(made: ExportedArm, path: Path) -> tuple[bytes, list[str]]:
         root.fail(f"its root is <{root.tag}>; expected a URDF to write into")
     tree = urdf_tree(root)
     found = _chain(tree, made)
-    _check_places(tree, found, made)
     data = path.read_bytes()
     if data[:2] in (b"\xfe\xff", b"\xff\xfe"):
         root.fail("is written in UTF-16; save it as UTF-8")
@@ -347,21 +340,20 @@ def _is_empty(data: bytes, node: XmlNode) -> bool:
 
 
 def _chain(tree: Tree, made: ExportedArm) -> TreeChain:
-    """The file's chain from the first to the last of the model's joints; other joints in between are locked at 0."""
+    """The file's chain from the first to the last of the model's joints; other joints in between are locked at 0.
+
+    Raises ModelError unless every joint has the model's pose, except for the first, whose base may differ.
+    """
     by_label = {label_of(joint.name): joint for joint in tree.joints.values()}
-    own: list[TreeJoint] = []
+    names = set()
     for joint in made.joints:
         if joint.name not in by_label:
             raise ModelError(f"{tree.file}: has no joint {quote(joint.name)}, which the model has")
-        own.append(by_label[joint.name])
-    names = {joint.name for joint in own}
-    way = path_to(own[-1].child, tree.above())
+        last = by_label[joint.name]
+        names.add(last.name)
+    way = path_to(last.child, tree.above())
     others = {joint.name: 0.0 for joint in way if joint.name not in names and joint.moves}
-    return chain(tree, way[0].parent, own[-1].child, others)
-
-
-def _check_places(tree: Tree, found: TreeChain, made: ExportedArm) -> None:
-    """Every joint must have the model's pose, except for the first, whose base may differ. Raises ModelError."""
+    found = chain(tree, way[0].parent, last.child, others)
     if len(found.joints) != len(made.joints):
         raise ModelError(f"{tree.file}: its joints are in another order than the model's")
     for k, (there, own) in enumerate(zip(found.joints, made.joints, strict=True)):
@@ -377,6 +369,7 @@ def _check_places(tree: Tree, found: TreeChain, made: ExportedArm) -> None:
         ):
             if not same:
                 raise ModelError(f"{place} {what} than in the model: another arm?")
+    return found
 
 
 def _same(left: Vector, right: Vector) -> bool:
