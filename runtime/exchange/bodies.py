@@ -139,10 +139,10 @@ def project(B: Array, W: Array, base: Array, bodies: Array, rotors: Array) -> Ph
     bodies (n, 10), rotors (n,)      the reference; a rotor of 0 stays 0
     If no possible bodies have these base parameters, those with the nearest torque.
     """
-    problem = _Problem(B, W, base, rotors > 0)
-    start = problem.packed(np.array([log_cholesky(body) for body in bodies]), rotors)
-    scale = problem.scale(len(bodies))
-
+    turning = rotors > 0
+    problem = _Problem(B, W / (float(np.linalg.norm(W @ base)) or 1.0), base, turning)
+    start = np.concatenate([*(log_cholesky(body) for body in bodies), np.log(rotors[turning])])
+    scale = np.concatenate([np.tile(_SCALE, len(bodies)), np.ones(int(turning.sum()))])
     x = start
     for near in NEAR_REFERENCE:
         x = _nearest(problem, x, start, scale / near)
@@ -157,9 +157,8 @@ def project(B: Array, W: Array, base: Array, bodies: Array, rotors: Array) -> Ph
         if np.linalg.norm(tried) > LEAST_GAIN * np.linalg.norm(missing):
             break
         x, missing = x + step, tried
-    made, turning = problem.unpacked(x)
-    full = np.concatenate([pseudo_parameters(theta) for theta in made])
-    return PhysicalBodies(full.reshape(-1, PER_BODY), turning, float(np.linalg.norm(missing)))
+    made, found = problem.unpacked(x)
+    return PhysicalBodies(np.array([*map(pseudo_parameters, made)]), found, float(np.linalg.norm(missing)))
 
 
 def _nearest(problem: _Problem, x: Array, start: Array, reach: Array) -> Array:
@@ -189,22 +188,13 @@ def rotors_asked(B: Array, W: Array, base: Array, bodies: Array, likely: Array, 
 
 @dataclass(frozen=True)
 class _Problem:
-    """Torque error as a function of log-Cholesky parameters of bodies and logarithms of rotors."""
+    """Torque error as a function of log-Cholesky parameters of bodies and logarithms of rotors; W converts it to a part
+    of the RMS torque."""
 
     B: Array
     W: Array
     base: Array
     turning: NDArray[np.bool_]
-
-    @property
-    def size(self) -> float:
-        return float(np.linalg.norm(self.W @ self.base)) or 1.0
-
-    def scale(self, n: int) -> Array:
-        return np.concatenate([np.tile(_SCALE, n), np.ones(int(self.turning.sum()))])
-
-    def packed(self, thetas: Array, rotors: Array) -> Array:
-        return np.concatenate([thetas.ravel(), np.log(rotors[self.turning])])
 
     def unpacked(self, x: Array) -> tuple[Array, Array]:
         """Log-Cholesky parameters (n, 10) and rotors (n,)."""
@@ -217,7 +207,7 @@ class _Problem:
         """Torque error (p,); its norm is the RMS error as a part of the RMS torque."""
         thetas, rotors = self.unpacked(x)
         full = np.concatenate([*(pseudo_parameters(theta) for theta in thetas), rotors])
-        found: Array = self.W @ (self.B @ full - self.base) / self.size
+        found: Array = self.W @ (self.B @ full - self.base)
         return found
 
     def slope(self, x: Array) -> Array:
@@ -230,7 +220,7 @@ class _Problem:
             by[place, place] = pseudo_slopes(theta)
         for column, k in enumerate(np.flatnonzero(self.turning).tolist()):
             by[PER_BODY * n + k, PER_BODY * n + column] = rotors[k]
-        found: Array = self.W @ (self.B @ by) / self.size
+        found: Array = self.W @ (self.B @ by)
         return found
 
 

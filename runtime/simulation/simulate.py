@@ -82,8 +82,7 @@ def hidden_in(text: str, effects: Mapping[str, AnyEffect], joints: Names, arm: s
     effects   the library by name     joints, arm   names of the joints and the arm     option   named in messages
     Raises SimulationError.
     """
-    said = effect_term(text, joints)
-    name = said.effect
+    name, at, rest = effect_term(text, joints)
     usage = "write EFFECT@JOINT:KEY=VALUE,..., for instance stribeck@1:torque=0.6,speed=0.15"
     effect, which = numbered(name, effects)
     if effect not in effects:
@@ -95,19 +94,19 @@ def hidden_in(text: str, effects: Mapping[str, AnyEffect], joints: Names, arm: s
     info = effects[effect]
     joint: int | None = None
     if info.scope in ("arm", "contact"):
-        if said.joint is not None:
-            raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{said.joint}')
+        if at is not None:
+            raise SimulationError(f'{option} {text}: "{name}" acts on the whole {info.scope}; leave out @{at}')
     else:
         able = joints[:-1] if info.scope == "joints" else joints
         if not able:
             raise SimulationError(f'{option} {text}: "{name}" acts on two joints and {arm} has one')
-        joint = joint_number(said.joint or "", able)
+        joint = joint_number(at or "", able)
         if joint is None:
-            where = f'found joint "{said.joint or ""}", expected {known_joints(able)}'
+            where = f'found joint "{at or ""}", expected {known_joints(able)}'
             first = "" if able is joints else f' as the first of the two that "{name}" acts on'
             raise SimulationError(f"{option} {text}: {where}{first}; {usage}")
     values: Values = {}
-    for assignment in filter(None, said.rest.split(",")):
+    for assignment in filter(None, rest.split(",")):
         key, equals, value = assignment.partition("=")
         names = tuple(p.name for p in info.parameters)
         if key.strip() not in names:

@@ -204,27 +204,19 @@ Names = Sequence[str | None]
 """Joint names from the base outwards; None where the file gives none."""
 
 
-@dataclass(frozen=True)
-class EffectTerm:
-    """The parts of `EFFECT@JOINT[:REST]` as written; joint: None without an @."""
-
-    effect: str
-    joint: str | None
-    rest: str
-
-
-def effect_term(text: str, names: Names) -> EffectTerm:
-    """Split a term into its parts. Joint names may contain colons: the longest matching name is taken."""
+def effect_term(text: str, names: Names) -> tuple[str, str | None, str]:
+    """The parts of `EFFECT@JOINT[:REST]` as written; joint: None without an @. Joint names may contain colons: the
+    longest matching name is taken."""
     head, colon, behind = text.partition(":")
     if "@" not in head:
-        return EffectTerm(head, None, behind)
+        return head, None, behind
     effect, _, place = text.partition("@")
     number = head.partition("@")[2]
     if not _is_number(number):
         for name in sorted(filter(None, names), key=len, reverse=True):
             if place == name or place.startswith(f"{name}:"):
-                return EffectTerm(effect, name, place[len(name) + 1 :])
-    return EffectTerm(effect, number, behind if colon else "")
+                return effect, name, place[len(name) + 1 :]
+    return effect, number, behind if colon else ""
 
 
 def joint_number(said: str, names: Names) -> int | None:

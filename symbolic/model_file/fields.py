@@ -86,7 +86,16 @@ class Field:
 
     def _row(self, key: str) -> FieldRow:
         unit = self.unit if isinstance(self.unit, str) else f"{self.unit[0]} ({self.unit[1]})"
-        return FieldRow(key, unit, self.meaning, _default(self.default))
+        default = self.default
+        if isinstance(default, tuple):
+            default = f"[{', '.join(map(str, default))}]" if default else ""
+        elif isinstance(default, float):
+            default = f"{default:g}"
+        elif isinstance(default, bool):
+            default = str(default).lower()
+        elif default is REQUIRED or default is None or default == {}:
+            default = "required" if default is REQUIRED else ""
+        return FieldRow(key, unit, self.meaning, str(default))
 
 
 @dataclass(frozen=True)
@@ -100,17 +109,6 @@ class Misplaced(Field):
 
     def rows(self, _: str) -> Iterator[FieldRow]:
         yield from ()
-
-
-def _default(value: Any) -> str:
-    """The default as it would appear in the file; empty for None."""
-    if value is REQUIRED:
-        return "required"
-    if value is None or value in ({}, ()):
-        return ""
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(str, value))}]"
-    return str(value).lower() if isinstance(value, bool) else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def read(place: Place, table: Table, fields: Sequence[Field], joint: JointType = "revolute") -> dict[str, Any]:
@@ -476,8 +474,11 @@ class Inner(Field):
         return super().of(place, {self.key: {}, **table} if self.default == {} else table, joint)
 
     def read(self, place: Place, value: Any, joint: JointType) -> Any:
-        place = place.inside(self.key)
-        return read(place, table_at(place, value, _with(self.key, self.fields)), self.fields, joint)
+        return self._table(place.inside(self.key), self.key, value, joint)
+
+    def _table(self, place: Place, key: str, value: Any, joint: JointType) -> dict[str, Any]:
+        expected = f"{quote(key)} with {', '.join(field.key for field in self.fields)}"
+        return read(place, table_at(place, value, expected), self.fields, joint)
 
     def rows(self, prefix: str) -> Iterator[FieldRow]:
         yield from rows(self.fields, f"{prefix}{self.key}.")
@@ -494,8 +495,7 @@ class Named(Inner):
         made = {}
         for name, item in table_at(place.inside(self.key), value, f"[{self.key}.NAME], one each").items():
             identifier(place.inside(self.key), "name", name)
-            here = place.inside(f"{self.key}.{name}")
-            made[name] = read(here, table_at(here, item, _with(name, self.fields)), self.fields, joint)
+            made[name] = self._table(place.inside(f"{self.key}.{name}"), name, item, joint)
         return made
 
     def rows(self, prefix: str) -> Iterator[FieldRow]:
@@ -512,15 +512,9 @@ class Several(Inner):
     one: str = ""
 
     def read(self, place: Place, value: Any, joint: JointType) -> Any:
-        made = []
-        for k, item in enumerate(list_at(place, self.key, value), 1):
-            here = place.inside(f"{self.one or self.key} {k}")
-            made.append(read(here, table_at(here, item, _with(self.key, self.fields)), self.fields, joint))
-        return tuple(made)
+        items = enumerate(list_at(place, self.key, value), 1)
+        one = self.one or self.key
+        return tuple(self._table(place.inside(f"{one} {k}"), self.key, item, joint) for k, item in items)
 
     def schema(self) -> Schema:
         return {"type": "array", "items": super().schema()}
-
-
-def _with(key: str, fields: Sequence[Field]) -> str:
-    return f"{quote(key)} with {', '.join(field.key for field in fields)}"

@@ -122,7 +122,14 @@ def compiled(path: Path, root: XmlNode) -> tuple[Any, Any, set[str], list[str]]:
     _Unfolding(path.parent, {path.resolve()}).add(root)
     try:
         with _heard(mujoco) as warned:
-            spec = _spec(mujoco, path, root)
+            # MuJoCo recognises the format by the suffix, and finds other files by the path.
+            others = next((node for node in root.everything() if node.tag in OTHER_FILES), None)
+            if path.suffix.lower() == SUFFIX:
+                spec = mujoco.MjSpec.from_file(str(path))
+            elif others is None:
+                spec = mujoco.MjSpec.from_string(path.read_bytes().decode())
+            else:
+                others.fail(f"<{others.tag}> of another file needs a file name that ends in {SUFFIX}; rename this one")
             _check_numbers(root, warned)
             notes = _not_of_an_arm(spec)
             # Requested memory and user data.
@@ -157,16 +164,6 @@ def _package(file: str) -> Any:
             "mujoco (the extra `mjcf`)"
         )
     return mujoco
-
-
-def _spec(mujoco: Any, path: Path, root: XmlNode) -> Any:
-    """MuJoCo's specification of a file. MuJoCo recognises the format by suffix and finds other files by the path."""
-    if path.suffix.lower() == SUFFIX:
-        return mujoco.MjSpec.from_file(str(path))
-    others = next((node for node in root.everything() if node.tag in OTHER_FILES), None)
-    if others is not None:
-        others.fail(f"<{others.tag}> of another file needs a file name that ends in {SUFFIX}; rename this one")
-    return mujoco.MjSpec.from_string(path.read_bytes().decode())
 
 
 def _check_numbers(root: XmlNode, warned: list[str]) -> None:
