@@ -142,7 +142,7 @@ def _friction(model: Model, recording: Recording, joint: int) -> tuple[Array, Ar
 
 @pytest.mark.xdist_group("Table I")
 def test_the_document_is_json_and_tells_published_from_assumed(table: Table1) -> None:
-    document = json.loads(json.dumps(table.entry().document().to_json(), allow_nan=False))
+    document = json.loads(json.dumps(table.entry().to_json(), allow_nan=False))
     assert document["published"]["speeds"][3] == [1.0, 3.0, 5.0]
     assert document["assumed"]["amplitude"] == AMPLITUDE
     (joint,) = document["joints"]
