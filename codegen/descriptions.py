@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,10 @@ SOURCES = ("symbolic/effects/*.py", "symbolic/described.py", "symbolic/units.py"
 """Sources of the declarations, besides codegen/metadata.py, which describes them."""
 
 
-def described(space: bool) -> list[dict[str, Any]]:
+def described(space: bool) -> list[dict[str, object]]:
     """`effects` of effects.json, for planar or for spatial arms."""
     page = _page()
-    found: list[dict[str, Any]] = page[_key(space)] if page.get("sources") == _sources() else _declared(space)
+    found: list[dict[str, object]] = page[_key(space)] if page.get("sources") == _sources() else _declared(space)
     return found
 
 
@@ -30,8 +31,8 @@ def text() -> str:
 
 
 @functools.cache
-def _page() -> dict[str, Any]:
-    page: dict[str, Any] = json.loads(PAGE.read_text(encoding="utf-8")) if PAGE.is_file() else {}
+def _page() -> Mapping[str, Any]:
+    page: Mapping[str, Any] = json.loads(PAGE.read_text(encoding="utf-8")) if PAGE.is_file() else {}
     return page
 
 
@@ -39,11 +40,11 @@ def _key(space: bool) -> str:
     return "space" if space else "plane"
 
 
-def _declared(space: bool) -> list[dict[str, Any]]:
+def _declared(space: bool) -> list[dict[str, object]]:
     from codegen import metadata
     from symbolic.effects import shipped
 
-    effects: list[dict[str, Any]] = json.loads(metadata.text(metadata.library(tuple(shipped(space).values()))))[
+    effects: list[dict[str, object]] = json.loads(metadata.text(metadata.library(tuple(shipped(space).values()))))[
         "effects"
     ]
     return effects

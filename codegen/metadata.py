@@ -23,7 +23,7 @@ def text(data: Mapping[str, Any]) -> str:
     return json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
+def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, object]:
     """metadata.json of an ArmModel. The lumps' values include the arm's inertial overrides."""
     file = model.arm
     struct = model.struct
@@ -48,13 +48,13 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, Any]:
     }
 
 
-def _joint(joint: Joint) -> dict[str, Any]:
+def _joint(joint: Joint) -> dict[str, object]:
     units = {"force": u.FORCE.text(joint.type), "position": u.POSITION.text(joint.type)}
     document = {**to_json(joint, DescribedJoint), "units": units}
     return {**document, "unknown": list(joint.unknown)} if joint.unknown else document
 
 
-def _lump(lump: Lump) -> dict[str, Any]:
+def _lump(lump: Lump) -> dict[str, object]:
     """A lump; for a spatial arm `parts` lists its terms: [joint, parameter of its body or "I", factor]."""
     said = {"name": lump.name, "unit": lump.unit, "meaning": lump.meaning, "joint": lump.joint, "value": lump.value}
     return said | ({"parts": [[j, own, float(f)] for j, own, f in lump.parts]} if lump.parts else {})
@@ -64,7 +64,7 @@ def _values(effects: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, f
     return {name: dict(values) for name, values in effects.items()}
 
 
-def _function(function: SymbolicFunction, tape: Tape) -> dict[str, Any]:
+def _function(function: SymbolicFunction, tape: Tape) -> dict[str, object]:
     return {
         "inputs": [[a.name, list(a.shape)] for a in function.inputs],
         "outputs": [[o.name, list(o.shape)] for o in function.outputs],
@@ -74,7 +74,7 @@ def _function(function: SymbolicFunction, tape: Tape) -> dict[str, Any]:
     }
 
 
-def library(effects: Sequence[Effect]) -> dict[str, Any]:
+def library(effects: Sequence[Effect]) -> dict[str, object]:
     """effects.json."""
     return {
         "signals": [_signal(signal) for signal in SIGNALS],
@@ -83,7 +83,7 @@ def library(effects: Sequence[Effect]) -> dict[str, Any]:
     }
 
 
-def _signal(signal: Signal) -> dict[str, Any]:
+def _signal(signal: Signal) -> dict[str, object]:
     source = signal.source
     return {
         "name": signal.name,
@@ -97,7 +97,7 @@ def _signal(signal: Signal) -> dict[str, Any]:
     }
 
 
-def _effect(effect: Effect) -> dict[str, Any]:
+def _effect(effect: Effect) -> dict[str, object]:
     """The declaration of an effect and what follows from its equations."""
     return {
         **to_json(effect, DescribedEffect),

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import sympy as sp
 
@@ -51,7 +50,7 @@ class Record:
         lines = [f"    {field.declaration()}" for field in self.fields]
         return "\n".join([comment(self.meaning), "typedef struct {", *lines, f"}} {self.name};"])
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Name and fields, as the runtime reads them to fill the struct."""
         fields = [{"name": f.name, "type": f.type, "count": f.count, "pointer": f.pointer} for f in self.fields]
         return {"name": self.name, "fields": fields}
@@ -201,7 +200,7 @@ class Controller:
         return cls(model, found, controller_records(model, found))
 
     @property
-    def holes(self) -> dict[str, Any]:
+    def holes(self) -> dict[str, object]:
         """The holes of header and source."""
         name = self.model.arm.name
         inverse = self.model.function("inverse_dynamics")
@@ -284,7 +283,7 @@ class Controller:
         ]
         return [*inputs, f"float {output.name}[{len(output.expressions)}]"]
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> dict[str, object]:
         """controller.json, from which the structs are filled. Unknown values are null."""
         c = self.compensation
         values = zip(c.effects.symbols, c.effects.defaults, strict=True)
@@ -318,7 +317,7 @@ def _brought(found: Compensation) -> dict[sp.Symbol, str]:
     return spelling
 
 
-def _others(found: Compensation) -> dict[str, Any]:
+def _others(found: Compensation) -> dict[str, object]:
     """Springs other than the usual one: by effect, the parameter in each field."""
     others = [spring for spring in found.springs if spring.joint == 1 and not spring.usual]
     fields = {s.effect.name: {n: p.name for n, (p, _) in zip(s.names, s.lumps, strict=True)} for s in others}

@@ -189,7 +189,7 @@ def _struct(struct: Struct) -> list[str]:
     return [f"{literal(s.name)}: {literal((value, unit, text))}," for s, value, unit, text in rows]
 
 
-def _joint(joint: Joint) -> dict[str, Any]:
+def _joint(joint: Joint) -> dict[str, object]:
     limits = joint.limits
     return {
         "type": joint.type,

@@ -74,7 +74,7 @@ class Message:
         """Bytes of the payload."""
         return sum(item.size for item in self.fields)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The message in protocol.json."""
         head = {"name": self.name, "number": self.number, "direction": self.direction, "size": self.size}
         fields = []

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from math import ceil, exp, pi
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from codegen.c.c_code import float32
 from codegen.c.controller import COORDINATES, MAX_DEGREE, STATUS, Controller, Record
@@ -268,9 +268,9 @@ class Ceilings:
             late=late,
         )
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> dict[str, object]:
         """The ceilings in protocol.json, by the names of the fields of `drive` and `safety` that they limit."""
-        page: dict[str, Any] = {
+        page: dict[str, object] = {
             field.name: [getattr(joint, field.name).value for joint in self.joints]
             for field in fields(JointCeilings)
             if field.name not in ("finest", "coarsest")
@@ -357,7 +357,7 @@ class Protocol:
         ]
         return zlib.crc32(json.dumps(layout, separators=(",", ":")).encode())
 
-    def document(self, build: int) -> dict[str, Any]:
+    def document(self, build: int) -> dict[str, object]:
         """protocol.json for the host. build: CRC-32 of the board's sources."""
         return {
             "name": self.arm,

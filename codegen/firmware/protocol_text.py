@@ -6,7 +6,6 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from math import ceil
-from typing import Any
 
 from codegen.c.c_code import Routine, comment, declaration
 from codegen.c.controller import STATUS, Controller
@@ -40,7 +39,7 @@ _HEADER_MEANING = {
 }
 
 
-def page_holes(protocol: Protocol) -> dict[str, Any]:
+def page_holes(protocol: Protocol) -> dict[str, object]:
     """The holes of PROTOCOL.md."""
     plain, wire = example(protocol)
     return {
@@ -86,7 +85,7 @@ def page_holes(protocol: Protocol) -> dict[str, Any]:
     }
 
 
-def _ceiling_holes(protocol: Protocol) -> dict[str, Any]:
+def _ceiling_holes(protocol: Protocol) -> dict[str, object]:
     """The holes about the board's ceilings."""
     ceilings = protocol.ceilings
     rows = [
@@ -111,7 +110,7 @@ def _ceiling_holes(protocol: Protocol) -> dict[str, Any]:
     }
 
 
-def line_holes(protocol: Protocol) -> dict[str, Any]:
+def line_holes(protocol: Protocol) -> dict[str, object]:
     """Holes about telemetry on a serial line: bytes per record, records per second, periods per record."""
     record = _wire_bytes(protocol.message("telemetry"))
     rate = LINE_SHARE * BAUD / BITS / record
@@ -195,7 +194,7 @@ _BYTE = 255
 """Most values of a rule, because the count is a byte."""
 
 
-def code_holes(controller: Controller, protocol: Protocol, build: int) -> dict[str, Any]:
+def code_holes(controller: Controller, protocol: Protocol, build: int) -> dict[str, object]:
     """The holes of tendon_messages.h and tendon_messages.c. build: CRC-32 of the sources."""
     commands = protocol.commands
     filled = [message for message in protocol.messages if message.fields]
@@ -225,7 +224,7 @@ def struct_name(message: Message) -> str:
     return f"tendon_{message.record}" if message.record else f"tendon_{message.name}_message"
 
 
-def _numbers(protocol: Protocol) -> list[dict[str, Any]]:
+def _numbers(protocol: Protocol) -> list[dict[str, object]]:
     sizes = [SIZES[kind] for _, kind in HEADER]
     header = [(name, sum(sizes[:k])) for k, (name, _) in enumerate(HEADER)]
     groups = (

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from codegen import disk, metadata, render
 from codegen.c.c_code import comment
@@ -81,7 +80,7 @@ def _messages(controller: Controller, protocol: Protocol, build: int) -> dict[st
     return {f"src/tendon_messages.{kind}": page(f"firmware/tendon_messages.{kind}.j2", **holes) for kind in ("h", "c")}
 
 
-def _numbers(protocol: Protocol) -> dict[str, Any]:
+def _numbers(protocol: Protocol) -> dict[str, object]:
     """The holes of tendon_arm.h, the ceilings apart."""
     bits = sum(1 << reason.number for reason in REASONS if reason.torque == "zero")
     return {
@@ -170,7 +169,7 @@ def _is_hot(source: str) -> bool:
     return source.endswith(("_f32.c", "/tendon_step.c"))
 
 
-def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, Any]:
+def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, object]:
     """Builds NAME.elf and NAME.bin from the tree in `directory` for the emulated board. Returns a report.
 
     fits: the stack is bounded and within the reserved memory, and no forbidden function is linked
@@ -188,7 +187,7 @@ def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) 
     return {**image.to_json(), "outputs": [image.elf.name, image.binary.name], "stack_size": STACK, "fits": fits}
 
 
-def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, Any]:
+def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, object]:
     """Builds lib.so in `directory`, the machine without a board for this computer. Raises BuildError."""
     flat = {Path(path).name: files[path] for path in _library(files)}
     flat |= {Path(path).name: text for path, text in files.items() if path.startswith("src/") and path.endswith(".h")}

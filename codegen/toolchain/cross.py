@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from codegen.toolchain import build, stack
 from codegen.toolchain.build import WARNINGS, BuildError
@@ -206,7 +205,7 @@ class Image:
         """Symbols that the image must not contain."""
         return sorted(name for name in self.symbols if name.startswith(FORBIDDEN))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """image.json; paths are relative to its directory."""
         return {
             "target": self.target.name,

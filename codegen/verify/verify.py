@@ -102,7 +102,7 @@ class VerifyReport:
         """Whether all comparisons and all proofs hold."""
         return all(case.equal for case in self.cases) and all(proof.equal for proof in self.proofs)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """The report. Vectors have decimal numbers and exact C99 hexadecimal floats."""
         return {
             "arm": self.arm,
@@ -232,7 +232,7 @@ def _vector(function: SymbolicFunction, values: reference.Values, flat: list[Any
 
 # How each target is run.
 
-_REAL: dict[str, Any] = {"f64": ctypes.c_double, "f32": ctypes.c_float}
+_REAL: Mapping[str, type[ctypes.c_double | ctypes.c_float]] = {"f64": ctypes.c_double, "f32": ctypes.c_float}
 _TARGET = {"f64": "C double", "f32": "C float"}
 
 

@@ -52,7 +52,7 @@ OR_ELSE: dict[str, type[Document]] = {"effects": EffectDocument, "optimize": Inf
 KEYS = Path(__file__).parent / "KEYS.md"
 
 
-def schema(verb: str) -> dict[str, Any]:
+def schema(verb: str) -> dict[str, object]:
     """JSON schema of what `tendon VERB --json` writes."""
     kinds = [BY_VERB[verb], *([OR_ELSE[verb]] if verb in OR_ELSE else [])]
     references, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
@@ -93,7 +93,7 @@ def table_of_keys() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _type(entry: dict[str, Any]) -> str:
+def _type(entry: Any) -> str:
     """A JSON type in a few characters."""
     if "anyOf" in entry:
         return " or ".join(_type(part) for part in entry["anyOf"])

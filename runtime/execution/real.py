@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -294,7 +293,7 @@ def _room(model: Model, trial: Trial) -> Array:
 
 def _plate(plan: PlannedCycle, trials: tuple[Trial, ...]) -> float | None:
     """Smallest height of the end-effector above the plate, m, negative where it is pressed down; None without one."""
-    contact: Mapping[str, Any] = plan.trajectory.contact or (plan.model.contact or {}).get("effects", {})
+    contact = plan.trajectory.contact or (plan.model.contact["effects"] if plan.model.contact else {})
     surface = given(plan.model.library, {Term(name): values for name, values in contact.items()}, SURFACE)
     if surface is None:
         return None

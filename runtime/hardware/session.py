@@ -287,7 +287,14 @@ class Session(Conversation):
         deadline = self.link.now() + _READY
         try:
             self._command("arm")
-            while not self._runs(periods, log.every, deadline):
+            while True:
+                try:
+                    self._command("run", {"periods": periods, "every": log.every})
+                    return None
+                except NotReady:
+                    if self.link.now() > deadline:
+                        raise
+                self._listen(_CHUNK)
                 if asked():
                     return Ended("interrupted")
         except Refused:
@@ -295,18 +302,7 @@ class Session(Conversation):
             self._ask(lambda: self._state is not None, "the board does not report its state")
             if not self._stopped:
                 raise
-        return None
-
-    def _runs(self, periods: int, every: int, deadline: float) -> bool:
-        """Starts the run; False while the drives are not ready, until the deadline."""
-        try:
-            self._command("run", {"periods": periods, "every": every})
-        except NotReady:
-            if self.link.now() > deadline:
-                raise
-            self._listen(_CHUNK)
-            return False
-        return True
+            return None
 
     def _follow(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended | None:
         """Records until the board has stopped (None) or the host must stop it. Raises LinkLost, Untrusted."""

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,6 +58,13 @@ def _pointer(array: Array) -> ctypes.c_void_p:
     return ctypes.c_void_p(array.ctypes.data)
 
 
+class ContactInfo(TypedDict):
+    """x: of the contact point along the base frame, m; effects: values of their parameters."""
+
+    x: float
+    effects: dict[str, dict[str, float]]
+
+
 class Model:
     """The functions of an arm.
 
@@ -76,7 +83,7 @@ class Model:
         self.spatial: bool = self.metadata["space"]
         self.gravity: tuple[float, ...] = tuple(self.metadata["gravity"])
         self.effects: dict[str, dict[str, float]] = self.metadata["effects"]
-        self.contact: dict[str, Any] | None = self.metadata["contact"]
+        self.contact: ContactInfo | None = self.metadata["contact"]
         self.controller: dict[str, float] | None = self.metadata["controller"]
         self.joints = tuple(joint_info(data) for data in self.metadata["joints"])
         self.places: tuple[tuple[float, ...], ...] = tuple(map(tuple, self.metadata["places"]))

@@ -163,12 +163,7 @@ def negated(cell: str) -> str:
 
 def in_unit(cell: str, unit: str) -> str:
     """A field for `--map`, read in another unit."""
-    return f"{without_unit(cell)} [{unit}]"
-
-
-def without_unit(cell: str) -> str:
-    """A field for `--map`, without its unit."""
-    return cell.split(" [")[0]
+    return f"{cell.split(' [')[0]} [{unit}]"
 
 
 _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}

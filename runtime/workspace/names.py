@@ -73,10 +73,8 @@ def column_mapping(entries: Sequence[str] | None) -> dict[str, str]:
 
 
 def _mapped(entries: Iterable[str]) -> dict[str, str]:
-    from runtime.recordings.contents import without_unit
-
     def bare(column: str) -> str:
-        return without_unit(column.strip().removeprefix("-"))
+        return column.strip().removeprefix("-").split(" [")[0]
 
     result: dict[str, str] = {}
     for entry in entries:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -219,7 +219,7 @@ class SignalSet:
         """Median step, s."""
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 1.0
 
-    def spec(self) -> dict[str, Any]:
+    def spec(self) -> dict[str, object]:
         """What signals.js needs to know before it asks for numbers."""
         return {
             "title": self.title,
@@ -277,7 +277,7 @@ class SignalSet:
             return np.array(count, "<f8").tobytes() + rows.astype("<f8").tobytes(), "application/octet-stream"
         raise AskedWrongly(f"no {what!r}; expected spec, columns or rows")
 
-    def embedded(self) -> dict[str, Any]:
+    def embedded(self) -> dict[str, object]:
         """For a page that stands alone: the spec, a drawing's worth of columns, and a cloud's worth of samples, in
         whole numbers of 16 bits: the signals must be finite."""
         begin, end = (float(self.t[0]), float(self.t[-1])) if len(self.t) else (0.0, 1.0)
@@ -313,7 +313,7 @@ class SignalSet:
             )
 
 
-def _packed(values: Array) -> dict[str, Any]:
+def _packed(values: Array) -> dict[str, object]:
     """Numbers between their ends, in steps of 1/65535, as text."""
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
     steps = np.rint((values - low) * (65535 / ((high - low) or 1.0))).astype("<u2")
