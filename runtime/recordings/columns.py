@@ -17,15 +17,16 @@ _DEGREE = pi / 180
 _ANGLES = {"rad": 1.0, "radians": 1.0, "mrad": 1e-3, "urad": 1e-6, "rev": 2 * pi, "turn": 2 * pi}
 _ANGLES |= dict.fromkeys(("deg", "degrees", "Grad", "°"), _DEGREE)
 _ANGLES |= {"mdeg": _DEGREE / 1e3, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600}
-_TORQUES = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "N mm": 1e-3, "kN m": 1e3, "uN m": 1e-6}
+_TORQUES = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "N mm": 1e-3, "kN m": 1e3}
+_PER_SECOND = ("rad", "mrad", "deg", "Grad", "°", "rev", "turn")
 _PER_MINUTE = dict.fromkeys(("rpm", "U/min", "rev/min", "1/min"), pi / 30)
 _FACTORS = {
     "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "angle": _ANGLES,
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "angular rate": {f"{unit}/s": size for unit, size in _ANGLES.items()} | _PER_MINUTE | {"rps": 2 * pi},
+    "angular rate": {f"{u}/s": _ANGLES[u] for u in _PER_SECOND} | _PER_MINUTE | {"rps": 2 * pi},
     "speed": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "m/min": 1 / 60, "mm/min": 1e-3 / 60},
-    "torque": _TORQUES | {unit.replace(" ", ""): size for unit, size in _TORQUES.items()},
+    "torque": _TORQUES | {unit.replace(" ", ""): size for unit, size in _TORQUES.items()} | {"uNm": 1e-6},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
     "temperature": {"degC": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0, "degF": 5 / 9, "°F": 5 / 9},
