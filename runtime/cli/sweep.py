@@ -68,6 +68,7 @@ def sweep(
 ) -> None:
     from runtime.documents.plans import SweepDocument
     from runtime.planning import scenario_file
+    from runtime.progress import steps
     from runtime.report import motions, terminal
     from runtime.sweep import grid, journal
     from runtime.sweep.job import Code
@@ -99,8 +100,8 @@ def sweep(
     ):
         before = kept.finished(jobs)
         try:
-            with terminal.sweep_progress(len(jobs), before) as say:
-                results = journal.run(jobs, pool, kept, lambda result: say(result.feasible))
+            with terminal.working("planning"), steps("job", len(jobs) - before) as step:
+                results = journal.run(jobs, pool, kept, step)
         except BaseException:
             done = f"{kept.finished(jobs)} of {len(jobs)} jobs are in {journal_path}"
             print(f"{done}; the same command continues from there", file=sys.stderr)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -119,26 +119,16 @@ def recording(
     return whose.recordings(path, columns, allow_gaps)[0]
 
 
-class ResultFigures(Sequence[Drawn]):
+class ResultFigures(tuple[Drawn, ...]):
     """Figures of a result; the last line of a cell draws them all, an item one of them."""
 
-    def __init__(self, drawn: Sequence[Drawn]) -> None:
-        self._drawn = tuple(drawn)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self._drawn[index]
-
-    def __len__(self) -> int:
-        return len(self._drawn)
-
-    def __iter__(self) -> Iterator[Drawn]:
-        return iter(self._drawn)
+    __slots__ = ()
 
     def __repr__(self) -> str:
-        return "\n".join(f"[{k}] {figure.caption}" for k, figure in enumerate(self._drawn))
+        return "\n".join(f"[{k}] {figure.caption}" for k, figure in enumerate(self))
 
     def _repr_html_(self) -> str:
-        return "".join(figure._repr_html_() for figure in self._drawn)
+        return "".join(figure._repr_html_() for figure in self)
 
 
 class _Result(ABC):

@@ -15,8 +15,6 @@ from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.console import Console
 from rich.measure import Measurement
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-from rich.progress import Progress as ProgressBar
 from rich.table import Table as RichTable
 
 from runtime.progress import Progress, heard_by
@@ -29,7 +27,7 @@ _NARROW = 100
 """Columns of a screen below which the columns of a table stand closer."""
 _COMMAND = "tendon "
 _PATIENCE = 2.0  # s
-_EVERY, _EVERY_JOBS = 10.0, 5.0  # s
+_EVERY = 10.0  # s
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 
 
@@ -138,10 +136,10 @@ def _show_rows(columns: Sequence[Sequence[str]], width: int) -> None:
 
 @contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
-    """Show on standard error what is going on: on a terminal a spinner with the progress and the time left, else one
-    line after two seconds.
+    """Show the work on standard error: on a terminal a spinner with progress and time left, else a line after two
+    seconds and one every ten.
 
-    Yields a function that prints lines of progress in between.
+    Yields a function that prints a line in between.
     """
     console = Console(stderr=True, markup=False, highlight=False, soft_wrap=True)
     if console.is_terminal:
@@ -175,37 +173,3 @@ def _how_far(progress: Progress) -> str:
     share = min(progress.done / progress.parts, 1.0)
     done = f"{progress.what} {progress.done} of {progress.parts} ({share:.0%})"
     return f"{done}, {progress.left:.0f} s left" if progress.left >= 1 else done
-
-
-@contextmanager
-def sweep_progress(jobs: int, before: int) -> Iterator[Callable[[bool | None], None]]:
-    """Show on standard error how many jobs have ended: a bar on a terminal, else a line every few seconds.
-
-    Yields a function to call for each job that ends, with whether it has a plan, or None if it failed.
-    """
-    bad = {"infeasible": 0, "failed": 0}
-
-    def note(feasible: bool | None) -> str:
-        if not feasible:
-            bad["failed" if feasible is None else "infeasible"] += 1
-        return ", ".join(f"{count} {what}" for what, count in bad.items() if count)
-
-    screen = Console(stderr=True, markup=False, highlight=False)
-    if screen.is_terminal:
-        columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[bad]}"))
-        with ProgressBar(TextColumn("jobs"), *columns, console=screen) as bar:
-            task = bar.add_task("", total=jobs, completed=before, bad="")
-            yield lambda feasible: bar.update(task, advance=1, bad=note(feasible))
-        return
-    last, done = time.monotonic(), before
-    if before:
-        _to_stderr(f"{before} of {jobs} jobs were finished before")
-
-    def ended(feasible: bool | None) -> None:
-        nonlocal last, done
-        done, failed = done + 1, note(feasible)
-        if time.monotonic() - last >= _EVERY_JOBS:
-            last = time.monotonic()
-            _to_stderr(f"{done} of {jobs} jobs" + (f", {failed}" if failed else ""))
-
-    yield ended

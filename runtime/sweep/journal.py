@@ -111,15 +111,17 @@ def opened(path: Path, expected: Mapping[str, object]) -> Iterator[Journal]:
         yield Journal(path, file, _read(path, file, expected))
 
 
-def run(jobs: Sequence[Job], pool: Pool, journal: Journal, tell: Callable[[JobResult], None]) -> dict[str, JobResult]:
-    """The result of every job by key; tell: called with each new one. Finished jobs are not run again, and failed ones
-    are not kept, so that the next call tries them again. Raises PoolError."""
+def run(jobs: Sequence[Job], pool: Pool, journal: Journal, ended: Callable[[], None]) -> dict[str, JobResult]:
+    """The result of every job by key; ended: called after each new one.
+
+    Finished jobs are not run again; failed ones are not kept, so that the next call tries them again. Raises PoolError.
+    """
     results = {job.key: journal.results[job.key] for job in jobs if job.key in journal.results}
     for job, result in outcomes(pool, [job for job in jobs if job.key not in results]):
         if result.feasible is not None:
             journal.add(job, result)
         results[job.key] = result
-        tell(result)
+        ended()
     return results
 
 

@@ -7,7 +7,7 @@ distinguished with colour blindness (Okabe & Ito 2008), and each means the same 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, residual_scale, styled
+from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, envelope, residual_scale, styled
 
 Array = NDArray[np.float64]
 
@@ -28,10 +28,10 @@ _SLIVER = 0.02
 
 @dataclass(frozen=True)
 class PlotAxis:
-    """A signal to lay a residual over: values (M,), its name with unit.
+    """A signal on the horizontal axis of a residual: values (M,) and a label with the unit.
 
-    forward   (M,) whether the joint moves forwards, to average each direction on its own; None: one mean
-    creep     stretch the axis about 0, where friction changes most
+    forward   (M,) whether the joint moves forwards, so that each direction has its own mean; None: one mean
+    creep     whether the axis is stretched about 0, where friction changes most
     """
 
     label: str
@@ -41,20 +41,20 @@ class PlotAxis:
 
     @property
     def width(self) -> float:
-        """Within this distance from 0 a stretched axis is linear."""
+        """Distance from 0 within which a stretched axis is linear."""
         size = np.abs(self.values)
         return max(float(np.quantile(size, 0.2)), 1e-3 * float(size.max()), 1e-300)
 
     def stretched(self) -> Array:
-        """The values where they are drawn: stretched about 0 where that is where much happens."""
+        """The values as they are drawn, with `creep` stretched about 0."""
         return np.arcsinh(self.values / self.width) if self.creep else self.values
 
     def unstretched(self, x: Array) -> Array:
-        """Values of places on the axis, the inverse."""
+        """The inverse of `stretched`, for positions on the axis."""
         return self.width * np.sinh(x) if self.creep else x
 
     def sides(self) -> list[NDArray[np.bool_]]:
-        """Which samples are averaged together: each direction of motion on its own; a rate is broken at standstill."""
+        """Masks (M,) of the samples with a common mean: one for each direction of motion."""
         if self.creep:
             return [self.values < 0, self.values > 0]
         if self.forward is None:
@@ -84,29 +84,13 @@ def error_fall(
     ax = figure.add_subplot()
     rows = np.arange(count, dtype=float)
     colours = [BEFORE if k == 0 else AFTER for k in range(count)]
-    height = 0.36 if held_out is not None else 0.56
-    shift = 0.2 if held_out is not None else 0.0
-    _bars(
-        ax,
-        rows - shift,
-        fitted,
-        height=height,
-        colours=colours,
-        alpha=0.9,
-        what="fitted " if held_out is not None else "",
-        floor=floor,
-    )
+    kinds: list[tuple[str, Sequence[float], float | None, float, float]] = [("", fitted, floor, 0.0, 0.9)]
     if held_out is not None:
-        _bars(
-            ax,
-            rows + shift,
-            held_out,
-            height=height,
-            colours=colours,
-            alpha=0.4,
-            what="held out ",
-            floor=held_out_floor,
-        )
+        kinds = [("fitted ", fitted, floor, -0.2, 0.9), ("held out ", held_out, held_out_floor, 0.2, 0.4)]
+    for what, values, least, shift, alpha in kinds:
+        height = 0.36 if held_out is not None else 0.56
+        ax.barh(rows + shift, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
+        _label_bars(ax, rows + shift, values, height, what=what, floor=least)
     longest = max([*fitted, *(held_out or ()), floor, held_out_floor or 0.0, 1e-6])
     ax.text(100 * floor, -0.62, "noise floor", color=FAINT, ha="center", va="bottom", fontsize=8)
     ax.set(ylim=(count - 0.45, -0.6), xlim=(0, 134 * longest), xlabel="error, % of the torque")
@@ -119,24 +103,14 @@ def error_fall(
     return figure
 
 
-def _bars(
-    ax: Axes,
-    rows: Array,
-    values: Sequence[float],
-    height: float,
-    colours: list[str],
-    alpha: float,
-    what: str,
-    floor: float | None,
-) -> None:
-    """Bars with their values behind them, and across each a mark where its noise floor is, if that is known."""
-    ax.barh(rows, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
+def _label_bars(ax: Axes, rows: Array, values: Sequence[float], height: float, what: str, floor: float | None) -> None:
+    """The value behind each bar, and a mark at its noise floor, if that is known."""
     if floor is not None:
         reach = 0.5 * height + 0.04
         ax.vlines(np.full(len(rows), 100 * floor), rows - reach, rows + reach, color=INK, lw=1.6, zorder=3)
     for k, (row, value) in enumerate(zip(rows, values, strict=True)):
         text = f"{what if k == 0 else ''}{100 * value:.2f} %"
-        # A label that would lie across the floor's mark stands behind it.
+        # A label does not overlap the mark of the noise floor.
         end = floor if floor is not None and value < floor < 1.4 * value else value
         ax.annotate(text, (100 * end, row), (4, 0), textcoords="offset points", va="center", fontsize=8)
 
@@ -155,10 +129,10 @@ def residual_over(
     curve_label: str = "",
     title: str = "",
 ) -> Figure:
-    """Residual (M,) over a signal: cloud, running mean, the noise floor as a band, and a curve drawn through it.
+    """Residual (M,) over a signal: cloud, running mean, noise floor as a band, and the mean of a curve.
 
-    after   the same after the improvement, in a panel below on the same scale; None: one panel
-    curve   (M,) torque that what was added explains
+    after   (M,) the residual after the improvement, in a second panel on the same scale; None: one panel
+    curve   (M,) torque that the added effects explain
     """
     parts = [("before", before, BEFORE)] if after is None else [("before", before, BEFORE), ("after", after, AFTER)]
     figure = Figure(figsize=(WIDTH, 2.1 if after is None else 3.2), layout="constrained")
@@ -193,14 +167,14 @@ def residual_over(
 
 
 def _cloud(ax: Axes, axis: PlotAxis, residual: Array, colour: str) -> None:
-    # The same rows in every figure and every run: a fixed seed, no clock.
+    # A fixed seed picks the same rows in every figure and every run.
     pick = np.random.default_rng(0).permutation(len(residual))[:_MOST_POINTS]
-    alpha = float(np.clip(600 / max(len(pick), 1), 0.16, 0.7))  # few dots are drawn as dots, many as a cloud
+    alpha = float(np.clip(600 / max(len(pick), 1), 0.16, 0.7))  # many dots are more transparent
     ax.scatter(axis.values[pick], residual[pick], s=2.2, c=colour, alpha=alpha, lw=0, rasterized=True, zorder=2)
 
 
 def _means(ax: Axes, axis: PlotAxis, y: Array, **style: Any) -> None:
-    """Running mean, of each direction of motion on its own; over a rate, broken at standstill."""
+    """Running mean of each direction of motion; over the velocity it breaks at standstill."""
     sides = axis.sides()
     names = ["", ""] if axis.creep or len(sides) < 2 else ["+", "−"]
     for side, name, shift in zip(sides, names, (4, -4), strict=False):
@@ -220,7 +194,7 @@ def _means(ax: Axes, axis: PlotAxis, y: Array, **style: Any) -> None:
 
 
 def running_mean(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
-    """Mean of x and of y in bins of about equally many samples, none of them a sliver of the range of x."""
+    """Means of x and y in bins with about equal numbers of samples; no bin is narrower than 2 % of the range of x."""
     if len(x) < _LEAST_IN_BIN:
         return np.zeros(0), np.zeros(0)
     quantiles = np.quantile(x, np.linspace(0, 1, min(bins, len(x) // _LEAST_IN_BIN) + 1))
@@ -250,12 +224,12 @@ def _stretch(ax: Axes, axis: PlotAxis) -> None:
 
 @FuncFormatter
 def _plain(value: float, _: object) -> str:
-    """Ticks as plain numbers, on stretched and logarithmic axes too."""
+    """Ticks as plain numbers."""
     return f"{value:g}".replace("-", "−")
 
 
 def _creep_ticks(lowest: float, highest: float, width: float) -> list[float]:
-    """0 and a few round rates on either side of it, the largest that fit and every third power of ten below."""
+    """Ticks of a stretched axis: 0 and a few round rates on either side."""
     ticks = [0.0]
     for sign, end in ((1.0, highest), (-1.0, -lowest)):
         round_ones = [m * 10.0**e for e in range(-9, 4) for m in (1.0, 3.0) if 0.7 * width <= m * 10.0**e <= end]
@@ -276,7 +250,7 @@ def spectrum(
 ) -> Figure:
     """Amplitude density of the residual over the frequency, with the white noise of the instruments.
 
-    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff: the band's, Hz; lines: to point at, Hz
+    frequency (F,) Hz; before, after (F,) and noise: unit/√Hz; cutoff of the band, Hz; lines to mark, Hz
     """
     figure = Figure(figsize=(WIDTH, 2.1), layout="constrained")
     ax = figure.add_subplot()
@@ -297,13 +271,13 @@ def spectrum(
         side: Any = (
             {"ha": "left", "s": f" {line:.2f} Hz"} if line < 0.8 * cutoff else {"ha": "right", "s": f"{line:.2f} Hz "}
         )
-        # One below the other, so that neighbours can be read.
+        # Labels are staggered, so that those of close lines do not overlap.
         ax.text(line, y=0.97 - 0.11 * k, transform=ax.get_xaxis_transform(), va="top", fontsize=8, **side)
     ax.set_title(title)
     return figure
 
 
-# --- where the residual sits ---
+# --- what the residual follows ---
 
 
 @styled
@@ -345,19 +319,11 @@ class Trace:
     def cut(self, start: float, stop: float, piece: int) -> Trace:
         """The samples of one piece from start to stop, s."""
         use = (self.t >= start) & (self.t <= stop) & (self.piece == piece)
-        after = None if self.after is None else self.after[use]
-        return Trace(
-            self.t[use],
-            self.piece[use],
-            self.tau[use],
-            before=self.before[use],
-            after=after,
-            floor=self.floor,
-            unit=self.unit,
-        )
+        own = {name: getattr(self, name)[use] for name in ("t", "piece", "tau", "before")}
+        return replace(self, **own, after=None if self.after is None else self.after[use])
 
     def models(self) -> list[tuple[str, Array, str]]:
-        """Name, predicted torque and colour of what there is."""
+        """Name, predicted torque and colour of each model."""
         if self.after is None:
             return [("predicted", self.before, BEFORE)]
         return [("predicted before", self.before, BEFORE), ("predicted after", self.after, AFTER)]
@@ -365,13 +331,21 @@ class Trace:
 
 @styled
 def torque_over_time(trace: Trace, title: str = "") -> Figure:
-    """Measured torque over a whole recording and, apart from it on the same scale, the predicted one: so densely drawn,
-    one would hide the other. Below how large the residual is as time goes on."""
+    """Measured and predicted torque over a whole recording, and the running rms of the residual.
+
+    Measured and predicted torque have a panel each on the same scale: drawn so densely, one would hide the other.
+    """
     figure = Figure(figsize=(WIDTH, 3.8), layout="constrained")
     measured, predicted, low = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 2))
     name, torque, colour = trace.models()[-1]
-    _envelope(measured, trace, trace.tau, color=INK, lw=0.8, label="measured")
-    _envelope(predicted, trace, torque, color=colour, lw=0.8, label=name)
+    for ax, y, style in (
+        (measured, trace.tau, {"color": INK, "label": "measured"}),
+        (predicted, torque, {"color": colour, "label": name}),
+    ):
+        if 2 * len(y) // _MOST_LINE < 3:
+            _curve(ax, trace, y, lw=0.8, **style)
+        else:
+            ax.plot(*envelope(trace.t, y, _MOST_LINE), lw=0.8, **style)
     ends = [limit for ax in (measured, predicted) for limit in ax.get_ylim()]
     for ax in (measured, predicted):
         ax.set_ylim(min(ends), max(ends))
@@ -396,13 +370,12 @@ def torque_over_time(trace: Trace, title: str = "") -> Figure:
 
 @styled
 def torque_closely(trace: Trace, title: str = "") -> Figure:
-    """Measured and predicted torque over some seconds; below it the residual, with the noise floor as a band."""
+    """Measured and predicted torque over some seconds, and the residual with the noise floor as a band."""
     figure, top, low = _time_axes(trace, title)
-    drawn = _Lines(trace.t, trace.piece)
-    drawn.line(top, trace.tau, color=INK, lw=1.6, label="measured")
+    _curve(top, trace, trace.tau, color=INK, lw=1.6, label="measured")
     for name, predicted, colour in trace.models():
-        drawn.line(top, predicted, color=colour, lw=1.2, label=name)
-        drawn.line(low, trace.tau - predicted, color=colour, lw=1.1)
+        _curve(top, trace, predicted, color=colour, lw=1.2, label=name)
+        _curve(low, trace, trace.tau - predicted, color=colour, lw=1.1)
     low.axhspan(-trace.floor, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
     low.axhline(0, color=FAINT, lw=0.6, zorder=0)
     residual_scale(low, [trace.tau - trace.before], trace.floor)
@@ -413,20 +386,19 @@ def torque_closely(trace: Trace, title: str = "") -> Figure:
 
 @styled
 def effect_closely(trace: Trace, name: str, title: str = "") -> Figure:
-    """The residual over some seconds before and after an effect was added, and the torque that it explains, dashed.
+    """Residual over some seconds before and after an effect was added, and the torque that it explains, dashed.
 
-    For effects with a memory, whose torque is no function of any signal at the same instant. `after` must be there.
+    For effects with a memory, whose torque is not a function of a signal at the same instant. `after` must be given.
     """
     assert trace.after is not None
     figure, top, low = _time_axes(trace, title, (1, 1))
-    drawn = _Lines(trace.t, trace.piece)
     for ax, (label, predicted, colour) in zip((top, low), trace.models(), strict=True):
-        drawn.line(ax, trace.tau - predicted, color=colour, lw=1.2, label=label.replace("predicted", "residual"))
+        _curve(ax, trace, trace.tau - predicted, color=colour, lw=1.2, label=label.replace("predicted", "residual"))
         ax.axhspan(-trace.floor, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
         ax.axhline(0, color=FAINT, lw=0.6, zorder=0)
         residual_scale(ax, [trace.tau - trace.before], trace.floor)
         ax.set_ylabel(f"residual, {trace.unit}")
-    drawn.line(top, trace.after - trace.before, color=INK, lw=1.4, ls=(0, (3, 1.5)), label=name)
+    _curve(top, trace, trace.after - trace.before, color=INK, lw=1.4, ls=(0, (3, 1.5)), label=name)
     for ax in (top, low):
         _legend(ax)
     return figure
@@ -448,14 +420,14 @@ def _time_axes(trace: Trace, title: str, heights: tuple[int, int] = (3, 2)) -> t
 
 
 def _legend(ax: Axes) -> None:
-    """Names in their colours, in one line above the curves."""
+    """A legend in one line above the curves."""
     where: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0, "borderpad": 0.2}
     shape: Any = {"ncols": 3, "handlelength": 1.1, "columnspacing": 1.2}
     ax.legend(**where, **shape, frameon=False, labelcolor="linecolor", fontsize=8)
 
 
 def _running_rms(trace: Trace, residual: Array, bins: int = 90) -> tuple[Array, Array]:
-    """Time and rms of a residual in equally long bins; nan where a bin is empty."""
+    """Time and rms of a residual in bins of equal length; NaN where a bin is empty."""
     edges = np.linspace(trace.t.min(), trace.t.max(), bins + 1)
     index = np.clip(np.searchsorted(edges, trace.t, side="right") - 1, 0, bins - 1)
     count = np.bincount(index, minlength=bins)
@@ -464,25 +436,9 @@ def _running_rms(trace: Trace, residual: Array, bins: int = 90) -> tuple[Array, 
     return (edges[1:] + edges[:-1]) / 2, np.sqrt(mean)
 
 
-class _Lines:
-    """Curves over time that break where rows are missing."""
-
-    def __init__(self, t: Array, piece: NDArray[np.intp]) -> None:
-        self.t = t
-        step = float(np.median(np.diff(t))) if len(t) > 1 else 1.0
-        self.breaks = np.flatnonzero((np.diff(t) > 5 * step) | (np.diff(t) < 0) | (np.diff(piece) != 0)) + 1
-
-    def line(self, ax: Axes, y: Array, **style: Any) -> None:
-        ax.plot(np.insert(self.t, self.breaks, np.nan), np.insert(y, self.breaks, np.nan), **style)
-
-
-def _envelope(ax: Axes, trace: Trace, y: Array, **style: Any) -> None:
-    """A curve over a long time: the smallest and largest value of each bin, in their order in time."""
-    size = 2 * len(y) // _MOST_LINE
-    if size < 3:
-        _Lines(trace.t, trace.piece).line(ax, y, **style)
-        return
-    bins = y[: len(y) // size * size].reshape(-1, size)
-    pick = np.sort(np.stack([bins.argmin(axis=1), bins.argmax(axis=1)], axis=1), axis=1)
-    index = (pick + size * np.arange(len(bins))[:, None]).ravel()
-    ax.plot(trace.t[index], y[index], **style)
+def _curve(ax: Axes, trace: Trace, y: Array, **style: Any) -> None:
+    """A curve over time that breaks where rows are missing."""
+    t, steps = trace.t, np.diff(trace.t)
+    step = float(np.median(steps)) if len(steps) else 1.0
+    breaks = np.flatnonzero((steps > 5 * step) | (steps < 0) | (np.diff(trace.piece) != 0)) + 1
+    ax.plot(np.insert(t, breaks, np.nan), np.insert(y, breaks, np.nan), **style)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from runtime.documents.parts import given
 from runtime.documents.plans import MotionDocument
-from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, styled
+from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, envelope, styled
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _ROW = 1.15  # inches, of each joint
 _PANEL = 1.05  # inches, of each panel of one joint
 _LINE = 0.25  # of a panel's height, of a line of text
 _NEAR = 1.7
-"""Times the largest value; a limit further away is said and not drawn, so that the curve keeps its size."""
+"""Times the largest value: a limit further away is written and not drawn, so that the curve keeps its size."""
 
 
 @styled
@@ -42,7 +42,7 @@ def plan(document: MotionDocument) -> Figure:
 
 @styled
 def plan_of_joint(document: MotionDocument, joint: int) -> Figure:
-    """The same of one joint (1-based), one panel below the other."""
+    """The same of one joint (1-based), in three panels."""
     figure = Figure(figsize=(WIDTH, 0.5 + 3 * _PANEL), layout="constrained")
     axes = figure.subplots(3, 1, sharex=True)
     _draw(axes, document, joint, named=False)
@@ -53,13 +53,13 @@ def plan_of_joint(document: MotionDocument, joint: int) -> Figure:
 
 
 def moving_joints(document: MotionDocument) -> list[int]:
-    """Joints (1-based) whose position changes; all of them where none does."""
+    """Joints (1-based) whose position changes; all of them if none does."""
     joints = document.joints
     return [j.joint for j in joints if j.range[1] > j.range[0]] or [j.joint for j in joints]
 
 
 def _draw(axes: Sequence[Axes], document: MotionDocument, joint: int, named: bool) -> None:
-    """named: whether the labels say which joint."""
+    """named: whether the labels hold the number of the joint."""
     samples, entry = document.samples, document.joints[joint - 1]
     limits, units = entry.limits, entry.units
     t = np.array(samples.t)
@@ -91,12 +91,12 @@ def _draw(axes: Sequence[Axes], document: MotionDocument, joint: int, named: boo
 
 
 def both_ways(limit: float | None) -> tuple[float, float] | None:
-    """The ends of what a limit of a size allows."""
+    """The range that a limit of the absolute value allows."""
     return None if limit is None else (-limit, limit)
 
 
 def _limits(ax: Axes, values: Array, limits: Sequence[float] | None, unit: str) -> None:
-    """A limit near the curve is drawn, one that is far away or not stated is said."""
+    """Draw limits near the curve; write down those that are far away or not stated."""
     if limits is None:
         _note(ax, values, "no limit stated")
         return
@@ -109,14 +109,14 @@ def _limits(ax: Axes, values: Array, limits: Sequence[float] | None, unit: str) 
 
 
 def near_limits(values: Array, limits: Sequence[float]) -> list[float]:
-    """Those that are drawn beside a curve."""
+    """Limits that are near enough to a curve to be drawn."""
     low, high = float(values.min()), float(values.max())
     room = (_NEAR - 1) * max(high - low, abs(low), abs(high), 1e-9)
     return [limit for limit in limits if low - room <= limit <= high + room]
 
 
 def _note(ax: Axes, values: Array, text: str) -> None:
-    """In that corner on the right which the curve leaves free, made larger where neither is large enough."""
+    """Write a text in the corner on the right that is free; the panel grows where neither is."""
     (low, high), late = ax.get_ylim(), values[len(values) // 2 :]
     free = {True: (high - late.max()) / (high - low), False: (late.min() - low) / (high - low)}
     above = free[True] > free[False]
@@ -126,14 +126,14 @@ def _note(ax: Axes, values: Array, text: str) -> None:
 
 
 def _widen(ax: Axes, part: float, above: bool) -> None:
-    """Room beyond the curves on one side, a part of the panel's height; none if that is negative."""
+    """Extend the vertical scale on one side by a part of the panel's height; a negative part changes nothing."""
     low, high = ax.get_ylim()
     more = max(0.0, part) * (high - low)
     ax.set_ylim(low if above else low - more, high + more if above else high)
 
 
 def _phases(ax: Axes, document: MotionDocument, named: bool) -> None:
-    """Where a phase ends, and those in contact shaded; named: from which point to which, above the panel."""
+    """Mark the ends of phases and shade phases in contact; named: write their end points above the panel instead."""
     begins = 0.0
     for phase in document.phases:
         ends = begins + phase.duration
@@ -151,10 +151,11 @@ def _phases(ax: Axes, document: MotionDocument, named: bool) -> None:
 
 @dataclass(frozen=True)
 class JointCycles:
-    """One joint over one cycle, (F,) each; executed ones a row a cycle, (K, F).
+    """One joint over one cycle: planned series (F,), executed ones (K, F) with a row per cycle.
 
-    t s; torque of the motor, of which a model's is what the plan asks for with all that the model knows; spring: what
-    it pushes the joint forward with, None without one
+    t                s
+    torque_planned   of the motor, with every effect of the model
+    spring           torque with which a spring pushes the joint forward; None without one
     """
 
     t: Array
@@ -169,7 +170,7 @@ class JointCycles:
 
 @styled
 def joint_cycles(joint: JointCycles) -> Figure:
-    """Position, tracking error and torque; all executed cycles, one over the other."""
+    """Position, tracking error and torque of all executed cycles over the plan."""
     figure = Figure(figsize=(WIDTH, 3.7), layout="constrained")
     position, error, torque = figure.subplots(3, 1, sharex=True)
     for row in joint.q:
@@ -194,31 +195,21 @@ def joint_cycles(joint: JointCycles) -> Figure:
     return figure
 
 
-_POINTS = 2000
-"""Columns of a picture; in each the least and the largest sample are drawn."""
+_POINTS = 4000
+"""Points of a long curve."""
 
 
 @styled
 def signals_over_time(t: Array, rows: Sequence[tuple[str, str, Array]], pieces: Sequence[slice], title: str) -> Figure:
-    """A row for each signal: name, unit and values (N,) over t (N,); gap-free pieces apart from each other."""
+    """A panel for each signal, given as name, unit and values (N,), over t (N,); curves break at gaps."""
     figure = Figure(figsize=(1.6 * WIDTH, 0.75 * len(rows) + 0.8), layout="constrained")
     axes = np.atleast_1d(figure.subplots(len(rows), sharex=True))
     for k, (ax, (name, unit, values)) in enumerate(zip(axes, rows, strict=True)):
         for piece in pieces:
-            ax.plot(*envelope(t[piece], values[piece]), color=AFTER if name.startswith("tau") else INK, lw=0.6)
+            ax.plot(*envelope(t[piece], values[piece], _POINTS), color=AFTER if name.startswith("tau") else INK, lw=0.6)
         ax.set_ylabel(f"{name}\n{unit}", rotation=0, ha="right", va="center")
         ax.grid(axis="x", color=FAINT, alpha=0.2, lw=0.5)
         if k == 0:
             ax.set_title(title)
     axes[-1].set_xlabel("t, s")
     return figure
-
-
-def envelope(t: Array, x: Array) -> tuple[Array, Array]:
-    """Samples (N,) as a line of few points that covers the same: the least and the largest of each column."""
-    if len(t) <= 2 * _POINTS:
-        return t, x
-    size = len(t) // _POINTS
-    whole = x[: size * _POINTS].reshape(_POINTS, size)
-    ends = np.stack([whole.min(axis=1), whole.max(axis=1)], axis=1).ravel()
-    return np.repeat(t[: size * _POINTS : size], 2), ends

@@ -1,4 +1,4 @@
-"""How figures look: colours with a meaning, type sizes, and the way to a reproducible SVG."""
+"""Style of all figures: colours, type sizes, scales, and reproducible SVG."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FAINT = "#66727f"  # axes, the noise floor
 BEFORE = "#bd4a07"  # the model as given
 AFTER = "#0a6fb0"  # the improved model
 COLOURS = {"ink": INK, "faint": FAINT, "before": BEFORE, "after": AFTER}
-"""Names of the colours, by which a page may exchange them."""
+"""Colours by name; a page replaces them by its own."""
 
 WIDTH = 4.1  # inches, of every figure: its labels stay readable on a phone
 
@@ -61,7 +61,7 @@ _STYLE: Any = {
 
 
 def styled(make: Callable[P, Figure]) -> Callable[P, Figure]:
-    """A function that draws a figure, in this style and leaving the user's own untouched."""
+    """Decorator of functions that draw a figure: they use this style and leave the user's Matplotlib style as it is."""
 
     @wraps(make)
     def made(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -72,20 +72,30 @@ def styled(make: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def residual_reach(residuals: Sequence[NDArray[np.float64]], floor: float) -> float:
-    """How far a scale of residuals reaches on either side of 0: a few outliers do not set it, and it shows the noise
-    floor."""
+    """Half the height of a scale of residuals (M,): without a few outliers, and with the noise floor in view."""
     reach = max((float(np.quantile(np.abs(r), 0.997)) for r in residuals if len(r)), default=0.0)
     return max(1.15 * reach, 2.5 * floor)
 
 
 def residual_scale(ax: Axes, residuals: Sequence[NDArray[np.float64]], floor: float) -> None:
-    """A vertical scale, symmetric about 0, as far as `residual_reach` says."""
+    """Set a vertical scale that is symmetric about 0."""
     reach = residual_reach(residuals, floor)
     ax.set_ylim(-reach, reach)
 
 
+def envelope(t: NDArray[np.float64], y: NDArray[np.float64], points: int) -> tuple[NDArray[np.float64], ...]:
+    """Times and values (N,) as about `points` points: the smallest and largest value of each bin, in order of time."""
+    size = 2 * len(y) // points
+    if size < 3:
+        return t, y
+    bins = y[: len(y) // size * size].reshape(-1, size)
+    pick = np.sort(np.stack([bins.argmin(axis=1), bins.argmax(axis=1)], axis=1), axis=1)
+    index = (pick + size * np.arange(len(bins))[:, None]).ravel()
+    return t[index], y[index]
+
+
 def save(figure: Figure, path: Path) -> None:
-    """The figure as a file that looks the same everywhere: on white, its text as outlines. Raises OSError."""
+    """Write the figure to a file, on white and with text as outlines. Raises OSError."""
     buffer = io.BytesIO()
     with mpl.rc_context({**_STYLE, "svg.fonttype": "path", "svg.hashsalt": Path(path).name}):
         kind = Path(path).suffix.removeprefix(".") or "svg"
@@ -94,7 +104,7 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """The figure as an SVG document, the same bytes at every call; `name` keeps its ids apart from other figures'."""
+    """The figure as an SVG document, the same bytes at every call; `name` makes its ids unique on a page."""
     buffer = io.StringIO()
     with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Type": None, "Format": None})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal, get_args, get_origin
 
@@ -63,6 +64,15 @@ def _some(kind: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return made(kind)
     return (get_origin(kind) or kind)()
+
+
+def test_only_the_terminal_prints() -> None:
+    """Verbs print through `terminal.show` and `say`, which break no word; messages go to standard error."""
+    own = Path(terminal.__file__)
+    modules = [path for path in own.parents[1].rglob("*.py") if path != own]
+    assert len(modules) > 100
+    printing = re.compile(r"\.print\(|(?<![\w.])print\((?!.*file=sys\.stderr)")
+    assert [path.name for path in modules if printing.search(path.read_text("utf-8"))] == []
 
 
 def delay(joint: int, value: float) -> DelayEntry:

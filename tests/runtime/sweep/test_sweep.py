@@ -461,7 +461,7 @@ def test_a_failed_job_is_tried_again(swing: Any, tmp_path: Path) -> None:
     scenario, model, code = swing
     jobs = jobs_of(swing, "seed=0:3")
     names = journal.columns(scenario, model.n, ["seed"])
-    told: list[JobResult] = []
+    ended: list[None] = []
     for bad, new in ((1, 4), (None, 1)):
 
         def task(job: Job, bad: int | None = bad) -> JobResult:
@@ -469,11 +469,11 @@ def test_a_failed_job_is_tried_again(swing: Any, tmp_path: Path) -> None:
                 raise MemoryError
             return JobResult(feasible=True, cost=float(job.seed))
 
-        told.clear()
+        ended.clear()
         heading = journal.heading(scenario, code, None, ["seed"])
         with in_threads(task) as pool, journal.opened(tmp_path / "t.csv.journal", heading) as kept:
-            results = journal.run(jobs, pool, kept, told.append)
-        assert len(told) == new
+            results = journal.run(jobs, pool, kept, lambda: ended.append(None))
+        assert len(ended) == new
         journal.write(tmp_path / "t.csv", names, jobs, results)
         feasible = pd.read_csv(tmp_path / "t.csv")["feasible"]
         assert list(feasible.isna()) == [seed == bad for seed in range(4)]
