@@ -22,7 +22,7 @@ from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
     from runtime.documents.diagnosis import CommandEntry
-    from runtime.documents.plans import BoardEntry, ExecuteDocument, ImageEntry
+    from runtime.documents.plans import BoardEntry, ExecuteDocument
     from runtime.execution.execute import Execution
     from runtime.execution.real import ArmLine, Setup
     from runtime.hardware.link import BoardLink
@@ -77,6 +77,7 @@ def execute(
     """Execute a planned motion on a simulated or real arm. Shows cost, tracking and contact beside those planned; exit
     status 1 after a safe stop."""
     from runtime import files
+    from runtime.documents.plans import ImageEntry
     from runtime.execution import execute as execution
     from runtime.execution import real
     from runtime.planning.trajectory import read
@@ -97,7 +98,11 @@ def execute(
     asked = _Asked(loaded, controller, plan, settings, hide=hide or (), change=change or ())
     if line is None:
         result = asked.simulate(settings, simulated.board)
-        document = msgspec.structs.replace(result.document(), image=_image(controller))
+        build = msgspec.json.decode((controller / "image.json").read_bytes(), type=BuildEntry)
+        image = None  # a board of this computer has none
+        if not isinstance(build.text, UnsetType):
+            image = ImageEntry(target=build.target, compiler=build.toolchain.version, text=build.text)
+        document = msgspec.structs.replace(result.document(), image=image)
     else:
         result, document = _real(line, on, asked, moves=arm, talks=json != "-")
     text = source.edits.mount(plan).text
@@ -174,16 +179,6 @@ class _Asked:
                 board=board,
                 listening=listening,
             )
-
-
-def _image(controller: Path) -> ImageEntry | None:
-    """The firmware of an emulated board; None for a board of this computer."""
-    from runtime.documents.plans import ImageEntry
-
-    build = msgspec.json.decode((controller / "image.json").read_bytes(), type=BuildEntry)
-    if isinstance(build.text, UnsetType):
-        return None
-    return ImageEntry(target=build.target, compiler=build.toolchain.version, text=build.text)
 
 
 def _real(line: ArmLine, on: str, asked: _Asked, *, moves: bool, talks: bool) -> tuple[Execution, ExecuteDocument]:

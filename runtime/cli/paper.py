@@ -37,6 +37,7 @@ def paper(
     claim does not hold."""
     from runtime.documents.plans import PaperDocument
     from runtime.report import terminal
+    from runtime.report.plots.style import save
     from runtime.study import figures, study
 
     everything = (*study.TABLES, *study.FIGURES)
@@ -65,6 +66,8 @@ def paper(
     emit(json, document, terminal.printer(study.sections))
     if drawn:
         with costs_itself("the figures"):
-            figures.save_all(drawn, out)
+            out.mkdir(parents=True, exist_ok=True)
+            for name, figure in drawn.items():
+                save(figure, out / f"{name}.png")
     if not document.holds:
         raise typer.Exit(NO)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime.execution.trial import RUN_IN
 from runtime.planning.evaluate import at_times
-from runtime.report.plots.style import BEFORE, FAINT, INK, WIDTH, save, styled
+from runtime.report.plots.style import BEFORE, FAINT, INK, WIDTH, styled
 from runtime.study import published
 from runtime.study.identification import JointFriction
 from runtime.study.study import Row, Study, StudyCase
@@ -37,13 +36,6 @@ def drawn(study: Study, wanted: Sequence[str]) -> dict[str, Figure]:
         "figure8": lambda: figure8(study.table3),
     }
     return {name: makers[name]() for name in wanted if name in makers}
-
-
-def save_all(figures: Mapping[str, Figure], directory: Path) -> None:
-    """Each under its name. Raises OSError."""
-    directory.mkdir(parents=True, exist_ok=True)
-    for name, figure in figures.items():
-        save(figure, directory / f"{name}.png")
 
 
 @styled

@@ -59,8 +59,13 @@ def _axis(text: str, effects: Declared, joints: Names) -> Variation:
     where = f"--over {printable(text)}"
     if not equals or not name or not values:
         raise GridError(f"{where}: expected NAME=VALUES, such as cycle_time=1.0,1.2 or cycle_time=1.0:3.0:0.2")
-    name = _at_number(where, name, joints)
     spring = _ONE_SPRING.fullmatch(name)
+    what, at, called = name.partition("@")
+    if at and joints and spring is None:
+        if (number := joint_number(called, joints)) is None:
+            raise GridError(f"{where}: there is no joint {quote(called)}; expected {known_joints(joints)}")
+        name = f"{what}@{number}"
+        spring = _ONE_SPRING.fullmatch(name)
     able = {p.name: p for info in springs(effects).values() for p in info.parameters if p.planned}
     if name not in _ALWAYS and not (spring and spring[1] in able) and not _CONTACT.fullmatch(name):
         known = [*_ALWAYS, *(name for what in able for name in (what, f"{what}@1"))]
@@ -84,17 +89,6 @@ def _axis(text: str, effects: Declared, joints: Names) -> Variation:
                 f"{where}: {x:g} {unit} is no {spring[1]}; expected {least:g} or more (no spring: case=A,C)"
             )
     return Variation(name, tuple(int(x) if name == "seed" else x for x in dict.fromkeys(numbers)))
-
-
-def _at_number(where: str, name: str, joints: Names) -> str:
-    """With the joint's number in place of the name that it may be called by."""
-    what, at, said = name.partition("@")
-    if not at or not joints or _ONE_SPRING.fullmatch(name):
-        return name
-    number = joint_number(said, joints)
-    if number is None:
-        raise GridError(f"{where}: there is no joint {quote(said)}; expected {known_joints(joints)}")
-    return f"{what}@{number}"
 
 
 def _numbers(where: str, item: str, whole: bool) -> list[float]:

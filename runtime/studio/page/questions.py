@@ -3,13 +3,11 @@ distinguishes rivals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
 from runtime.studio.documents import EffectOverview, HiddenEffectAnswer, MotionAnswer, ValuesAnswer
 from runtime.studio.page.steps import chosen_effect, offers
 from runtime.studio.page.view import PageView, button, put, signals
-from runtime.studio.session import PlacedEffect
 from runtime.wording import number, percent, quantity, sentence
 
 STEPS = 100
@@ -107,12 +105,6 @@ def _hiding(view: PageView) -> None:
             put("span", f"{answer.placed}{f' with {values}' if values else ''}, {noise}.")
         if answer.problem is not None:
             put("p", sentence(answer.problem), "of")
-
-
-def design_button(view: PageView, effects: Sequence[PlacedEffect]) -> None:
-    """Design the motion that distinguishes effects, or an effect from the model as it is."""
-    text = f"Design a motion: {' or '.join(map(str, effects))}"
-    button(text, partial(view.act, view.studio.design, *effects), disabled=view.busy, data_do="design")
 
 
 def _motion(view: PageView) -> None:

@@ -109,7 +109,10 @@ def findings(view: PageView) -> None:
                     button(f"Show joint {finding.shows_at}", partial(view.set, chosen=finding.shows_at))
                 for rival in finding.rivals:
                     _add(view, rival, f"Add {rival} instead")
-                questions.design_button(view, [finding.placed, *finding.rivals])
+                effects = [finding.placed, *finding.rivals]
+                text = f"Design a motion: {' or '.join(map(str, effects))}"
+                design = partial(view.act, view.studio.design, *effects)
+                button(text, design, disabled=view.busy, data_do="design")
             report_sections(finding.card)
             with put("div", data_values=finding.title):
                 put("h4", "Try other values before you add it")
