@@ -125,7 +125,12 @@ class Model:
         shape = tuple(page["outputs"][0][1])
         samples = () if count is None else (count,)
         out = np.empty((*shape, *samples))
-        parameters = self._parameters(lumps)
+        parameters = self._defaults
+        if lumps is not None:
+            values = np.asarray(lumps, dtype=np.float64)
+            if values.shape != (len(self.lumps),):
+                raise LoaderError(f"lumps has shape {values.shape}, expected ({len(self.lumps)},) for {self.name}")
+            parameters = np.concatenate([values, parameters[len(values) :]])
         kernel = getattr(self._lib, f"{self.name}_{function}_batch_f64")
         kernel(
             ctypes.c_size_t(1 if count is None else count),
@@ -151,14 +156,6 @@ class Model:
                     f"{self.name}: {function}: {name} has shape {array.shape}, expected {expected}; {hint}"
                 )
         return arrays, count
-
-    def _parameters(self, lumps: ArrayLike | None) -> Array:
-        if lumps is None:
-            return self._defaults
-        values = np.asarray(lumps, dtype=np.float64)
-        if values.shape != (len(self.lumps),):
-            raise LoaderError(f"lumps has shape {values.shape}, expected ({len(self.lumps)},) for {self.name}")
-        return np.concatenate([values, self._defaults[len(values) :]])
 
     def _or_stated(self, lumps: ArrayLike | None) -> ArrayLike:
         return self.lump_values if lumps is None else lumps

@@ -133,10 +133,29 @@ def new_text(name: str, gravity: Sequence[float], joints: Sequence[NewJoint], ef
     effects   active at every joint, their values unknown
     """
     spatial = len(gravity) == 3
+    order = ": [ixx, ixy, ixz, iyy, iyz, izz]" if spatial else ""
     frame = "in the base frame" if spatial else "in the plane of motion; zero where that is horizontal"
     lines = [HEAD, _line("name", json.dumps(name), ""), _line("gravity", row(gravity), f"m/s^2, {frame}")]
     for joint in joints:
-        lines += ["", "[[joint]]", *_new_joint(joint, spatial)]
+        position, speed, torque = ("rad", "rad/s", "N m") if joint.type == "revolute" else ("m", "m/s", "N")
+        lines += ["", "[[joint]]", _line("type", json.dumps(joint.type)), *_motor(joint.motor, joint.type)]
+        if spatial:
+            lines += [
+                _line("origin", FRAME, "m, rad: the joint's frame in the one before"),
+                _line("axis", "[0.0, 0.0, 1.0]", "in the joint's frame"),
+            ]
+        length = [] if spatial else [_line("length", joint.length or 0.0, "m, to the next joint or to the tip")]
+        lines += [
+            "[joint.link]",
+            *length,
+            _line("mass", joint.mass, "kg"),
+            _line("com", None, "m, [x, y, z] in the joint's frame" if spatial else "m, [along, across] the link"),
+            _line("inertia", None, f"kg m^2 about the centre of mass{order}"),
+            "# [joint.limits]",
+            _line("position", None, f"{position}: [smallest, largest]"),
+            _line("speed", None, f"{speed}, largest in either direction"),
+            _line("torque", None, f"{torque} at the output, largest in either direction"),
+        ]
         lines += [f"[joint.effects.{effect}]   # active; its values are unknown" for effect in effects]
     if spatial:
         lines += ["", "[tip]", _line("origin", FRAME, "m, rad: flange or tool in the last joint's frame")]
@@ -172,26 +191,6 @@ def _motor(motor: Motor, kind: JointType, stated: float = 1.0) -> tuple[str, str
         _line("rotor_inertia", inertia, f"{kg} at the output: gear_ratio^2 times the motor's{rotor}"),
         _line("torque_constant", constant, f"{nm}/A at the output: gear_ratio times the motor's{of_motor}"),
     )
-
-
-def _new_joint(joint: NewJoint, spatial: bool) -> Iterator[str]:
-    position, speed, torque = ("rad", "rad/s", "N m") if joint.type == "revolute" else ("m", "m/s", "N")
-    yield _line("type", json.dumps(joint.type), "")
-    yield from _motor(joint.motor, joint.type)
-    if spatial:
-        yield _line("origin", FRAME, "m, rad: the joint's frame in the one before")
-        yield _line("axis", "[0.0, 0.0, 1.0]", "in the joint's frame")
-    yield "[joint.link]"
-    if not spatial:
-        yield _line("length", joint.length or 0.0, "m, to the next joint or to the tip")
-    yield _line("mass", joint.mass, "kg")
-    yield _line("com", None, "m, [x, y, z] in the joint's frame" if spatial else "m, [along, across] the link")
-    order = ": [ixx, ixy, ixz, iyy, iyz, izz]" if spatial else ""
-    yield _line("inertia", None, f"kg m^2 about the centre of mass{order}")
-    yield "# [joint.limits]"
-    yield _line("position", None, f"{position}: [smallest, largest]")
-    yield _line("speed", None, f"{speed}, largest in either direction")
-    yield _line("torque", None, f"{torque} at the output, largest in either direction")
 
 
 def _line(key: str, value: str | float | None, comment: str = "") -> str:

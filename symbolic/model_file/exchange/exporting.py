@@ -25,7 +25,7 @@ WORDS: Mapping[Language, tuple[str, ...]] = {
 GRAVITY = ("gravity x", "gravity y", "gravity z")
 """Words of parameters that add to the model's gravity, along the base axes."""
 DOWN = (0.0, 0.0, -9.81)
-"""m/s²; the gravity that programs assume when they load a URDF."""
+"""m/s²; gravity where a file states none, as programs assume it: URDF's z axis points up by convention (REP 103)."""
 SLENDER, LEAST_RADIUS, USUAL_MASS = 8.0, 0.04, 1.0
 """An unknown body is a cylinder from its joint to the next: length over radius, minimum radius in m, and mass in kg
 where no other body has one."""
@@ -55,18 +55,8 @@ class ExportedArm:
     unsaid: tuple[str, ...]
 
 
-class _Unsaid:
-    """Collects the effects that a file cannot express, over the n joints of an arm."""
-
-    def __init__(self, n: int) -> None:
-        self._n = n
-        self._places: dict[tuple[str, str], list[bool]] = {}
-
-    def add(self, effect: str, joint: int, how: str = "") -> None:
-        self._places.setdefault((effect, how), [False] * self._n)[joint - 1] = True
-
-    def lines(self) -> list[str]:
-        return [f"{effect} at {joints_of(which)}{how}" for (effect, how), which in self._places.items()]
+Unsaid = dict[tuple[str, str], set[int]]
+"""Effects that a file cannot express, and why or how not -> the joints, from 1."""
 
 
 def exported(
@@ -80,7 +70,7 @@ def exported(
 
     bodies   possible bodies, in their joints' frames     rotors   inertias at the output
     """
-    missing = _Unsaid(len(arm.joints))
+    missing: Unsaid = {}
     joints = []
     for k, (joint, body, rotor) in enumerate(zip(arm.joints, bodies, rotors, strict=True), 1):
         said, unknown = _dynamics(joint.effects, library, language, joint=k, unsaid=missing)
@@ -88,7 +78,9 @@ def exported(
             ExportedJoint(joint.name or f"joint{k}", joint, body, rotor=rotor, dynamics=said, unknown=unknown)
         )
     made, of_arm = _with_gravity(arm, library)
-    unsaid = [*missing.lines(), *of_arm]
+    all_joints = range(1, len(arm.joints) + 1)
+    lacking = ((effect, how, [k in there for k in all_joints]) for (effect, how), there in missing.items())
+    unsaid = [*(f"{effect} at {joints_of(which)}{how}" for effect, how, which in lacking), *of_arm]
     if arm.contact is not None:
         unsaid.append("the contact with a plate")
     stated: dict[str, list[bool]] = {
@@ -122,7 +114,7 @@ def _with_gravity(arm: Arm, library: Mapping[str, Effect]) -> tuple[Arm, list[st
 
 
 def _dynamics(
-    effects: Mapping[str, Values], library: Mapping[str, Effect], language: Language, joint: int, unsaid: _Unsaid
+    effects: Mapping[str, Values], library: Mapping[str, Effect], language: Language, joint: int, unsaid: Unsaid
 ) -> tuple[dict[str, float], frozenset[str]]:
     """A joint's effects by the format's words, and the words whose values are unknown; the rest goes into `unsaid`."""
     said: dict[str, float] = {}
@@ -130,17 +122,18 @@ def _dynamics(
     for name, values in effects.items():
         words = {p.name: p.abroad for p in library[name].parameters} if name in library else {}
         if not words or not set(words.values()) <= set(WORDS[language]):
-            unsaid.add(name, joint)
+            unsaid.setdefault((name, ""), set()).add(joint)
             continue
         if not words.keys() <= values.keys():
-            unsaid.add(name, joint, ": its values are not known")
+            unsaid.setdefault((name, ": its values are not known"), set()).add(joint)
             unknown |= set(words.values())
             continue
         for word in dict.fromkeys(words.values()):
             stated = [values[key] for key, other in words.items() if other == word]
             said[word] = said.get(word, 0.0) + fmean(stated)
             if len(set(stated)) > 1:
-                unsaid.add(name, joint, " in each direction: the mean of both is written")
+                how = " in each direction: the mean of both is written"
+                unsaid.setdefault((name, how), set()).add(joint)
     return said, frozenset(unknown - said.keys())
 
 

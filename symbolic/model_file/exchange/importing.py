@@ -14,6 +14,7 @@ from symbolic.model_file import model_text
 from symbolic.model_file.arm import Arm, Joint, Limits, Link, Values
 from symbolic.model_file.checks import MAX_LABEL, MAX_NAME, ModelError, Place, identifier, is_taken
 from symbolic.model_file.exchange import urdf, xml_file
+from symbolic.model_file.exchange.exporting import DOWN
 from symbolic.model_file.exchange.tree import (
     Tree,
     TreeChain,
@@ -26,9 +27,6 @@ from symbolic.model_file.exchange.tree import (
 )
 from symbolic.model_file.frames import applied, listed, transposed
 from symbolic.model_file.reader import parse
-
-DOWN = (0.0, 0.0, -9.81)
-"""m/s²; gravity where a file states none: URDF's z axis points up by convention (REP 103)."""
 
 
 @dataclass(frozen=True)

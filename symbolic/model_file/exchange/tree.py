@@ -274,7 +274,12 @@ def chain(tree: Tree, base: str | None, tip: str | None, locked: Mapping[str, fl
     notes, snapping = list(_lock_notes(tree, locked)), Snapping()
     tree = replace(tree, joints={name: _settled(tree, joint, locked, snapping) for name, joint in tree.joints.items()})
     above, below = tree.above(), tree.below()
-    root = _root(tree, above) if base is None else _link(tree, base, "--base")
+    roots = [name for name in tree.links if name not in above]
+    if base is None and len(roots) > 1:
+        raise ModelError(
+            f"{tree.file}: {len(roots)} links have no parent: {some(roots)}; say where the arm begins: --base LINK"
+        )
+    root = roots[0] if base is None else _link(tree, base, "--base")
     end, note = (_link(tree, tip, "--tip"), "") if tip is not None else _only_end(tree, root, below)
     way, before = _way(tree, above, root, end), path_to(root, above)
     joints: list[ChainJoint] = []
@@ -352,15 +357,6 @@ def _link(tree: Tree, name: str, option: str) -> str:
     if name not in tree.links:
         raise ModelError(f"{tree.file}: {option} {shortened(name)}: no such link; {_meant(name, tree.links)}")
     return name
-
-
-def _root(tree: Tree, above: Mapping[str, TreeJoint]) -> str:
-    roots = [name for name in tree.links if name not in above]
-    if len(roots) > 1:
-        raise ModelError(
-            f"{tree.file}: {len(roots)} links have no parent: {some(roots)}; say where the arm begins: --base LINK"
-        )
-    return roots[0]
 
 
 def _only_end(tree: Tree, root: str, below: Mapping[str, Sequence[TreeJoint]]) -> tuple[str, str]:
