@@ -7,6 +7,7 @@ numbers of an exact ring it returns the value. Code generation sees SymbolicFunc
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -278,9 +279,12 @@ class Output:
     meaning: str
 
 
-def output(name: str, values: Sequence[Any], shape: tuple[int, ...], *, unit: str, meaning: str) -> Output:
-    """An output whose values may be numbers or expressions, flattened row by row."""
-    return Output(name, tuple(sp.sympify(value) for value in values), shape, unit=unit, meaning=meaning)
+def output(name: str, values: Sequence[Any], *, unit: str, meaning: str) -> Output:
+    """An output of numbers or expressions (n,), or (n, m) as n rows."""
+    nested = isinstance(values[0], Sequence)
+    shape = (len(values), len(values[0])) if nested else (len(values),)
+    flat = itertools.chain.from_iterable(values) if nested else values
+    return Output(name, tuple(map(sp.sympify, flat)), shape, unit=unit, meaning=meaning)
 
 
 @dataclass(frozen=True)

@@ -66,18 +66,17 @@ def equation(
     notation: Mapping[str, str],
     continues: Continuation | None = None,
 ) -> SymbolicFunction:
-    """One of EQUATIONS; values: flattened row by row."""
+    """One of EQUATIONS; values: (n,), or the rows of a matrix."""
     inputs, label, meaning, doc = EQUATIONS[name]
     coordinates = author.coordinates
-    n, mixed = len(coordinates.types), " or " in coordinates.force
+    mixed = " or " in coordinates.force
     units = {
         "D": "kg m^2, kg m or kg" if mixed else coordinates.unit("kg m^2", "kg"),
         "C": "per entry: torque by rate" if mixed else coordinates.unit("kg m^2/s", "kg/s"),
         "Y": "torque by lump",
         "qdd": coordinates.argument("qdd").unit,
     }
-    shape = (n, len(values) // n) if label in ("D", "C", "Y") else (n,)
-    made = output(label, values, shape, unit=units.get(label, coordinates.force), meaning=meaning)
+    made = output(label, values, unit=units.get(label, coordinates.force), meaning=meaning)
     return author.function(name, inputs, made, recorder, doc=doc, source=source, notation=notation, continues=continues)
 
 
@@ -130,20 +129,18 @@ def _mechanics(author: Author, chain: Chain, lumps: Lumps, recorder: Recorder) -
 def _closed_forms(author: Author, chain: Chain, lumps: Lumps, rotors: Sequence[sp.Expr]) -> list[SymbolicFunction]:
     recorder = author.recorder()
     m = _mechanics(author, chain, lumps, recorder)
-    D = [e for row in m.D for e in row]
-    C = [e for row in m.C for e in row]
     own = [recorder.let(f"D{i + 1}{i + 1}", m.D[i][i]) - rotor for i, rotor in enumerate(rotors)]
-    links = [own[i] if i == j else e for i, row in enumerate(m.D) for j, e in enumerate(row)]
+    links = [[own[i] if i == j else e for j, e in enumerate(row)] for i, row in enumerate(m.D)]
     made = partial(equation, author, recorder, notation=NOTATION)
     return [
-        made("inertia", D, source="Lagrangian; D of equation (1)"),
+        made("inertia", m.D, source="Lagrangian; D of equation (1)"),
         made(
             "link_inertia",
             links,
             source="Lagrangian; the model file's rotor inertias",
             notation=NOTATION | {"D": "inertia of a joint, its rotor included"},
         ),
-        made("coriolis", C, source="Lagrangian; C of equation (1); Spong & Vidyasagar 1989"),
+        made("coriolis", m.C, source="Lagrangian; C of equation (1); Spong & Vidyasagar 1989"),
         made("gravity", m.g, source="Lagrangian"),
     ]
 
@@ -194,7 +191,7 @@ def _regressor(author: Author, chain: Chain, columns: tuple[Column, ...], frame:
     for kind, i in columns:
         notes = Suffixed(recorder, f"_{kind}{i + 1}")
         parts.append(torques(chain, lumps_of({(kind, i): 1}, n), moving, qdd=qdd, notes=notes))
-    Y = [part[i] for i in range(n) for part in parts]
+    Y = list(zip(*parts, strict=True))
     return equation(
         author,
         recorder,

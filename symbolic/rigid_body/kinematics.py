@@ -64,7 +64,7 @@ def _tip(author: Author, chain: Chain) -> list[SymbolicFunction]:
         made(
             "tip",
             ("q",),
-            output("p", position, (3,), unit="m, m, rad", meaning="x, y and absolute angle of the last link"),
+            output("p", position, unit="m, m, rad", meaning="x, y and absolute angle of the last link"),
             doc="Position and angle of the end-effector, the distal point of the last link.",
             source="Forward kinematics; p_4 of equation (12)",
             notation=NOTATION,
@@ -72,7 +72,7 @@ def _tip(author: Author, chain: Chain) -> list[SymbolicFunction]:
         made(
             "tip_jacobian",
             ("q",),
-            output("J", [e for row in rows for e in row], (3, chain.n), unit=unit, meaning="rows x, y, angle"),
+            output("J", rows, unit=unit, meaning="rows x, y, angle"),
             doc="Derivative of the end-effector's position and angle by q.",
             source="J of equation (1)",
             notation=slopes,
@@ -80,7 +80,7 @@ def _tip(author: Author, chain: Chain) -> list[SymbolicFunction]:
         made(
             "tip_rate",
             ("q", "qd"),
-            output("v", rates, (3,), unit="m/s, m/s, rad/s", meaning="rates of x, y and angle"),
+            output("v", rates, unit="m/s, m/s, rad/s", meaning="rates of x, y and angle"),
             doc="Rate of the end-effector's position and angle.",
             source="J qd, with J of equation (1)",
             notation=slopes,
@@ -122,7 +122,7 @@ def _tip_load(author: Author, chain: Chain, frame: int) -> SymbolicFunction:
     return author.function(
         "tip_load",
         ("q", "qd", "qdd"),
-        output("load", load, (n,), unit=author.coordinates.unit("N m/kg", "N/kg"), meaning="torque per unit mass"),
+        output("load", load, unit=author.coordinates.unit("N m/kg", "N/kg"), meaning="torque per unit mass"),
         recorder,
         doc="Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).",
         source="Newton-Euler recursion with one point mass",
@@ -148,11 +148,11 @@ def _moment(author: Author, arm: Arm) -> SymbolicFunction:
             total = moved(total, frame, masses[i] * x, masses[i] * y)
     outer = [sum(masses[i:], sp.Integer(0)) for i in range(chain.n)]
     columns = _columns(total, chain, directions(chain.revolute, q, recorder), recorder=recorder, weights=outer)
-    rows = [*(x for x, _ in columns), *(y for _, y in columns)]
+    rows = list(zip(*columns, strict=True))
     return author.function(
         "moment_jacobian",
         ("q",),
-        output("M", rows, (2, chain.n), unit=author.coordinates.unit("kg m/rad", "kg"), meaning="rows x, y"),
+        output("M", rows, unit=author.coordinates.unit("kg m/rad", "kg"), meaning="rows x, y"),
         recorder,
         doc="Derivative of the arm's first mass moment, the sum of mass times position, by q; "
         "masses of the model file.",
@@ -190,7 +190,7 @@ def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
     r4 = recorder.let("r4", y[3])
     r3 = recorder.let("r3", r4 + y[2])
     r2 = recorder.let("r2", r3 + y[1])
-    rows = [-r2 - y[0], -r2, -r3, -r4, x[0] + x[1], x[1], 0, 0, 1, 1, 1, 0, 0, 0, 0, 1]
+    rows = [[-r2 - y[0], -r2, -r3, -r4], [x[0] + x[1], x[1], 0, 0], [1, 1, 1, 0], [0, 0, 0, 1]]
     rates: list[Any] = [0]
     for i, qd in enumerate(author.coordinates.symbols("qd"), 1):
         rates.append(recorder.let(f"w{i}", rates[-1] + qd))
@@ -202,21 +202,21 @@ def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
         made(
             "contact_coordinates",
             ("q",),
-            output("w", w, (4,), unit=W_UNIT, meaning="p_4x, p_2y, absolute angle of link 3, q_4"),
+            output("w", w, unit=W_UNIT, meaning="p_4x, p_2y, absolute angle of link 3, q_4"),
             doc="Coordinates w = phi(q) of the contact phase.",
             source="Equation (13); p_2 is the end of link 2",
         ),
         made(
             "contact_jacobian",
             ("q",),
-            output("J_w", rows, (4, 4), unit="m/rad, m/rad, 1, 1 by row", meaning="derivative of w by q"),
+            output("J_w", rows, unit="m/rad, m/rad, 1, 1 by row", meaning="derivative of w by q"),
             doc="J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.",
             source="Equation (14)",
         ),
         made(
             "contact_bias",
             ("q", "qd"),
-            output("b_w", bias, (4,), unit="m/s^2, m/s^2, rad/s^2, rad/s^2", meaning="acceleration of w at qdd = 0"),
+            output("b_w", bias, unit="m/s^2, m/s^2, rad/s^2, rad/s^2", meaning="acceleration of w at qdd = 0"),
             doc="b_w = (dJ_w/dt) qd.",
             source="Equation (14), with the factor qd",
         ),
@@ -224,7 +224,7 @@ def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
         made(
             "contact_acceleration",
             ("q", "qd", wdd),
-            output("qdd", qdd, (4,), unit="rad/s^2", meaning="joint accelerations"),
+            output("qdd", qdd, unit="rad/s^2", meaning="joint accelerations"),
             doc="qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.",
             source="Equation (14), solved for qdd",
         ),
@@ -265,16 +265,11 @@ def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:
     along, across = let("along", l1 + l2 * cosine), let("across", l2 * sine)
     q1 = let("first", sp.atan2(w2 * along - x * across, x * along + w2 * across))
     q2 = let("second", sp.atan2(sine, cosine))
+    q = [q1, q2, w3 - q1 - q2, w4]
     return author.function(
         "contact_inverse",
         (w, elbow),
-        output(
-            "q",
-            [q1, q2, w3 - q1 - q2, w4],
-            (4,),
-            unit="rad",
-            meaning="joint positions; not a number where w is out of reach",
-        ),
+        output("q", q, unit="rad", meaning="joint positions; not a number where w is out of reach"),
         recorder,
         doc="q = phi^-1(w) on the side of the elbow that is asked for; q_1 and q_2 within (-pi, pi].",
         source="Equation (13), triangle of links 1 and 2",

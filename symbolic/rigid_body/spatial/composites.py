@@ -417,18 +417,14 @@ def functions(
     C = coriolis(geometry, steps, wholes, qd)
     made = partial(equation, author, recorder, notation=COMPOSITE_NOTATION)
     return [
-        made("inertia", _flat(D), source="Composite bodies; Walker & Orin 1982"),
+        made("inertia", D, source="Composite bodies; Walker & Orin 1982"),
         made(
             "link_inertia",
-            _flat(links),
+            links,
             source="Composite bodies; the model file's rotor inertias",
             notation=COMPOSITE_NOTATION | {"whole": "inertia at a joint, its rotor included"},
             continues=Continuation("inertia", tuple((symbol, (n + 1) * i) for i, symbol in enumerate(whole))),
         ),
-        made("coriolis", _flat(C), source="Composite bodies; Echeandia & Wensing 2021"),
+        made("coriolis", C, source="Composite bodies; Echeandia & Wensing 2021"),
         made("gravity", gravity(geometry, steps, wholes), source="Composite bodies hang on their joints"),
     ]
-
-
-def _flat(rows: Square) -> list[Any]:
-    return [e for row in rows for e in row]

@@ -107,7 +107,7 @@ def _regressor(author: Author, g: Geometry, kept: Sequence[Column]) -> SymbolicF
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     moving = motion(g, range(n), q, qd=qd, qdd=qdd, notes=recorder)
     found = columns(g, kept, moving, qdd=qdd, notes=recorder)
-    Y = [-found[c][i] if c[0] in MIRRORED else found[c][i] for i in range(n) for c in kept]
+    Y = [[-found[c][i] if c[0] in MIRRORED else found[c][i] for c in kept] for i in range(n)]
     return equation(
         author,
         recorder,

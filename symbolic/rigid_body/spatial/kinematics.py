@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from symbolic.functions import Author, Recorder, SymbolicFunction, output
@@ -82,48 +83,32 @@ def _pose(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
         ]
     p = geometry.base.placed(point)
     R = list(zip(*(applied(geometry.base.turn, column) for column in columns), strict=True))
+    made = partial(
+        author.function,
+        inputs=("q",),
+        recorder=recorder,
+        source="Forward kinematics; Khalil & Kleinfinger 1986",
+        notation=NOTATION,
+    )
+    position = output("p", p, unit="m", meaning="x, y and z of the tip along the base's axes")
+    rotation = output("R", R, unit="1", meaning="columns: the tip's axes along the base's")
     return [
-        author.function(
-            "tip",
-            ("q",),
-            output("p", p, (3,), unit="m", meaning="x, y and z of the tip along the base's axes"),
-            recorder,
-            doc="Position of the tip of the arm.",
-            source="Forward kinematics; Khalil & Kleinfinger 1986",
-            notation=NOTATION,
-        ),
-        author.function(
-            "tip_rotation",
-            ("q",),
-            output(
-                "R", [e for row in R for e in row], (3, 3), unit="1", meaning="columns: the tip's axes along the base's"
-            ),
-            recorder,
-            doc="Rotation matrix of the tip's frame.",
-            source="Forward kinematics; Khalil & Kleinfinger 1986",
-            notation=NOTATION,
-        ),
+        made("tip", output=position, doc="Position of the tip of the arm."),
+        made("tip_rotation", output=rotation, doc="Rotation matrix of the tip's frame."),
     ]
 
 
 def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
-    recorder, n = author.recorder(), geometry.n
+    recorder, unit = author.recorder(), author.coordinates.unit("m/rad and 1", "1")
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
     axes, tip = _from_base(geometry, JointStep.all(geometry, q, recorder), recorder)
-    columns = _columns(geometry, axes, tip)
-    rows = [[column[k] for column in columns] for k in range(6)]
-    units = author.coordinates.unit("m/rad and 1", "1")
+    rows = list(zip(*_columns(geometry, axes, tip), strict=True))
+    rates = _rates(geometry, axes, tip, qd=qd, recorder=recorder)
     return [
         author.function(
             "tip_jacobian",
             ("q",),
-            output(
-                "J",
-                [e for row in rows for e in row],
-                (6, n),
-                unit=units,
-                meaning="rows x, y, z, rotation about base x, y, z",
-            ),
+            output("J", rows, unit=unit, meaning="rows x, y, z, rotation about base x, y, z"),
             recorder,
             doc="By what the tip moves and turns with each joint.",
             source="Columns z x (p - o) and z of a revolute joint, z and 0 of a prismatic one; Whitney 1972",
@@ -132,13 +117,7 @@ def _motion(author: Author, geometry: Geometry) -> list[SymbolicFunction]:
         author.function(
             "tip_rate",
             ("q", "qd"),
-            output(
-                "v",
-                _rates(geometry, axes, tip, qd=qd, recorder=recorder),
-                (6,),
-                unit="m/s, rad/s",
-                meaning="velocity, angular velocity",
-            ),
+            output("v", rates, unit="m/s, rad/s", meaning="velocity, angular velocity"),
             recorder,
             doc="Velocity and angular velocity of the tip along the base's axes.",
             source="J qd; Whitney 1972",
@@ -152,21 +131,23 @@ def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorde
     x, y, z = zip(*geometry.base.turn, strict=True)
     o, axes = geometry.base.at, JointAxes([], [], [])
     for step in steps:
-        (c, s), (ct, st) = step.direction, step.twist
+        (_, s), (ct, st) = step.direction, step.twist
         y, z = added(scaled(ct, y), scaled(st, z)), added(scaled(ct, z), scaled(-st, y))
         o = step.named(("ox", "oy", "oz"), added(o, along(step.at, x, y, z)))
         axes.before.append((x, y))
         axes.along.append(along(step.axis, x, y, z))
         axes.origin.append(o)
-        x, y = (
-            step.named([f"{name}{e}" for e in "xyz"], vector)
-            for name, vector in (
-                ("x", added(scaled(c, x), scaled(s, y))),
-                ("y", added(scaled(c, y), scaled(-s, x))),
-            )
-        )
+        x, y = _turned_axes(step, x, y, s)
     tip = added(o, along(geometry.tip.at, x, y, z))
     return axes, named("tip", "", tip, recorder)
+
+
+def _turned_axes(step: JointStep, x: Vector, y: Vector, s: Any) -> tuple[Vector, Vector]:
+    """The x and y axes after a turn about z by the joint's angle, or back. s: its sine, or minus that."""
+    c, _ = step.direction
+    turned = added(scaled(c, x), scaled(s, y)), added(scaled(c, y), scaled(-s, x))
+    x, y = (step.named([f"{name}{e}" for e in "xyz"], v) for name, v in zip("xy", turned, strict=True))
+    return x, y
 
 
 def _columns(geometry: Geometry, axes: JointAxes, point: Vector) -> list[tuple[Any, ...]]:
@@ -194,25 +175,25 @@ def _rates(geometry: Geometry, axes: JointAxes, tip: Vector, qd: Sequence[Any], 
 
 
 def _tip_load(author: Author, geometry: Geometry) -> SymbolicFunction:
-    recorder, n = author.recorder(), geometry.n
+    recorder = author.recorder()
     q, qd, qdd = (author.coordinates.symbols(name) for name in ("q", "qd", "qdd"))
     steps = JointStep.all(geometry, q, recorder)
     axes, pull = _from_tip(geometry, steps, recorder)
     a, U = _acceleration(geometry, steps, axes, pull=pull, qd=qd, qdd=qdd)
-    wrenches = _unit_loads(a, U)
+    # Force and moment of each of LOADS: (a, 0) of 1; (U e, e x a) of x, with e along x; (0, e x U e) of xx.
+    e: list[Vector] = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    grown = [applied(U, axis) for axis in e]
+    wrenches: list[tuple[Vector, Vector]] = [(a, NOWHERE), *((grown[i], cross(e[i], a)) for i in range(3))]
+    wrenches += [(NOWHERE, cross(e[i], grown[i])) for i in range(3)]
+    pairs = ((0, 1), (0, 2), (1, 2))
+    wrenches += [(NOWHERE, added(cross(e[i], grown[j]), cross(e[j], grown[i]))) for i, j in pairs]
     rows = [
         [dot(column[:3], f) + dot(column[3:], m) for f, m in wrenches] for column in _columns(geometry, axes, NOWHERE)
     ]
     return author.function(
         "tip_load",
         ("q", "qd", "qdd"),
-        output(
-            "load",
-            [e for row in rows for e in row],
-            (n, len(LOADS)),
-            unit="torque by kg, kg m and kg m^2",
-            meaning=f"columns {', '.join(LOADS)}",
-        ),
+        output("load", rows, unit="torque by kg, kg m and kg m^2", meaning=f"columns {', '.join(LOADS)}"),
         recorder,
         doc="Torques that a unit mass at (x, y, z) of the tip's frame asks of the joints, less gravity's pull on it: "
         "load . (1, x, y, z, xx, yy, zz, xy, xz, yz).",
@@ -226,15 +207,9 @@ def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder
     x, y, z = geometry.tip.turn
     o, axes = negative(applied(list(zip(*geometry.tip.turn, strict=True)), geometry.tip.at)), JointAxes([], [], [])
     for step in reversed(steps):
-        (c, s), (ct, st) = step.direction, step.twist
+        (_, s), (ct, st) = step.direction, step.twist
         axes.origin.append(o)
-        x, y = (
-            step.named([f"{name}{e}" for e in "xyz"], vector)
-            for name, vector in (
-                ("x", added(scaled(c, x), scaled(-s, y))),
-                ("y", added(scaled(c, y), scaled(s, x))),
-            )
-        )
+        x, y = _turned_axes(step, x, y, -s)
         axes.before.append((x, y))
         axes.along.append(along(step.axis, x, y, z))
         o = step.named(("rx", "ry", "rz"), less(o, along(step.at, x, y, z)))
@@ -264,16 +239,6 @@ def _acceleration(
     return a, U
 
 
-def _unit_loads(a: Vector, U: Matrix) -> list[tuple[Vector, Vector]]:
-    """Force and moment of each of LOADS: (a, 0) of 1; (U e, e x a) of x, with e along x; (0, e x U e) of xx."""
-    e: list[Vector] = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]
-    grown = [applied(U, axis) for axis in e]
-    second = [(NOWHERE, cross(e[i], grown[i])) for i in range(3)]
-    mixed = [(NOWHERE, added(cross(e[i], grown[j]), cross(e[j], grown[i]))) for i, j in ((0, 1), (0, 2), (1, 2))]
-    first = [(grown[i], cross(e[i], a)) for i in range(3)]
-    return [(a, NOWHERE), *first, *second, *mixed]
-
-
 def _moment(author: Author, arm: Arm, geometry: Geometry) -> SymbolicFunction:
     recorder = author.recorder()
     steps = JointStep.all(geometry, author.coordinates.symbols("q"), recorder)
@@ -283,11 +248,11 @@ def _moment(author: Author, arm: Arm, geometry: Geometry) -> SymbolicFunction:
     for link, b, (x, y), z in zip(geometry.links, wholes, axes.before, axes.along, strict=True):
         slope = less(scaled(b.x, y), scaled(b.y, x)) if link.revolute else scaled(b.m, z)
         columns.append(scaled(link.sign, slope))
-    rows = [column[k] for k in range(3) for column in columns]
+    rows = list(zip(*columns, strict=True))
     return author.function(
         "moment_jacobian",
         ("q",),
-        output("M", rows, (3, geometry.n), unit=author.coordinates.unit("kg m/rad", "kg"), meaning="rows x, y, z"),
+        output("M", rows, unit=author.coordinates.unit("kg m/rad", "kg"), meaning="rows x, y, z"),
         recorder,
         doc="Derivative of the arm's first mass moment, the sum of mass times position, by q; "
         "masses of the model file.",
