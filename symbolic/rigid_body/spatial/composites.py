@@ -41,11 +41,6 @@ class MomentFlow:
     y: Vector
     z: Vector
 
-    @classmethod
-    def still(cls) -> MomentFlow:
-        """The flow of a body at rest."""
-        return cls(NOWHERE, NOWHERE, NOWHERE, NOWHERE)
-
 
 @dataclass(frozen=True)
 class JointStep:
@@ -58,15 +53,15 @@ class JointStep:
     direction   of the group's x axis relative to that before the group; (1, 0) unless the joint is its group's first
     at          (3,) from the previous origin to that of frame j, in the axes before the rotation
     axis        (3,) joint j's axis without its sign, in the same axes
-    twist       of the axes before the rotation, in frame j − 1; 0 unless the joint is its group's first
+    link        its twist, of the axes before the rotation, is 0 unless the joint is its group's first
     """
 
     joint: int
+    link: LinkFrame
     own: Direction
     direction: Direction
     at: Vector
     axis: Vector
-    twist: Direction
     notes: Notes
 
     @classmethod
@@ -85,7 +80,7 @@ class JointStep:
                     way, axis = notes.let(f"x{i + 1}", link.across(q[i])), link.axis(along)
                     x, y = (notes.let(f"l{e}{i + 1}", way * part) for e, part in zip("cs", along, strict=True))
                 own = direction_along(geometry, group[-1], i, q=q, notes=notes)
-                steps.append(cls(i + 1, own, (c, s), (x, y, lift), axis, link.twist.pair, notes))
+                steps.append(cls(i + 1, link, own, (c, s), at=(x, y, lift), axis=axis, notes=notes))
         return steps
 
     def named(self, names: Sequence[str], values: Sequence[Any]) -> tuple[Any, ...]:
@@ -109,12 +104,12 @@ class JointStep:
 
     def twisted(self, v: Vector) -> Vector:
         """From the axes before the joint to frame j − 1."""
-        c, s = self.twist
+        c, s = self.link.twist.pair
         return v[0], c * v[1] - s * v[2], s * v[1] + c * v[2]
 
     def untwisted(self, v: Vector) -> Vector:
         """From frame j − 1 to the axes before the joint."""
-        c, s = self.twist
+        c, s = self.link.twist.pair
         return v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]
 
     def placed(self, point: Vector, name: str) -> Vector:
@@ -128,6 +123,10 @@ class JointStep:
         f = self.named([f"f{name}{e}" for e in "xyz"], self.twisted(f))
         n = self.named([f"n{name}{e}" for e in "xyz"], self.twisted(moved))
         return f, n
+
+    def along(self, wrench: Wrench) -> Any:
+        """The component of a wrench along the joint's axis, with its sign."""
+        return self.link.sign * dot(wrench[1] if self.link.revolute else wrench[0], self.axis)
 
     def turned_wrench(self, wrench: Wrench, name: str) -> Wrench:
         """Force and moment, (3,) each, in the axes before the joint."""
@@ -153,9 +152,9 @@ class JointStep:
         h = added(b.first, scaled(b.m, self.at))
         xx, yy, zz = b.xx + rx * (b.x + h[0]), b.yy + ry * (b.y + h[1]), b.zz + rz * (b.z + h[2])
         xy, xz, yz = b.xy + rx * b.y + ry * h[0], b.xz + rx * b.z + rz * h[0], b.yz + ry * b.z + rz * h[1]
-        c, s = self.twist
+        c, s = self.link.twist.pair
         names = ("hx", "hy", "hz", "xx", "yy", "zz", "xy", "xz", "yz")
-        yy, yz, _, zz = self._turned_block(yy, yz, yz, yy=zz, direction=self.twist, name="t")
+        yy, yz, _, zz = self._turned_block(yy, yz, yz, yy=zz, direction=self.link.twist.pair, name="t")
         moments = (*self.twisted(h), xx, yy, zz, c * xy - s * xz, s * xy + c * xz, yz)
         return Moments(b.m, *self.named([f"{name}_" for name in names], moments))
 
@@ -235,67 +234,58 @@ Square = list[list[Any]]
 """(n, n), row by row."""
 
 
-def signed(geometry: Geometry, rates: Sequence[Any]) -> list[Any]:
+def signed(steps: Sequence[JointStep], rates: Sequence[Any]) -> list[Any]:
     """(n,) rates with the signs of the joints: from the file's directions to those of z, or back."""
-    return [link.sign * rate for link, rate in zip(geometry.links, rates, strict=True)]
+    return [step.link.sign * rate for step, rate in zip(steps, rates, strict=True)]
 
 
-def inertia(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], rotors: Sequence[Any]) -> Square:
+def inertia(steps: Sequence[JointStep], wholes: Sequence[Moments], rotors: Sequence[Any]) -> Square:
     """D (n, n). wholes: the composites at the joints; rotors: (n,) added to the diagonal."""
-    columns = [_momentum(*joint) for joint in zip(geometry.links, steps, wholes, strict=True)]
-    D = _along_axes(geometry, steps, columns, "")
-    for i, link in enumerate(geometry.links):
-        D[i][i] = (wholes[i].spin if link.revolute else wholes[i].m) + rotors[i]
+    D = _along_axes(steps, [_momentum(step, b) for step, b in zip(steps, wholes, strict=True)], "")
+    for i, (step, b) in enumerate(zip(steps, wholes, strict=True)):
+        D[i][i] = (b.spin if step.link.revolute else b.m) + rotors[i]
         for j in range(i):
             D[i][j] = D[j][i]
     return D
 
 
-def _momentum(link: LinkFrame, step: JointStep, b: Moments) -> Wrench:
+def _momentum(step: JointStep, b: Moments) -> Wrench:
     """Momentum and its moment at a unit rate of the joint."""
-    if link.revolute:
+    if step.link.revolute:
         return (-b.y, b.x, 0), (-b.xz, -b.yz, b.spin)
     return _uniform(b, step.axis)
 
 
-def _along_axes(geometry: Geometry, steps: Sequence[JointStep], columns: Sequence[Wrench], name: str) -> Square:
+def _along_axes(steps: Sequence[JointStep], columns: Sequence[Wrench], name: str) -> Square:
     """Element (i, j), i <= j: column j, a wrench at joint j, along the axis of joint i; 0 below the diagonal."""
-    n = geometry.n
-    result: Square = [[0] * n for _ in range(n)]
-    for j, column in enumerate(columns):
-        wrench = column
+    result: Square = [[0] * len(steps) for _ in steps]
+    for j, wrench in enumerate(columns):
         for i in range(j, -1, -1):
             if i < j:
                 wrench = steps[i].turned_wrench(wrench, f"{name}{j + 1}_")
-            links = geometry.links
-            result[i][j] = links[i].sign * links[j].sign * _along(links[i], steps[i], wrench)
+            result[i][j] = steps[j].link.sign * steps[i].along(wrench)
             wrench = steps[i].carried(wrench, f"{name}{j + 1}_")
     return result
 
 
-def _along(link: LinkFrame, step: JointStep, wrench: Wrench) -> Any:
-    """The component of a wrench along a joint's axis."""
-    return dot(wrench[1] if link.revolute else wrench[0], step.axis)
-
-
-def gravity(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments]) -> list[Any]:
-    """g (n,) = dV/dq, with V = −gravity · (first moment of the composites)."""
-    result, pull = [], geometry.gravity
-    for link, step, b in zip(geometry.links, steps, wholes, strict=True):
-        x, y, z = step.untwisted(pull)
+def gravity(steps: Sequence[JointStep], wholes: Sequence[Moments], pull: Vector) -> list[Any]:
+    """g (n,) = dV/dq, with V = −pull · (first moment of the composites). pull: gravity in frame 0."""
+    result = []
+    for step, b in zip(steps, wholes, strict=True):
+        (x, y, z), link = step.untwisted(pull), step.link
         result.append(link.sign * (b.y * x - b.x * y if link.revolute else -b.m * dot(step.axis, (x, y, z))))
         pull = step.unturned((x, y, z), "g")
     return result
 
 
-def turning(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any]) -> list[Vector]:
+def turning(steps: Sequence[JointStep], rates: Sequence[Any]) -> list[Vector]:
     """(n,) absolute angular velocities of link j − 1 in the axes before joint j."""
     result: list[Vector] = []
     w: Vector = NOWHERE
-    for link, step, rate in zip(geometry.links, steps, rates, strict=True):
+    for step, rate in zip(steps, rates, strict=True):
         w = step.untwisted(w)
         result.append(w)
-        if link.revolute:
+        if step.link.revolute:
             (wz,) = step.named(("wz",), (w[2] + rate,))
             w = (w[0], w[1], wz)
         w = step.unturned(w, "w")
@@ -307,38 +297,27 @@ def _uniform(b: Moments, a: Vector) -> Wrench:
     return scaled(b.m, a), cross(b.first, a)
 
 
-def coriolis(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], qd: Sequence[Any]) -> Square:
+def coriolis(steps: Sequence[JointStep], wholes: Sequence[Moments], qd: Sequence[Any]) -> Square:
     """C (n, n) from Christoffel symbols."""
-    rates = signed(geometry, qd)
-    flows, turns = _flows(geometry, steps, wholes, rates), turning(geometry, steps, rates)
-    joints = list(zip(geometry.links, steps, wholes, flows, turns, rates, strict=True))
-    C = _along_axes(geometry, steps, [_field(*joint) for joint in joints], "c")
-    rate_of_D = _rates_along_axes(geometry, steps, joints, rates)
-    for i in range(geometry.n):
+    rates = signed(steps, qd)
+    flows: list[MomentFlow] = []  # of the composites relative to their first link, at the joints
+    carried = MomentFlow(NOWHERE, NOWHERE, NOWHERE, NOWHERE)
+    for step, b, rate in zip(reversed(steps), reversed(wholes), reversed(rates), strict=True):
+        flows.insert(0, step.turned_flow(carried))
+        carried = step.carried_flow(_with_joint(step, b, flows[0], rate))
+    joints = list(zip(steps, wholes, flows, turning(steps, rates), rates, strict=True))
+    C = _along_axes(steps, [_field(*joint) for joint in joints], "c")
+    rate_of_D = _rates_along_axes(steps, wholes, flows, rates)
+    for i in range(len(steps)):
         for j in range(i):
             C[i][j] = rate_of_D[j][i] - C[j][i]
     return C
 
 
-def _flows(
-    geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], rates: Sequence[Any]
-) -> list[MomentFlow]:
-    """(n,) flows of the composites relative to their first link, at the joints."""
-    result: list[MomentFlow] = []
-    carried = MomentFlow.still()
-    for link, step, b, rate in zip(
-        reversed(geometry.links), reversed(steps), reversed(wholes), reversed(rates), strict=True
-    ):
-        flow = step.turned_flow(carried)
-        result.append(flow)
-        carried = step.carried_flow(_with_joint(link, step, b, flow=flow, rate=rate))
-    return result[::-1]
-
-
-def _with_joint(link: LinkFrame, step: JointStep, b: Moments, flow: MomentFlow, rate: Any) -> MomentFlow:
+def _with_joint(step: JointStep, b: Moments, flow: MomentFlow, rate: Any) -> MomentFlow:
     """The flow relative to the link before the joint."""
     (hx, hy, hz), x, y, z = flow.h, flow.x, flow.y, flow.z
-    if not link.revolute:
+    if not step.link.revolute:
         v = scaled(rate, step.axis)
         x, y, z = (added(row, scaled(e, b.first)) for row, e in zip((x, y, z), v, strict=True))
         return MomentFlow(added(flow.h, scaled(b.m, v)), x, y, z)
@@ -350,9 +329,9 @@ def _with_joint(link: LinkFrame, step: JointStep, b: Moments, flow: MomentFlow, 
     return MomentFlow((h[0], h[1], hz), x, y, z)
 
 
-def _field(link: LinkFrame, step: JointStep, b: Moments, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
+def _field(step: JointStep, b: Moments, k: MomentFlow, w: Vector, rate: Any) -> Wrench:
     """Force and moment in the field (dS/dt + S V) x of a joint: w × (z × x) + z × v, or w × axis; w of its link."""
-    if not link.revolute:
+    if not step.link.revolute:
         return _uniform(b, cross(w, step.axis))
     wx, wy, wz = w[0], w[1], w[2] + rate
     f = (-wz * b.x - k.h[1], -wz * b.y + k.h[0], wx * b.x + wy * b.y)
@@ -365,36 +344,29 @@ def _field(link: LinkFrame, step: JointStep, b: Moments, k: MomentFlow, w: Vecto
 
 
 def _rates_along_axes(
-    geometry: Geometry, steps: Sequence[JointStep], joints: Sequence[Any], rates: Sequence[Any]
+    steps: Sequence[JointStep], wholes: Sequence[Moments], flows: Sequence[MomentFlow], rates: Sequence[Any]
 ) -> Square:
     """dD/dt above the diagonal: momenta carried inwards with their rates."""
-    n = geometry.n
-    result: Square = [[0] * n for _ in range(n)]
-    for j, (link, at, b, k, _, _) in enumerate(joints):
-        now, rate = _momentum(link, at, b), _momentum_rate(link, at, k)
+    result: Square = [[0] * len(steps) for _ in steps]
+    for j, (moved, b, k) in enumerate(zip(steps, wholes, flows, strict=True)):
+        now, rate = _momentum(moved, b), (NOWHERE, cross(k.h, moved.axis))
+        if moved.link.revolute:
+            rate = (-k.h[1], k.h[0], 0), (-k.x[2] - k.z[0], -k.y[2] - k.z[1], 2 * (k.x[0] + k.y[1]))
         for i in range(j, -1, -1):
-            step, own = steps[i], geometry.links[i]
+            step = steps[i]
             if i < j:
                 now, rate = step.turned_wrench(now, f"{j + 1}_"), step.turned_wrench(rate, f"d{j + 1}_")
-                result[i][j] = own.sign * link.sign * _along(own, step, rate)
-            rate = _seen_from_before(own, step, now, rate=rate, joint_rate=rates[i])
+                result[i][j] = moved.link.sign * step.along(rate)
+            rate = _seen_from_before(step, now, rate, rates[i])
             now, rate = step.carried(now, f"{j + 1}_"), step.carried(rate, f"d{j + 1}_")
     return result
 
 
-def _momentum_rate(link: LinkFrame, step: JointStep, k: MomentFlow) -> Wrench:
-    """The rate of _momentum in the axes of the moved link."""
-    if link.revolute:
-        return (-k.h[1], k.h[0], 0), (-k.x[2] - k.z[0], -k.y[2] - k.z[1], 2 * (k.x[0] + k.y[1]))
-    return NOWHERE, cross(k.h, step.axis)
-
-
-def _seen_from_before(link: LinkFrame, step: JointStep, now: Wrench, rate: Wrench, joint_rate: Any) -> Wrench:
-    """The rate of a wrench in the axes before a joint, from the rate in the axes after it."""
+def _seen_from_before(step: JointStep, now: Wrench, rate: Wrench, v: Any) -> Wrench:
+    """The rate of a wrench in the axes before a joint, from the rate in the axes after it. v: the joint's rate."""
     (fx, fy, _), (nx, ny, _) = now
     (ax, ay, az), (bx, by, bz) = rate
-    v = joint_rate
-    if not link.revolute:
+    if not step.link.revolute:
         return rate[0], added(rate[1], cross(scaled(v, step.axis), now[0]))
     return (ax - v * fy, ay + v * fx, az), (bx - v * ny, by + v * nx, bz)
 
@@ -411,10 +383,10 @@ def functions(
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
     steps = JointStep.all(geometry, q, recorder)
     wholes = composites(steps, bodies)
-    D = inertia(geometry, steps, wholes, rotors)
+    D = inertia(steps, wholes, rotors)
     whole = [recorder.symbol(f"whole{i + 1}", D[i][i]) for i in range(n)]
     links = [[whole[i] - own[i] if i == j else e for j, e in enumerate(row)] for i, row in enumerate(D)]
-    C = coriolis(geometry, steps, wholes, qd)
+    C = coriolis(steps, wholes, qd)
     made = partial(equation, author, recorder, notation=COMPOSITE_NOTATION)
     return [
         made("inertia", D, source="Composite bodies; Walker & Orin 1982"),
@@ -426,5 +398,5 @@ def functions(
             continues=Continuation("inertia", tuple((symbol, (n + 1) * i) for i, symbol in enumerate(whole))),
         ),
         made("coriolis", C, source="Composite bodies; Echeandia & Wensing 2021"),
-        made("gravity", gravity(geometry, steps, wholes), source="Composite bodies hang on their joints"),
+        made("gravity", gravity(steps, wholes, geometry.gravity), source="Composite bodies hang on their joints"),
     ]

@@ -127,7 +127,7 @@ def forward_dynamics(
     steps = JointStep.all(geometry, q, recorder)
     wholes = composites(steps, bodies)
     right = [t - b for t, b in zip(tau, bias(geometry, steps, wholes, qd), strict=True)]
-    qdd = solve_symmetric(inertia(geometry, steps, wholes, rotors), right, recorder)
+    qdd = solve_symmetric(inertia(steps, wholes, rotors), right, recorder)
     return equation(
         author,
         recorder,
@@ -172,13 +172,13 @@ class _Motion:
 def bias(geometry: Geometry, steps: Sequence[JointStep], wholes: Sequence[Moments], qd: Sequence[Any]) -> list[Any]:
     """C qd + g, (n,). wholes: the composites at the joints."""
     result: list[Any] = [0] * geometry.n
-    motions = _motions(geometry, steps, signed(geometry, qd))
+    motions = _motions(geometry, steps, signed(steps, qd))
     carried: Wrench = (NOWHERE, NOWHERE)
     for i in reversed(range(geometry.n)):
-        link, step, b, m = geometry.links[i], steps[i], wholes[i], motions[i]
+        step, b, m = steps[i], wholes[i], motions[i]
         wrench = step.turned_wrench(carried, "")
-        first, own = _at_revolute(step, b, m) if link.revolute else _at_prismatic(step, b, m)
-        result[i] = link.sign * (first + dot(wrench[1] if link.revolute else wrench[0], step.axis))
+        first, own = _at_revolute(step, b, m) if step.link.revolute else _at_prismatic(step, b, m)
+        result[i] = step.link.sign * first + step.along(wrench)
         f, n = (
             step.named([f"{name}{e}" for e in "xyz"], added(u, v)) for name, u, v in zip("fn", wrench, own, strict=True)
         )

@@ -131,7 +131,7 @@ def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorde
     x, y, z = zip(*geometry.base.turn, strict=True)
     o, axes = geometry.base.at, JointAxes([], [], [])
     for step in steps:
-        (_, s), (ct, st) = step.direction, step.twist
+        (_, s), (ct, st) = step.direction, step.link.twist.pair
         y, z = added(scaled(ct, y), scaled(st, z)), added(scaled(ct, z), scaled(-st, y))
         o = step.named(("ox", "oy", "oz"), added(o, along(step.at, x, y, z)))
         axes.before.append((x, y))
@@ -207,7 +207,7 @@ def _from_tip(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorder
     x, y, z = geometry.tip.turn
     o, axes = negative(applied(list(zip(*geometry.tip.turn, strict=True)), geometry.tip.at)), JointAxes([], [], [])
     for step in reversed(steps):
-        (_, s), (ct, st) = step.direction, step.twist
+        (_, s), (ct, st) = step.direction, step.link.twist.pair
         axes.origin.append(o)
         x, y = _turned_axes(step, x, y, -s)
         axes.before.append((x, y))
