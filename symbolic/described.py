@@ -269,7 +269,7 @@ def to_json(value: Any, kind: Any = None) -> Any:
         item = (*get_args(kind), None)[0]
         return [to_json(each, item) for each in value]
     if is_dataclass(value):
-        return {name: to_json(getattr(value, name), hint) for name, hint in _fields(kind).items()}
+        return {name: to_json(getattr(value, name), hint) for name, hint in field_types(kind).items()}
     if isinstance(value, float) and not isfinite(value):
         return None
     return value
@@ -284,7 +284,7 @@ def from_json(kind: Any, data: Any) -> Any:
         return UnitTexts(**data)
     if is_dataclass(plain):
         shape: Any = plain
-        return shape(**{name: from_json(hint, data[name]) for name, hint in _fields(shape).items()})
+        return shape(**{name: from_json(hint, data[name]) for name, hint in field_types(shape).items()})
     if plain == tuple[float, float]:
         low, high = data
         return (-inf if low is None else float(low), inf if high is None else float(high))
@@ -303,7 +303,7 @@ def _plain(kind: Any) -> Any:
 
 
 @cache
-def _fields(shape: Any) -> Mapping[str, Any]:
+def field_types(shape: Any) -> Mapping[str, Any]:
     """Names and types of a data class's fields, in order."""
     hints = get_type_hints(shape)
     return {f.name: hints[f.name] for f in fields(shape)}

@@ -13,15 +13,14 @@ import functools
 import math
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cache
+from dataclasses import dataclass, is_dataclass, replace
 from types import NoneType, UnionType
-from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin
 
 import sympy as sp
 
 from symbolic import units as u
-from symbolic.described import DescribedEffect, DescribedParameter, Grid, UnitOfJoint
+from symbolic.described import DescribedEffect, DescribedParameter, Grid, UnitOfJoint, field_types
 from symbolic.effects.signals import SIGNAL as SIGNAL
 from symbolic.effects.signals import SIGNALS, Signal
 from symbolic.primitives import WIDTHS
@@ -287,15 +286,9 @@ def mistake(effect: Effect) -> str | None:
 
 def _mistyped(value: Any, where: str) -> Iterator[str]:
     """Errors in the types of a data class's fields, recursively."""
-    for name, hint in _hints(value.__class__).items():
+    for name, hint in field_types(value.__class__).items():
         if name not in _NOT_DECLARED:
             yield from _mistake(getattr(value, name), hint, f"{where}: {name}")
-
-
-@cache
-def _hints(shape: type[Any]) -> dict[str, Any]:
-    hints = get_type_hints(shape)
-    return {f.name: hints[f.name] for f in fields(shape)}
 
 
 def _mistake(value: Any, hint: Any, where: str) -> Iterator[str]:

@@ -16,7 +16,6 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from math import isqrt
 from typing import Any
 
 import sympy as sp
@@ -102,7 +101,7 @@ def dependencies(
 
 def fraction(residue: int) -> Fraction:
     """The fraction of small numerator and denominator with this residue (Wang 1981)."""
-    bound = isqrt(PRIME // 2)
+    bound = math.isqrt(PRIME // 2)
     (r0, r1), (s0, s1) = (PRIME, residue), (0, 1)
     while r1 > bound:
         quotient = r0 // r1
@@ -234,59 +233,37 @@ def _cost(arm: Arm, layout: RecursionLayout, base: BaseParameters) -> int:
 
 
 def _layout(arm: Arm, frame: int, reference: int | None) -> RecursionLayout:
-    lengths = [exact(length) for length in arm.lengths]
-    unit = lengths[reference - 1] if reference else Fraction(1)
-    by = f"_by_l{reference}" if reference else ""
-    metres = tuple(
-        LayoutConstant(_symbol(f"l{i}"), "m", f"length of link {i}", value)
-        for i, value in enumerate(lengths, 1)
-        if value
-    )
-    ratios = tuple(
-        LayoutConstant(_symbol(f"l{i}{by}"), "1", f"length of link {i} over that of link {reference}", value / unit)
-        for i, value in enumerate(lengths, 1)
-        if value and reference and i != reference
-    )
-    gravity, constants = _gravity(arm, unit, by, reference)
+    lengths, fields = list(enumerate(map(exact, arm.lengths), 1)), list[LayoutConstant]()
+
+    def constant(name: str, unit: str, meaning: str, value: Fraction | float) -> sp.Symbol:
+        fields.append(LayoutConstant(sp.Symbol(name, real=True), unit, meaning, value))
+        return fields[-1].symbol
+
+    unit, by, over, per_second = Fraction(1), "", "", "m/s^2"
+    ratios: list[Any] = []
+    if reference:
+        unit, by, per_second = lengths[reference - 1][1], f"_by_l{reference}", "1/s^2"
+        over = f" over the length of link {reference}"
+        for i, value in lengths:
+            meaning = f"length of link {i} over that of link {reference}"
+            own = i == reference or not value
+            ratios.append(int(i == reference) if own else constant(f"l{i}{by}", "1", meaning, value / unit))
+    gravity, (x, y) = None, (exact(g) for g in arm.gravity[:2])
+    if x or y:
+        strength, angle = math.hypot(*arm.gravity[:2]) / float(unit), math.atan2(arm.gravity[1], arm.gravity[0])
+        along = constant(f"gravity_x{by}", per_second, f"gravity along base x{over}", x / unit)
+        across = constant(f"gravity_y{by}", per_second, f"gravity along base y{over}", y / unit)
+        size = constant(f"gravity{by}", per_second, f"strength of gravity{over}", strength)
+        turned = constant("gravity_angle", "rad", "angle of gravity from base x", angle)
+        gravity = Gravity(along if x else 0, across if y else 0, size, turned)
     revolute = tuple(j.type == "revolute" for j in arm.joints)
-    metric = tuple(_symbol(f"l{i}") if value else 0 for i, value in enumerate(lengths, 1))
-    scaled = tuple(
-        0 if not value else 1 if i == reference else _symbol(f"l{i}{by}") for i, value in enumerate(lengths, 1)
-    )
-    in_metres = gravity
+    metres = [constant(f"l{i}", "m", f"length of link {i}", value) if value else 0 for i, value in lengths]
+    scaled, in_metres = Chain(revolute, tuple(ratios or metres), gravity), gravity
     if gravity is not None and reference:
-        l = _symbol(f"l{reference}")
+        l = metres[reference - 1]
         in_metres = Gravity(gravity.x * l, gravity.y * l, gravity.strength * l, gravity.angle)
-    return RecursionLayout(
-        frame,
-        reference,
-        Chain(revolute, scaled, gravity),
-        metric=Chain(revolute, metric, in_metres),
-        fields=ratios + constants + metres,
-    )
-
-
-def _gravity(
-    arm: Arm, unit: Fraction, by: str, reference: int | None
-) -> tuple[Gravity | None, tuple[LayoutConstant, ...]]:
-    """Gravity in symbols, in the unit of length, and its candidates for the struct."""
-    x, y = (exact(g) for g in arm.gravity[:2])
-    if not x and not y:
-        return None, ()
-    measure, over = ("1/s^2", f" over the length of link {reference}") if reference else ("m/s^2", "")
-    strength, angle = math.hypot(*arm.gravity[:2]) / float(unit), math.atan2(arm.gravity[1], arm.gravity[0])
-    fields = (
-        LayoutConstant(_symbol(f"gravity_x{by}"), measure, f"gravity along base x{over}", x / unit),
-        LayoutConstant(_symbol(f"gravity_y{by}"), measure, f"gravity along base y{over}", y / unit),
-        LayoutConstant(_symbol(f"gravity{by}"), measure, f"strength of gravity{over}", strength),
-        LayoutConstant(_symbol("gravity_angle"), "rad", "angle of gravity from base x", angle),
-    )
-    symbols = [f.symbol for f in fields]
-    return Gravity(symbols[0] if x else 0, symbols[1] if y else 0, symbols[2], symbols[3]), fields
-
-
-def _symbol(name: str) -> sp.Symbol:
-    return sp.Symbol(name, real=True)
+    metric = Chain(revolute, tuple(metres), in_metres)
+    return RecursionLayout(frame, reference, scaled, metric=metric, fields=tuple(fields))
 
 
 @dataclass(frozen=True)
