@@ -41,15 +41,12 @@ class Unit:
         for symbol, power in self.powers:
             for name in names.get(symbol, (symbol,)):
                 total[name] = total.get(name, Fraction(0)) + power
-        above = " ".join(_power(s, p) for s, p in total.items() if p > 0)
-        below = " ".join(_power(s, -p) for s, p in total.items() if p < 0)
+        texts = [(p, s if abs(p) == 1 else f"{s}^{abs(p)}") for s, p in total.items()]
+        above = " ".join(text for p, text in texts if p > 0)
+        below = " ".join(text for p, text in texts if p < 0)
         if not below:
             return above or "1"
         return f"{above or '1'}/{below if ' ' not in below else f'({below})'}"
-
-
-def _power(symbol: str, power: Fraction) -> str:
-    return symbol if power == 1 else f"{symbol}^{power}"
 
 
 ONE = Unit()

@@ -172,66 +172,60 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 def check(effect: Effect) -> None:
     """Raise ValueError if a declaration contradicts itself."""
-    _check_names(effect)
+    if wrong := next(_contradictions(effect), None):
+        raise ValueError(f'effect "{effect.name}"{wrong}')
+
+
+def _contradictions(effect: Effect) -> Iterator[str]:
+    for kind, named in (
+        ("parameter", effect.parameters),
+        ("coefficient", effect.coefficients),
+        ("state", effect.states),
+        ("effect", (effect,)),
+    ):
+        names = [each.name for each in named]
+        if wrong := [name for name in names if not _NAME.fullmatch(name)]:
+            yield f': {kind} "{wrong[0]}" must be lower-case letters, digits and _'
+        if len(set(names)) < len(names):
+            yield f" names a {kind} twice"
     known = {s.symbol for s in SIGNALS} | set(WIDTHS)
     known |= {p.symbol for p in effect.parameters} | {s.symbol for s in effect.states}
     steps = _union(s.step for s in effect.states)
     if unknown := _symbols(effect) - known - (steps & {DT}):
-        names = ", ".join(sorted(s.name for s in unknown))
-        raise ValueError(f'effect "{effect.name}" uses {names}, which is neither a signal, a parameter nor a state')
+        uses = ", ".join(sorted(s.name for s in unknown))
+        yield f" uses {uses}, which is neither a signal, a parameter nor a state"
     coefficients = {c.symbol for c in effect.coefficients}
     if any(column.free_symbols & coefficients for column in effect.columns):
-        raise ValueError(f'effect "{effect.name}" is not linear in all of its linear parameters')
+        yield " is not linear in all of its linear parameters"
     for p in effect.parameters:
         if (p.role == "shape") != (p.grid is not None):
-            raise ValueError(f'effect "{effect.name}": "{p.name}" needs a grid if and only if its role is "shape"')
+            yield f': "{p.name}" needs a grid if and only if its role is "shape"'
         if (p.role == "given") != (p.default is not None):
-            raise ValueError(f'effect "{effect.name}": "{p.name}" needs a default if and only if its role is "given"')
-    _check_roles(effect)
-    if effect.form:
-        _check_form(effect, effect.form)
+            yield f': "{p.name}" needs a default if and only if its role is "given"'
+    yield from _unfit_roles(effect)
+    if form := effect.form:
+        if len(form.coefficients) != len(form.from_parameters) or len(form.recover) != len(effect.linear):
+            yield ": its form needs an expression for each coefficient, and one back for each linear parameter"
+        there = dict(zip((c.symbol for c in form.coefficients), form.from_parameters, strict=True))
+        if sp.simplify(form.torque.subs(there, simultaneous=True) - effect.torque) != 0:
+            yield ": its form is not the same torque"
 
 
-def _check_roles(effect: Effect) -> None:
-    """Check that fields on which other rooms rely are consistent."""
+def _unfit_roles(effect: Effect) -> Iterator[str]:
+    """Contradictions between fields on which other rooms rely."""
     if effect.has_gap and not effect.gives_way:
-        raise ValueError(f'effect "{effect.name}" has a gap but reads no signal of a compliant transmission')
+        yield " has a gap but reads no signal of a compliant transmission"
     beside = [s.name for s in effect.signals if s.needs not in ("motion", "time", "effect")]
     if effect.carried and (beside or effect.states):
         what = f"reads {beside[0]}" if beside else "has a memory"
-        raise ValueError(f'effect "{effect.name}" is carried by the transmission, a part of its load, and {what}')
+        yield f" is carried by the transmission, a part of its load, and {what}"
     sizes = [p.name for p in effect.parameters if p.planned == "size"]
     if effect.brought and effect.scope == "joint" and len(sizes) != 1:
-        raise ValueError(f'effect "{effect.name}" is planned with: exactly one parameter must be its planned="size"')
+        yield ' is planned with: exactly one parameter must be its planned="size"'
     for p in effect.parameters:
         needs = {"critical": "stiffness", "end": "side"}.get(p.grid.of, "") if p.grid else ""
         if needs and not any(other.kind == needs for other in effect.parameters):
-            raise ValueError(f'effect "{effect.name}": the grid of "{p.name}" needs a parameter of kind "{needs}"')
-
-
-def _check_names(effect: Effect) -> None:
-    for kind, names in (
-        ("parameter", [p.name for p in effect.parameters]),
-        ("coefficient", [c.name for c in effect.coefficients]),
-        ("state", [s.name for s in effect.states]),
-        ("effect", [effect.name]),
-    ):
-        for name in names:
-            if not _NAME.fullmatch(name):
-                raise ValueError(f'effect "{effect.name}": {kind} "{name}" must be lower-case letters, digits and _')
-        if len(set(names)) < len(names):
-            raise ValueError(f'effect "{effect.name}" names a {kind} twice')
-
-
-def _check_form(effect: Effect, form: LinearForm) -> None:
-    if len(form.coefficients) != len(form.from_parameters) or len(form.recover) != len(effect.linear):
-        raise ValueError(
-            f'effect "{effect.name}": its form needs an expression for each coefficient, and one back for each linear '
-            "parameter"
-        )
-    there = dict(zip((c.symbol for c in form.coefficients), form.from_parameters, strict=True))
-    if sp.simplify(form.torque.subs(there, simultaneous=True) - effect.torque) != 0:
-        raise ValueError(f'effect "{effect.name}": its form is not the same torque')
+            yield f': the grid of "{p.name}" needs a parameter of kind "{needs}"'
 
 
 def _symbols(effect: Effect) -> set[sp.Symbol]:
@@ -302,7 +296,15 @@ def _mistake(value: Any, hint: Any, where: str) -> Iterator[str]:
         if not isinstance(value, str) or value not in arguments:
             yield f"{where} is {_shown(value)}; expected {' or '.join(map(repr, arguments))}"
     elif get_origin(hint) is tuple:
-        yield from _of_tuple(value, arguments, where)
+        if not isinstance(value, tuple):
+            yield f"{where} is {_shown(value)}; expected a tuple: one of one item is written (item,)"
+            return
+        kinds = arguments[:1] * len(value) if arguments[-1] is Ellipsis else arguments
+        if len(kinds) != len(value):
+            yield f"{where} has {len(value)} items; expected {len(kinds)}"
+            return
+        for k, (each, kind) in enumerate(zip(value, kinds, strict=True), 1):
+            yield from _mistake(each, kind, f"{where} item {k}")
     elif hint is sp.Expr:
         if isinstance(value, bool) or not isinstance(value, int | float | sp.Expr):
             yield f"{where} is {_shown(value)}; expected an expression of SymPy"
@@ -313,18 +315,6 @@ def _mistake(value: Any, hint: Any, where: str) -> Iterator[str]:
             yield from _mistyped(value, where)
     elif not _is_plain(value, hint):
         yield f"{where} is {_shown(value)}; expected {_EXPECTED.get(hint, _word(hint))}"
-
-
-def _of_tuple(value: Any, arguments: tuple[Any, ...], where: str) -> Iterator[str]:
-    if not isinstance(value, tuple):
-        yield f"{where} is {_shown(value)}; expected a tuple: one of one item is written (item,)"
-        return
-    kinds = arguments[:1] * len(value) if arguments[-1] is Ellipsis else arguments
-    if len(kinds) != len(value):
-        yield f"{where} has {len(value)} items; expected {len(kinds)}"
-        return
-    for k, (each, kind) in enumerate(zip(value, kinds, strict=True), 1):
-        yield from _mistake(each, kind, f"{where} item {k}")
 
 
 _EXPECTED = {str: "a text", bool: "True or False", int: "a whole number", float: "a number", Unit: "a unit"}
@@ -348,17 +338,13 @@ def _out_of_range(effect: Effect, where: str) -> Iterator[str]:
     for p in (*effect.parameters, *coefficients):
         if not p.bounds[0] < p.bounds[1]:
             yield f"{where}: {p.name}: bounds are {p.bounds}; expected the smaller one first"
-        if p.grid is not None:
-            yield from _of_grid(p.grid, f"{where}: {p.name}")
-
-
-def _of_grid(grid: Grid, where: str) -> Iterator[str]:
-    if not 1 <= grid.count <= MOST_VALUES:
-        yield f"{where}: grid has {grid.count} values; expected 1 to {MOST_VALUES}"
-    if not (math.isfinite(grid.low) and math.isfinite(grid.high) and grid.low <= grid.high):
-        yield f"{where}: grid goes from {grid.low} to {grid.high}; expected finite numbers, the smaller one first"
-    if grid.spacing == "log" and not grid.low > 0:
-        yield f"{where}: grid begins at {grid.low}, spaced as its logarithm; expected more than 0, or spacing='linear'"
+        grid, here = p.grid or Grid(1, 1, 1), f"{where}: {p.name}: grid"
+        if not 1 <= grid.count <= MOST_VALUES:
+            yield f"{here} has {grid.count} values; expected 1 to {MOST_VALUES}"
+        if not (math.isfinite(grid.low) and math.isfinite(grid.high) and grid.low <= grid.high):
+            yield f"{here} goes from {grid.low} to {grid.high}; expected finite numbers, the smaller one first"
+        if grid.spacing == "log" and not grid.low > 0:
+            yield f"{here} begins at {grid.low}, spaced as its logarithm; expected more than 0, or spacing='linear'"
 
 
 def _word(kind: Any) -> str:
