@@ -1,14 +1,14 @@
-"""Signals to look into: a joint's torques and residual on canvases that zoom, pan and select together.
+"""Signals of a joint on canvases that zoom, pan and share a selection.
 
-What a canvas draws is reduced here, to a few thousand numbers a view; static/signals.js draws it, in a page that stands
-alone (runtime/report/page) and in one that is served.
+Python reduces the signals to a few thousand numbers a view; static/signals.js draws them, in a report (runtime/report/
+page) and in the studio.
 """
 
 from pathlib import Path
 
 STATIC = Path(__file__).parent / "static"
 EMBEDDED_SCRIPTS = ("scales.js", "sources.js", "drawing.js", "telling.js", "gestures.js", "signals.js")
-"""Of a page that has the numbers in itself, in their order: each leans on those before it."""
+"""Scripts of a page with embedded signals, in order: each uses those before it."""
 SCRIPTS = ("scales.js", "sources.js", "served.js", "drawing.js", "telling.js", "gestures.js", "signals.js")
-"""Of a page that asks a server for them."""
+"""Scripts of a page that asks a server for signals."""
 STYLES = ("colours.css", "signals.css")

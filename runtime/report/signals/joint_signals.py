@@ -1,4 +1,4 @@
-"""The signals of a joint that canvases show, with the same numbers as the figures of report/plots."""
+"""Signals of a joint for canvases, with the same numbers as the figures of report/plots."""
 
 from __future__ import annotations
 
@@ -24,12 +24,14 @@ Array = NDArray[np.float64]
 MEASURED, PREDICTED, RESIDUAL = "measured", "predicted", "residual"
 BEFORE, AFTER = " before", " after"
 _SHOWN = ("velocity", "position", "load", "temperature", "acceleration")
-"""The same order for every joint and recording, so that they can be compared at a glance."""
+"""Horizontal axes of the residual, in the same order for every joint and recording."""
 
 
 def of_joint(first: Step, last: Step, joint: int, added: str = "") -> SignalSet:
-    """A joint (0-based) as fitted, before and after what was added, as that is called; one model where both steps are
-    the same."""
+    """A joint (0-based) as fitted, in the first and the last step; one model if they are the same.
+
+    added   name of the added effects
+    """
     before = first.joints[joint]
     after = None if last is first else last.joints[joint]
     steps = [first] if last is first else [first, last]
@@ -39,8 +41,10 @@ def of_joint(first: Step, last: Step, joint: int, added: str = "") -> SignalSet:
 
 
 def of_held_out(before: HeldOut | None, after: HeldOut, joint: int, added: str = "") -> SignalSet:
-    """A joint (0-based) on recordings that were held out, before and after what was added; one model without `before`,
-    or where that was judged on other rows."""
+    """A joint (0-based) on held-out recordings, before and after effects were added.
+
+    One model without `before`, or if `before` has other rows.
+    """
     series = after.joints[joint]
     if before is None or not np.array_equal(before.joints[joint].t, series.t):
         return of_series(series, None, "", (_spectrum(series, [after.residuals[joint]], after.motion),))
@@ -51,7 +55,7 @@ def of_held_out(before: HeldOut | None, after: HeldOut, joint: int, added: str =
 def of_series(
     before: JointSeries, after: JointSeries | None, added: str = "", more: Sequence[SignalPanel] = ()
 ) -> SignalSet:
-    """A joint's series on the same rows, before and after what was added: none if `after` is None."""
+    """A joint's series on the same rows, before and after effects were added; one model if `after` is None."""
     models: list[tuple[str, Colour, JointSeries]] = [(BEFORE if after else "", "before", before)]
     if after is not None:
         models.append((AFTER, "after", after))
@@ -110,7 +114,7 @@ def of_series(
 
 
 def of_recording(recording: Recording, joint: int) -> SignalSet:
-    """A joint (0-based) of a recording as it was read: every sample, nothing filtered."""
+    """A joint (0-based) of a recording: every sample, unfiltered."""
     turns = recording.types[joint] == "revolute"
     force, position = ("N m", "rad") if turns else ("N", "m")
     torque = "torque" if turns else "force"
@@ -149,7 +153,7 @@ def _over(
     added: str,
     share: float,
 ) -> SignalPanel:
-    """The residual over a signal, with its running means and the curve of what was added."""
+    """The residual over a signal, with its running means and the torque of the added effects."""
     curves: list[DrawnCurve] = []
     for suffix, colour, series in models:
         curves += _means(axis, series.residual, RESIDUAL + suffix, colour)
@@ -172,7 +176,7 @@ def _over(
 
 
 def _means(axis: PlotAxis, y: Array, name: str, colour: Colour, dashed: bool = False) -> list[DrawnCurve]:
-    """Running means of each direction of motion, in the place of the axis's own values."""
+    """Running means of each direction of motion."""
     found = []
     for side in axis.sides():
         x, mean = running_mean(axis.stretched()[side], y[side])
@@ -181,9 +185,9 @@ def _means(axis: PlotAxis, y: Array, name: str, colour: Colour, dashed: bool = F
 
 
 def _spectrum(before: JointSeries, residuals: Sequence[Array], motion: Motion) -> SignalPanel:
-    """The residual over the frequency, with the white noise of the instruments and the peaks that stand out.
+    """Spectrum of the residual, with the white noise of the instruments and the peaks.
 
-    residuals   (M,) of every row of a motion, of one model or before and after
+    residuals   (M,) of every row of a motion: of one model, or before and after
     """
     joint = before.joint - 1
     cutoff, rate = motion.cutoff(joint), motion.row_rate(joint)

@@ -1,8 +1,8 @@
-"""Signals of one joint or recording for a canvas: its numbers, its panels, and answers to a browser.
+"""Signals of one joint or recording for a canvas: numbers, panels, and answers to a browser.
 
-A browser asks for the spec and the table once, for columns whenever a view has moved beyond what it has, and for the
-samples of a selection. Arrays travel as little-endian numbers without a header; the spec says their shape. Colours are
-names of report/plots/style.py: ink is what was measured, before and after are models.
+A browser asks once for the spec and the table, for columns when a view leaves the loaded range, and for the samples of
+a selection. Arrays are sent as little-endian numbers without a header; the spec states their shape. Colours are names
+of report/plots/style.py: ink for measurements, before and after for models.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class SignalPanel(msgspec.Struct, frozen=True):
 
 
 def curve(name: str, colour: Colour, x: Array, y: Array, dashed: bool = False) -> DrawnCurve:
-    """A curve of arrays; what is not finite is where it breaks."""
+    """A curve of arrays (K,) that breaks at values that are not finite."""
     points = [
         (float(a), float(b)) if np.isfinite(a) and np.isfinite(b) else (None, None) for a, b in zip(x, y, strict=True)
     ]
@@ -82,7 +82,7 @@ def curve(name: str, colour: Colour, x: Array, y: Array, dashed: bool = False) -
 
 
 def around(values: Sequence[Array], least: float = 0.0) -> tuple[float, float]:
-    """A vertical scale for lines (M,): all that is finite, with a margin, and `least` about zero if that is given."""
+    """A vertical scale for lines (M,): all finite values and ±`least`, with a margin."""
     finite = [v[np.isfinite(v)] for v in values]
     low = min([*(float(v.min()) for v in finite if len(v)), -least], default=-1.0)
     high = max([*(float(v.max()) for v in finite if len(v)), least], default=1.0)
@@ -91,14 +91,14 @@ def around(values: Sequence[Array], least: float = 0.0) -> tuple[float, float]:
 
 
 _FINEST = 64
-"""Samples of the shortest blocks that are kept: what is shorter is reduced anew at every view."""
+"""Samples of the shortest blocks that are stored; shorter ones are reduced for every view."""
 _COARSER = 8
-"""Blocks that the next level takes for one."""
+"""Blocks that make one block of the next level."""
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Of blocks of `size` samples the smallest and the largest values, (L, B) each."""
+    """Smallest and largest values of blocks of `size` samples, (L, B) each."""
 
     size: int
     least: Array
@@ -110,11 +110,11 @@ class _Level:
 
 @dataclass(frozen=True)
 class Pyramid:
-    """Signals over one time, reduced beforehand so that every view of them costs the same.
+    """Signals over time as blocks of several sizes, so that every view takes the same time.
 
     t       (M,) s, never falling
     names   of the lines
-    levels  the samples themselves, then ever longer blocks
+    levels  the samples, then blocks of increasing size
     """
 
     t: Array
@@ -123,7 +123,7 @@ class Pyramid:
 
     @classmethod
     def of(cls, t: Array, lines: Mapping[str, Array]) -> Pyramid:
-        """Over times (M,), of lines (M,); a line's NaN is a place where it is not drawn."""
+        """From times (M,) and lines (M,), which break at NaN."""
         values = np.array([lines[name] for name in lines], dtype=float).reshape(len(lines), len(t))
         levels = [_Level(1, values, values)]
         if len(t) > _FINEST:
@@ -133,10 +133,10 @@ class Pyramid:
         return cls(t, tuple(lines), tuple(levels))
 
     def columns(self, begin: float, end: float, columns: int) -> Array:
-        """(1 + 2 L, B) of the samples from `begin` to `end`, s, and one block on either side of them: the time of each
-        block's first sample, then the smallest and the largest value of each line.
+        """Blocks (1 + 2 L, B) from `begin` to `end`, s, and one on either side.
 
-        columns   of the drawing, at least 1; B is at most 2 `columns` + 2
+        Rows: the time of the block's first sample, then the smallest and the largest value of each line.
+        columns   of pixels, at least 1; B is at most 2 `columns` + 2
         """
         first, last = np.searchsorted(self.t, [begin, end], side="left")
         level = self._level(int(last - first), columns)
@@ -151,13 +151,13 @@ class Pyramid:
         return out
 
     def _level(self, samples: int, columns: int) -> _Level:
-        """The one of the longest blocks that has at least a block a column."""
+        """The level with the longest blocks that has at least one a column."""
         enough = [level for level in self.levels if level.size * columns <= samples]
         return enough[-1] if enough else self.levels[0]
 
 
 def _reduced(least: Array, most: Array, together: int) -> tuple[Array, Array]:
-    """Every `together` neighbours as one, the last of those that are left."""
+    """Blocks that join `together` neighbours each; the last one may have fewer."""
     if together == 1 or not least.shape[1]:
         return least, most
     starts = np.arange(0, least.shape[1], together)
@@ -169,29 +169,27 @@ def _reduced(least: Array, most: Array, together: int) -> tuple[Array, Array]:
 
 
 MOST_ROWS = 20_000
-"""Samples of a table: as many dots as a cloud needs, drawn in a part of a frame, and enough for three digits of an
-rms."""
+"""Largest number of samples in a table: enough dots for a cloud, and for three digits of an rms."""
 MOST_COLUMNS = 8_192
-"""Of one answer: a view of 8K with a margin."""
+"""Largest number of columns in an answer: a view on an 8K screen with a margin."""
 
 EMBEDDED_COLUMNS, EMBEDDED_ROWS = 1_000, 3_000
-"""Of a page that stands alone, a joint: some 100 kB, so that a report of an arm can still be sent to others."""
+"""Columns and samples that a report embeds for a joint: some 100 kB, so that it can be sent by mail."""
 
 
 class AskedWrongly(ValueError):
-    """A browser's question that has no answer; the message says why."""
+    """A malformed request of a browser."""
 
 
 @dataclass(frozen=True)
 class SignalSet:
     """Signals of one joint or recording (M samples), and the panels in which they are shown.
 
-    title   what it is
     t       (M,) s, never falling
     lines   (M,) each, drawn over time or as clouds
-    axes    (M,) each, that clouds are drawn over
-    floor   noise floor of the residuals, in `unit`; 0: there is none
-    unit    of the torque     units   of lines that are none
+    axes    (M,) each, horizontal axes of the clouds
+    floor   noise floor of the residuals, in `unit`; 0: unknown
+    unit    of the torque     units   of lines that are not torques, by name
     """
 
     title: str
@@ -205,13 +203,13 @@ class SignalSet:
 
     @cached_property
     def pyramid(self) -> Pyramid:
-        """Of the lines that are drawn over time."""
+        """Blocks of the lines that are drawn over time."""
         drawn = {line.line for panel in self.panels if panel.kind == "time" for line in panel.lines}
         return Pyramid.of(self.t, {name: self.lines[name] for name in self.lines if name in drawn})
 
     @cached_property
     def signals(self) -> dict[str, Array]:
-        """All that a sample has, by name: its time, then what clouds are drawn over, then the lines."""
+        """All signals (M,) by name: time, axes, then lines."""
         return {"time": self.t, **{k: v for k, v in self.axes.items() if k != "time"}, **self.lines}
 
     @property
@@ -220,7 +218,7 @@ class SignalSet:
         return float(np.median(np.diff(self.t))) if len(self.t) > 1 else 1.0
 
     def spec(self) -> dict[str, object]:
-        """What signals.js needs to know before it asks for numbers."""
+        """Description for signals.js, which it reads before the numbers."""
         return {
             "title": self.title,
             "samples": len(self.t),
@@ -238,13 +236,13 @@ class SignalSet:
     # --- numbers ---
 
     def columns(self, begin: float, end: float, columns: int) -> Array:
-        """(1 + 2 L, B): as `Pyramid.columns`, of the lines in the order of the spec."""
+        """As `Pyramid.columns`, with the lines in the order of the spec."""
         return self.pyramid.columns(begin, end, columns)
 
     def rows(self, ranges: Mapping[str, tuple[float, float]], most: int = MOST_ROWS) -> tuple[int, Array]:
-        """How many samples lie in all ranges, ends included, and at most so many of them (S, K), in their order.
+        """Number of samples within all ranges, ends included, and at most `most` of them (S, K), in order of time.
 
-        Of more the same ones are picked each time, at random. Raises AskedWrongly for a signal that is not there.
+        Of more samples a random choice is returned, the same each time. Raises AskedWrongly for an unknown signal.
         """
         inside = np.ones(len(self.t), dtype=bool)
         for name, (low, high) in ranges.items():
@@ -257,7 +255,7 @@ class SignalSet:
             picked = np.sort(np.random.default_rng(0).choice(found, most, replace=False))
         return len(found), np.array([signal[picked] for signal in self.signals.values()])
 
-    # --- a browser's questions ---
+    # --- requests of a browser ---
 
     def answer(self, what: str, query: Mapping[str, str]) -> tuple[bytes, str]:
         """Body and media type of an answer. Raises AskedWrongly.
@@ -278,8 +276,7 @@ class SignalSet:
         raise AskedWrongly(f"no {what!r}; expected spec, columns or rows")
 
     def embedded(self) -> dict[str, object]:
-        """For a page that stands alone: the spec, a drawing's worth of columns, and a cloud's worth of samples, in
-        whole numbers of 16 bits: the signals must be finite."""
+        """For a report: the spec, columns and samples as 16-bit integers. The signals must be finite."""
         begin, end = (float(self.t[0]), float(self.t[-1])) if len(self.t) else (0.0, 1.0)
         columns = self.columns(begin, np.nextafter(end, np.inf), EMBEDDED_COLUMNS)
         rows = self.rows({}, EMBEDDED_ROWS)[1]
@@ -288,7 +285,7 @@ class SignalSet:
     # --- a file ---
 
     def save(self, path: Path) -> None:
-        """As .npz. Raises OSError."""
+        """Write a .npz file. Raises OSError."""
         kept = {"title": self.title, "panels": self.panels, "floor": self.floor, "unit": self.unit}
         document = {**kept, "units": self.units, "lines": list(self.lines), "axes": list(self.axes)}
         arrays = {f"line{k}": v for k, v in enumerate(self.lines.values())}
@@ -300,7 +297,7 @@ class SignalSet:
 
     @classmethod
     def load(cls, path: Path) -> SignalSet:
-        """As `save` wrote it. Raises OSError, ValueError or KeyError where it did not."""
+        """Read what `save` wrote. Raises OSError, ValueError or KeyError for another file."""
         with np.load(path, allow_pickle=False) as kept:
             document = json.loads(kept["document"].tobytes())
             lines, axes, panels = (document.pop(name) for name in ("lines", "axes", "panels"))
@@ -314,7 +311,7 @@ class SignalSet:
 
 
 def _packed(values: Array) -> dict[str, object]:
-    """Numbers between their ends, in steps of 1/65535, as text."""
+    """Numbers as 16-bit integers between their ends, in base64."""
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
     steps = np.rint((values - low) * (65535 / ((high - low) or 1.0))).astype("<u2")
     return {"low": low, "high": high, "data": f"base64,{base64.b64encode(steps.tobytes()).decode()}"}

@@ -49,6 +49,7 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
 from tests.runtime.planning import planning_cases
 
+pytestmark = pytest.mark.xdist_group("report")  # its fixtures are made once
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
 SECTIONS = [
@@ -124,6 +125,13 @@ def rendered(result) -> str:
     return reports.report(result).html()
 
 
+def worded(result) -> str:
+    """A page without its drawings, which take most of its time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(style, "svg", lambda *_: "<svg></svg>")
+        return rendered(result)
+
+
 @pytest.fixture(scope="module")
 def page(improvement) -> str:
     return rendered(improvement)
@@ -167,7 +175,7 @@ def summary(improvement, one) -> ResultSummary:
 
 @pytest.fixture(scope="module")
 def story_text(summary) -> str:
-    return Reader(rendered(summary)).text
+    return Reader(worded(summary)).text
 
 
 @pytest.fixture(scope="module")
@@ -316,7 +324,7 @@ def test_torques_are_read_beside_the_moving_picture(page, improvement):
 def test_what_was_demanded_is_drawn_under_what_was_measured(drive, one):
     """In recordings that have it; the table says how far the joint was off."""
     asked = replace(one, q_desired=one.q + 0.1)
-    page = rendered(compare(drive, [asked]))
+    page = worded(compare(drive, [asked]))
     data = json.loads(Reader(page).scripts[0])
     assert "The arm as demanded, dashed, and as it was measured" in page
     assert page.count('<polyline class="arm') == 2
@@ -335,7 +343,7 @@ def test_what_sensors_were_worth_is_on_the_page(improvement, page):
     document = msgspec.structs.replace(summary.document, sensors=[worth.document()])
     summary.__dict__["document"] = document
     assert loop.sensors(document) == ["Contribution of the sensors: q1_link: alone rules out elasticity@1."]
-    assert loop.sensors(document)[0] in Reader(rendered(summary)).text
+    assert loop.sensors(document)[0] in Reader(worded(summary)).text
 
 
 def test_commands_can_be_copied(summary, story_text):
@@ -355,7 +363,7 @@ def test_the_model_files_own_words_and_sources_are_cited():
 def test_what_is_done_already_is_not_asked_for(summary):
     done = replace(summary, given=replace(ORIGIN, improved=Path("better.toml")))
     assert not any(c.command.startswith("tendon add") for c in done.commands)
-    assert "The improved model is in better.toml" in Reader(rendered(done)).text.replace(" .", ".")
+    assert "The improved model is in better.toml" in Reader(worded(done)).text.replace(" .", ".")
     assert not done.document.commands[0].command.startswith("tendon identify")
 
 
@@ -449,7 +457,7 @@ def test_what_does_not_earn_its_parameters_takes_no_row(improvement):
     assert [tag for tag, attributes in read.tags if tag == "th" and attributes.get("scope") == "row"] == ["th"]
     assert "Ruled out because BIC rises with their parameters: cable at joint 1." in read.text
     last = replace(improvement.found, last=Verdict((weak,), ()))
-    assert "BIC rises with their parameters: cable at joint 1." in Reader(rendered(ResultSummary(last))).text
+    assert "BIC rises with their parameters: cable at joint 1." in Reader(worded(ResultSummary(last))).text
 
 
 def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improvement):
@@ -463,7 +471,7 @@ def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improve
 
 def test_unexplained_shows_where_and_proposes_a_draft(unexplained):
     summary = ResultSummary(unexplained, ORIGIN)
-    text = Reader(rendered(summary)).text
+    text = Reader(worded(summary)).text
     assert "What is left unexplained" in text
     assert "share of the residual's power that each signal explains: velocity" in text
     assert "tendon diagnose 'my arms/drive.toml' 'run 1.csv' --draft guess.py --effects own.py" in text
@@ -515,13 +523,13 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
     summary = ResultSummary(clean)
     (peak,) = summary.document.peaks
     assert min(abs(f - 12.3) for f in peak.frequencies_hz) < 0.4
-    page = Reader(rendered(summary)).text
+    page = Reader(worded(summary)).text
     assert re.search(r"Peaks in the spectrum of the residual, with little of its power: joint 1 at .*12\.\d+ Hz", page)
     terminal.show(loop.sections(summary.document))
     assert "Peaks in the spectrum of the residual" in capsys.readouterr().out
     more = replace(improvement, left=replace(improvement.left, verdict="unexplained", reason="something is left"))
-    assert "effect found, more is left" in Reader(rendered(more)).text
-    assert "more is left" not in Reader(rendered(improvement)).text
+    assert "effect found, more is left" in Reader(worded(more)).text
+    assert "more is left" not in Reader(worded(improvement)).text
 
 
 def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
@@ -533,7 +541,7 @@ def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
 
 
 def test_refused_says_what_to_record(unexplained):
-    text = Reader(rendered(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
+    text = Reader(worded(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
     assert "The joints hardly move." in text
     assert "What to record" in text
     assert "Several constant speeds" in text  # viscous friction, in the model
@@ -576,7 +584,7 @@ def test_joints_are_called_by_their_names_too(improvement, capsys):
     whole = Improvement(improvement.model_text, named(improvement.found), named(improvement.left))
     summary = ResultSummary(whole, ORIGIN)
     assert [j.name for j in summary.document.joints] == ["elbow"]
-    page = rendered(summary)
+    page = worded(summary)
     assert "Joint 1 elbow: stribeck added" in page
     assert "stribeck at joint 1 (elbow)" in page
     terminal.show(loop.sections(summary.document))
@@ -629,7 +637,7 @@ def test_a_joint_that_never_moves_is_no_joint_at_its_floor(library, capsys):
     made, _ = simulate(model, motion=np.array([0 * t, swing]))
     summary = ResultSummary(compare(model, [made]))
     assert (summary.moves(0), summary.moves(1)) == (False, True)
-    page = Reader(rendered(summary))
+    page = Reader(worded(summary))
     assert page.text.count("it never moves, and nothing of it is compared") == 2
     assert not any(str(tag.get("id", "")).startswith("time1") for _, tag in page.tags)
     terminal.show(loop.sections(summary.document))
@@ -645,7 +653,7 @@ def test_parameters_of_joints_at_their_floor_fold_away(library):
     plant = planning_cases.arm(library, "rr", effects={"viscous": {"coefficient": 2.0}})
     spring = Hidden(Term("linear_spring", 1), {"stiffness": 20.0, "rest": 0.0})
     made, _ = simulate(plant, [spring], SimulationSettings(seconds=20.0))
-    text = rendered(ResultSummary(compare(model, [made])))
+    text = worded(ResultSummary(compare(model, [made])))
     parameters = text[text.index('<section id="parameters">') : text.index('<section id="method">')]
     first, second = re.findall(r"<details( open)?>\s*<summary><h4>Joint \d</h4>(.*?)</summary>", parameters)[:2]
     assert (first[0], second[0]) == (" open", "")
@@ -653,7 +661,7 @@ def test_parameters_of_joints_at_their_floor_fold_away(library):
 
 
 def test_diagnosis_without_a_finding(improvement):
-    text = Reader(rendered(improvement.left)).text
+    text = Reader(worded(improvement.left)).text
     assert "The residual is noise." in text
     assert "Considered, and not named" in text
     assert "Detection limits" in text

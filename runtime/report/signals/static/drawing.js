@@ -1,11 +1,11 @@
 "use strict";
-/* One panel on its canvas: axes, noise floor, lines, clouds, curves, and what is selected. */
+/* Draws a panel on its canvas: axes, noise floor, lines, clouds, curves and the selection. */
 Object.assign(globalThis.TendonSignals, (() => {
   const { ticks, tick, place, number } = globalThis.TendonSignals;
   const EDGE = { left: 58, right: 12, top: 8, bottom: 33 };
   const GAP = 5, DOT = { few: 0.55, many: 0.2, faded: 0.12, lit: 0.75 };
 
-  /* Where things are on a panel: the frame in which it draws, and the ways between values and pixels. */
+  /* The frame of a panel: its rectangle, and conversions between values and pixels. */
   function frame(panel, width, height) {
     const { view } = panel, box = { x: EDGE.left, y: EDGE.top, w: width - EDGE.left - EDGE.right, h: height - EDGE.top - EDGE.bottom };
     const across = box.w / (view.u1 - view.u0), up = box.h / (view.v1 - view.v0);
@@ -18,10 +18,10 @@ Object.assign(globalThis.TendonSignals, (() => {
     };
   }
 
-  /* Where a line breaks: a value that is none, or samples that are missing. */
+  /* Whether a line breaks: the value is NaN, or samples are missing. */
   const broken = (data, least, k, first) => Number.isNaN(least[k]) || (k > first && data.t[k] - data.t[k - 1] > GAP * data.pitch);
 
-  /* A line over time, from sample to sample. */
+  /* A line over time that joins every sample. */
   function closely(pen, at, data, line, first, last) {
     const { t } = data, least = data.least[line], most = data.most[line];
     let joined = false;
@@ -37,8 +37,8 @@ Object.assign(globalThis.TendonSignals, (() => {
     pen.stroke();
   }
 
-  /* A line over a long time: in every column of the screen a bar from its smallest to its largest value, as far as the
-     one before. Bars on whole pixels are painted at once, where a path of as many strokes takes a tenth of a second. */
+  /* A line over a long time: in each column of pixels a bar from its smallest to its largest value, extended to meet the
+     bar before. Filled rectangles on whole pixels are fast; a path with as many strokes takes a tenth of a second. */
   function densely(pen, at, data, line, first, last, scale) {
     const { t } = data, least = data.least[line], most = data.most[line], wide = 1 / scale;
     let column = NaN, low = 0, high = 0, low0 = NaN, high0 = NaN;
@@ -71,8 +71,8 @@ Object.assign(globalThis.TendonSignals, (() => {
     if (dense) densely(pen, at, data, line, first, last, scale); else closely(pen, at, data, line, first, last);
   }
 
-  /* The frame's background with the noise floor in it, as an image that dots are mixed into. */
-  function ground(pen, at, panel, colours, scale) {
+  /* The background of the frame with the noise floor, as an image to which dots are added. */
+  function background(pen, at, panel, colours, scale) {
     const { box } = at, wide = Math.max(1, Math.round(box.w * scale)), tall = Math.max(1, Math.round(box.h * scale));
     const image = pen.createImageData(wide, tall), words = new Uint32Array(image.data.buffer);
     const word = ([r, g, b]) => (255 << 24) | (b << 16) | (g << 8) | r;
@@ -83,7 +83,7 @@ Object.assign(globalThis.TendonSignals, (() => {
     return { image, wide, tall };
   }
 
-  /* Dots of samples, mixed into an image. */
+  /* Adds the dots of samples to an image. */
   function dots(into, at, xs, ys, rgb, alpha, scale) {
     const { image: { data }, wide, tall } = into, size = Math.max(2, Math.round(1.6 * scale));
     const [red, green, blue] = rgb, { box } = at;
@@ -102,7 +102,7 @@ Object.assign(globalThis.TendonSignals, (() => {
   }
 
   function cloud(pen, at, panel, scene, scale) {
-    const { colours, rows, lit, shown } = scene, into = ground(pen, at, panel, colours, scale);
+    const { colours, rows, lit, shown } = scene, into = background(pen, at, panel, colours, scale);
     const some = rows ? rows.count : 0, plain = Math.min(DOT.few, Math.max(DOT.many, 600 / Math.max(some, 1)));
     for (const line of panel.lines) {
       if (!rows || !shown(line.name)) continue;
@@ -122,7 +122,7 @@ Object.assign(globalThis.TendonSignals, (() => {
     pen.globalAlpha = 1;
   }
 
-  /* Over time, the columns in which selected samples lie. */
+  /* Shades the times of the selected samples. */
   function litColumns(pen, at, lit, colours) {
     const { box } = at, { time } = lit.signals, seen = new Uint8Array(Math.ceil(box.w) + 1);
     for (let k = 0; k < time.length; k++) {
@@ -213,7 +213,7 @@ Object.assign(globalThis.TendonSignals, (() => {
     });
   }
 
-  /* The rectangle that is being drawn, or was, and the sample under the pointer. */
+  /* The rectangle of the selection, and the sample under the pointer. */
   function brush(pen, at, panel, scene) {
     const { box } = at, range = scene.brushed(panel);
     if (range) {
@@ -238,7 +238,7 @@ Object.assign(globalThis.TendonSignals, (() => {
     pen.stroke();
   }
 
-  /* All of a panel, anew. `scene` has the colours, the table, what is lit, and the blocks of the lines. */
+  /* Draws a whole panel. `scene` holds the colours, the table of samples, the selection and the blocks of the lines. */
   function draw(panel, scene) {
     const { canvas, pen } = panel, scale = canvas.width / canvas.clientWidth || 1;
     const at = frame(panel, canvas.clientWidth, canvas.clientHeight), { box } = at, { colours } = scene;

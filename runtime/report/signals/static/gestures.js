@@ -1,9 +1,8 @@
 "use strict";
-/* Hands on a panel: a pointer that selects or moves, two that zoom, a wheel, keys, and what is under the pointer. */
+/* Input on a panel: a pointer selects or moves, two pointers or the wheel zoom, keys, and the sample under the pointer. */
 Object.assign(globalThis.TendonSignals, (() => {
   const { number, place, frame, ZOOM } = globalThis.TendonSignals;
   const NEAR = 24;
-
 
   function listen(signals, panel) {
     const { canvas } = panel, pointers = new Map();
@@ -80,7 +79,7 @@ Object.assign(globalThis.TendonSignals, (() => {
     acts[event.key]();
   }
 
-  /* The sample under the pointer: read in its panel, and shown in all. */
+  /* The sample under the pointer: its values appear in this panel, its mark in all panels. */
   function hover(signals, panel, at, p) {
     const { signals: values, count } = signals.rows, { box } = at;
     if (!count || panel.kind === "curves" || p.x < box.x || p.x > box.x + box.w) { leave(signals); return; }

@@ -1,10 +1,10 @@
 "use strict";
-/* Numbers as people write them, axes and their ticks, and the page's colours. */
+/* Formats of numbers, axes with their ticks, and the colours of the page. */
 globalThis.TendonSignals = (() => {
   const RAISED = "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079";
   const minus = (text) => text.replace("-", "\u2212");
 
-  /* A few significant digits, without an exponent where a person would write none. */
+  /* A number with a few significant digits, with a power of ten only if it is very small or large. */
   function number(value, digits = 3) {
     if (!Number.isFinite(value)) return "\u2013";
     if (value === 0) return "0";
@@ -17,12 +17,12 @@ globalThis.TendonSignals = (() => {
     return minus(text.includes(".") ? text.replace(/\.?0+$/, "") : text);
   }
 
-  /* An axis: `to` takes a value to where it is drawn on, `from` back. */
+  /* Axes: `to` maps a value to its position, `from` is the inverse. */
   const plain = { to: (x) => x, from: (u) => u };
   const logarithmic = { to: (x) => Math.log10(Math.max(x, 1e-300)), from: (u) => 10 ** u };
   const stretched = (width) => ({ to: (x) => Math.asinh(x / width), from: (u) => width * Math.sinh(u), width });
 
-  /* Round numbers from low to high, about as many as asked for. */
+  /* About the given number of round values from low to high. */
   function evenly(low, high, about) {
     const span = high - low;
     if (!(span > 0) || !Number.isFinite(span)) return [];
@@ -34,7 +34,7 @@ globalThis.TendonSignals = (() => {
     return found;
   }
 
-  /* Of a logarithmic axis: powers of ten, with twos and fives between few of them. */
+  /* Ticks of a logarithmic axis: powers of ten; over a short range twos and fives too. */
   function decades(low, high) {
     const found = [], wide = Math.log10(high / low) > 2.5;
     for (let e = Math.floor(Math.log10(low)); e <= Math.ceil(Math.log10(high)); e++)
@@ -42,7 +42,7 @@ globalThis.TendonSignals = (() => {
     return found;
   }
 
-  /* Of one that is stretched about 0: nothing, and round rates on either side of it that keep a distance. */
+  /* Ticks of an axis that is stretched about 0: 0 and round rates on either side, with a least distance. */
   function creeping(axis, u0, u1, about) {
     const gap = (u1 - u0) / Math.max(about, 2), rates = [];
     for (let e = 6; e >= -9; e--) for (const m of [3, 1]) rates.push(m * 10 ** e);
@@ -65,7 +65,7 @@ globalThis.TendonSignals = (() => {
     return axis.width ? creeping(axis, u0, u1, about) : evenly(u0, u1, about);
   }
 
-  /* A tick's text: as many decimals as neighbours differ in. */
+  /* Text of a tick, with as many decimals as distinguish it from its neighbours. */
   function tick(value, all) {
     const steps = all.slice(1).map((x, k) => Math.abs(x - all[k])).filter((x) => x > 0);
     const least = Math.min(...steps, Math.abs(value) || Infinity);
@@ -77,7 +77,7 @@ globalThis.TendonSignals = (() => {
 
   const NAMES = ["paper", "raised", "rule", "ink", "faint", "before", "after"];
 
-  /* The colours that the page's style has at an element, as CSS texts and as [red, green, blue]. */
+  /* Colours of the page's style at an element, as CSS texts and as [red, green, blue]. */
   function colours(element, pen) {
     const style = getComputedStyle(element), found = { font: style.fontFamily, rgb: {} };
     for (const name of NAMES) {

@@ -1,5 +1,5 @@
 "use strict";
-/* Numbers of signals from a server that reduces them: it answers the same three questions as a page's own. */
+/* Signals from a server, which reduces them; the same interface as `Embedded`. */
 Object.assign(globalThis.TendonSignals, (() => {
   const { blocks, table } = globalThis.TendonSignals;
 

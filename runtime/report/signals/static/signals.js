@@ -1,5 +1,5 @@
 "use strict";
-/* <tendon-signals src="…"> or around a script of data: panels that zoom each on their own and are lit together. */
+/* <tendon-signals src="…">, or with a script of data inside: panels that zoom one by one and share a selection. */
 (() => {
   const { plain, logarithmic, stretched, colours, Served, Embedded, draw, make, bar, tell, listen } = globalThis.TendonSignals;
   const MARGIN = 1, OVERVIEW = 2048, MOST_ZOOM = 1e6, FRAMES = 600;
@@ -30,7 +30,7 @@
       if (before !== null && before !== after && this.isConnected) this.load();
     }
 
-    /* --- what there is --- */
+    /* --- loading --- */
 
     async load() {
       const data = this.querySelector("script[type='application/json']"), address = this.getAttribute("src");
@@ -109,7 +109,7 @@
       if (panel.kind === "time") this.ask(panel);
     }
 
-    /* By a factor about a place of the panel (0 to 1 from its left and bottom). */
+    /* Zooms by a factor about a point of the panel (0 to 1 from its left and bottom). */
     zoom(panel, factor, x = 0.5, y = 0.5) {
       const { u0, u1, v0, v1 } = panel.view, upright = panel.kind === "over";
       const along = (a, b, at) => [a + (b - a) * at * (1 - factor), b - (b - a) * (1 - at) * (1 - factor)];
@@ -117,13 +117,13 @@
       this.setView(panel, { u0: a, u1: b, v0: c, v1: d });
     }
 
-    /* By parts of its width and height. */
+    /* Moves the view by parts of its width and height. */
     move(panel, x, y) {
       const { u0, u1, v0, v1 } = panel.view, a = x * (u1 - u0), b = panel.kind === "over" ? y * (v1 - v0) : 0;
       this.setView(panel, { u0: u0 + a, u1: u1 + a, v0: v0 + b, v1: v1 + b });
     }
 
-    /* More of the lines than is seen, once a view has left what is there or looks closer than it. */
+    /* Asks for finer or further blocks when the view has left the loaded ones or is finer than they are. */
     async ask(panel) {
       const { u0, u1 } = panel.view, columns = Math.max(panel.canvas.width, 1);
       const has = this.detail, finest = has && (has.raw || (u1 - u0) / columns >= has.pitch * 0.9);
@@ -139,11 +139,11 @@
           this.detail = { ...found, begin, end, raw: found.pitch <= 1.5 * this.spec.step };
           this.linked(panel).forEach((other) => this.touch(other));
         }
-      } catch { /* the overview stays: coarser, and true */ } finally { this.asking = false; }
+      } catch { /* the overview stays, which is coarser */ } finally { this.asking = false; }
       if (this.again) { const next = this.again; this.again = null; this.ask(next); }
     }
 
-    /* Which blocks draw which stretch of a panel's time. */
+    /* The blocks that draw each interval of a panel's time. */
     stretches(panel) {
       const { u0, u1 } = panel.view, fine = this.detail;
       if (!fine || fine.end <= u0 || fine.begin >= u1 || (u1 - u0) > 4 * (fine.end - fine.begin)) return [[this.overview, u0, u1]];
@@ -155,7 +155,7 @@
 
     /* --- selection --- */
 
-    /* Samples within ranges of signals; null: none. The last one asked for counts. */
+    /* Selects the samples within ranges of signals; null clears the selection. A later call overrides an earlier one. */
     async select(ranges, panel = null) {
       const asked = this.selection = ranges && { ranges, panel };
       if (!ranges) this.lit = null;
@@ -177,7 +177,7 @@
       return panel.kind === "time" && time ? { x: time } : null;
     }
 
-    /* A rectangle of a panel as ranges of its signals. */
+    /* The rectangle of a panel as ranges of its signals. */
     ranges(panel, range) {
       if (panel.kind === "time") return { time: range.x };
       const line = panel.lines.find((own) => !this.off.has(own.name)) ?? panel.lines[0];

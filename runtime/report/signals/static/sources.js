@@ -1,8 +1,8 @@
 "use strict";
-/* Numbers of signals: as blocks over time, as a table of samples, and what is said of a selection; those of a page that
-   has them in itself. */
+/* Signals as blocks over time and as a table of samples, statistics of a selection, and signals that are embedded in the
+   page. */
 Object.assign(globalThis.TendonSignals, (() => {
-  /* The first place in ascending numbers whose value is not below x. */
+  /* Index of the first of ascending values that is not below x. */
   function place(values, x) {
     let low = 0, high = values.length;
     while (low < high) {
@@ -12,7 +12,7 @@ Object.assign(globalThis.TendonSignals, (() => {
     return low;
   }
 
-  /* Blocks of samples: the time of the first of each, and of each line the smallest and largest value. */
+  /* Blocks of samples: the time of the first sample, and the smallest and largest value of each line. */
   function blocks(flat, lines) {
     const count = flat.length / (1 + 2 * lines);
     const row = (k) => flat.subarray(k * count, (k + 1) * count);
@@ -26,14 +26,14 @@ Object.assign(globalThis.TendonSignals, (() => {
     };
   }
 
-  /* Samples as a table: a column of numbers for every signal, by its name. */
+  /* Samples as a table with a column for every signal, by name. */
   function table(flat, names) {
     const count = names.length ? flat.length / names.length : 0;
     const signals = Object.fromEntries(names.map((name, k) => [name, flat.subarray(k * count, (k + 1) * count)]));
     return { count, signals };
   }
 
-  /* Numbers that stand in the page: whole ones of 16 bits between a low and a high end. */
+  /* Decodes embedded numbers: 16-bit integers between a low and a high end. */
   function unpacked({ low, high, data }) {
     const bytes = Uint8Array.from(atob(data.slice(data.indexOf(",") + 1)), (letter) => letter.charCodeAt(0));
     return Float64Array.from(new Uint16Array(bytes.buffer), (k) => low + (high - low) * k / 65535);
@@ -65,12 +65,12 @@ Object.assign(globalThis.TendonSignals, (() => {
     }
   }
 
-  /* What is said of samples: how many, when, and of every line its mean, rms, and part of all the squares. */
+  /* Statistics of samples: count, times, and the mean, rms and share of the sum of squares of every line. */
   function statistics(rows, all, spec) {
     const of = (x, what) => { let sum = 0; for (let k = 0; k < x.length; k++) sum += what(x[k]); return x.length ? sum / x.length : NaN; };
     const { time } = rows.signals;
-    const told = spec.signals.filter((name) => name.startsWith("residual"));
-    const names = told.length ? told : spec.lines;
+    const residuals = spec.signals.filter((name) => name.startsWith("residual"));
+    const names = residuals.length ? residuals : spec.lines;
     return {
       samples: rows.total,
       share: rows.total / Math.max(all.total, 1),

@@ -1,5 +1,5 @@
 "use strict";
-/* Above the panels: the bar of what can be done with all of them, the legend, and what is selected in figures. */
+/* Above the panels: the toolbar, the legend, and statistics of the selection. */
 Object.assign(globalThis.TendonSignals, (() => {
   const { number, statistics } = globalThis.TendonSignals;
   const ZOOM = 1.25;
@@ -58,7 +58,7 @@ Object.assign(globalThis.TendonSignals, (() => {
     signals.modes.forEach((made) => made.setAttribute("aria-pressed", String(made.dataset.mode === mode)));
   }
 
-  /* What is selected, in figures. */
+  /* Shows the statistics of the selection. */
   function tell(signals) {
     const { spec } = signals, some = signals.lit ?? signals.rows, found = statistics(some, signals.rows, spec);
     const percent = (x) => `${number(100 * x)}\u00a0%`;
