@@ -7,10 +7,11 @@ commanded by PDO.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from threading import Condition
 from typing import Any, NoReturn
 
 from runtime.hardware.link import LinkError
@@ -179,10 +180,6 @@ class Scale:
         # Clamped before rounding: the ratio may be larger than any integer of the drive.
         return self.direction * round(max(-most, min(most, torque / self.resolution)))
 
-    def torque(self, per_mille: int) -> float:
-        """Torque at the joint, N m or N."""
-        return self.direction * per_mille * self.resolution
-
 
 # --- errors ---
 
@@ -300,12 +297,12 @@ class Answer:
 class CanDrive:
     """The drive of a joint (1-based) in a connected canopen.Network.
 
-    spoke    called by the network's thread after an answer to a SYNC or a restart
+    spoke    notified by the network's thread after an answer to a SYNC or a restart
     heard    whether it has answered the last SYNC
     misses   number of SYNCs in a row that it has not answered in time; a late answer resets it
     """
 
-    def __init__(self, network: Any, joint: int, info: JointInfo, spoke: Callable[[], None]) -> None:
+    def __init__(self, network: Any, joint: int, info: JointInfo, spoke: Condition) -> None:
         import canopen
 
         assert info.drive is not None
@@ -484,7 +481,7 @@ class CanDrive:
         if len(data) == _ANSWER.size:
             self.answer = Answer(*_ANSWER.unpack(data))
             self.heard, self.misses = True, 0
-            self._spoke()
+            self._notify()
 
     def _on_emergency(self, message: Any) -> None:
         if not message.code & 0xFF00:  # the error has been reset
@@ -496,4 +493,8 @@ class CanDrive:
     def _on_heartbeat(self, state: int) -> None:
         if state == 0:
             self.restarted = True
-            self._spoke()
+            self._notify()
+
+    def _notify(self) -> None:
+        with self._spoke:
+            self._spoke.notify_all()

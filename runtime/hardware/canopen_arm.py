@@ -92,14 +92,12 @@ def frame_bits(data: int) -> int:
     return 47 + 8 * data + (34 + 8 * data - 1) // 4
 
 
-def period_bits(drives: int) -> int:
-    """Bits of all frames of a control period: SYNC, and an answer and a command for each drive."""
-    return frame_bits(0) + drives * (frame_bits(_SENT) + frame_bits(_ANSWERED))
-
-
 def bus_load(drives: int, rate: float, bitrate: int) -> float:
-    """Largest bus load of `drives` at `rate` Hz, as a part of the bit rate."""
-    return period_bits(drives) * rate / bitrate
+    """Largest bus load of `drives` at `rate` Hz, as a part of the bit rate.
+
+    A control period has a SYNC, and an answer and a command for each drive.
+    """
+    return (frame_bits(0) + drives * (frame_bits(_SENT) + frame_bits(_ANSWERED))) * rate / bitrate
 
 
 def check_bus_load(drives: int, rate: float, address: CanAddress) -> None:
@@ -107,7 +105,7 @@ def check_bus_load(drives: int, rate: float, address: CanAddress) -> None:
     part = bus_load(drives, rate, address.bitrate)
     if part <= LOAD_LIMIT:
         return
-    feasible = LOAD_LIMIT * address.bitrate / period_bits(drives)
+    feasible = LOAD_LIMIT / bus_load(drives, 1.0, address.bitrate)
     whole = feasible // 10 * 10 if feasible >= 10 else feasible
     raise LinkError(
         f"{address}: {drives} drives at {rate:g} Hz fill {part:.1%} of a bus of {address.bitrate / 1e6:g} Mbit/s, "
@@ -219,7 +217,7 @@ class CanopenArm:
         self._beats: int | None = None
         self._fault: str | None = None
         self._network: Any = open_network(address, self._on_error_frame)
-        self._drives = [CanDrive(self._network, i, j, self._on_word) for i, j in enumerate(model.joints, 1)]
+        self._drives = [CanDrive(self._network, i, j, self._heard) for i, j in enumerate(model.joints, 1)]
         self._sent = [Controlword.DISABLE_VOLTAGE] * model.n
 
     def __enter__(self) -> Self:
@@ -436,10 +434,6 @@ class CanopenArm:
         return max(2, round(seconds / self.pace.length))
 
     # --- called by the network's thread ---
-
-    def _on_word(self) -> None:
-        with self._heard:
-            self._heard.notify_all()
 
     def _on_error_frame(self, message: Any) -> None:
         if message.is_error_frame and message.arbitration_id & _BUS_OFF:
