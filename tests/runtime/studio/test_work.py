@@ -124,8 +124,8 @@ def test_from_the_verdict_to_the_fallen_error_and_back(shared: Studio) -> None:
     assert StudioSession.open(shared.session.folder).history == shared.history
 
 
-def test_a_cancelled_diagnosis_leaves_nothing(copied: Studio) -> None:
-    before = files(copied)
+def test_a_cancelled_diagnosis_leaves_nothing_and_runs_to_its_end_when_it_is_begun_again(copied: Studio) -> None:
+    before, found = files(copied), verdict(copied)
     copied.diagnose()
     with pytest.raises(WorkError):
         copied.diagnose()
@@ -139,18 +139,10 @@ def test_a_cancelled_diagnosis_leaves_nothing(copied: Studio) -> None:
     until(lambda: not alive(process.pid))
     assert files(copied) == before
     assert shown(copied, 0).called == "1"
-
-
-def test_a_diagnosis_that_was_cancelled_runs_to_its_end_when_it_is_begun_again(copied: Studio) -> None:
-    """In another process, with the result of one that was never cancelled."""
-    before = verdict(copied)
-    copied.diagnose()
-    until(lambda: copied.work is not None and copied.work.left is not None)
-    copied.cancel()
     (copied.session.step(0) / "verdict.json").unlink()
     copied.diagnose()
     done(copied)
-    assert verdict(copied) == before
+    assert verdict(copied) == found
 
 
 FORKING = """
