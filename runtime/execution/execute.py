@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.documents.plans import ArmEffectEntry, ExecutedJointEntry, ExecuteDocument
+from runtime.documents.plans import ArmEffectEntry, ExcessEntry, ExecutedJointEntry, ExecuteDocument
 from runtime.execution.options import TRIALS, ExecutionSettings
-from runtime.execution.results import Excess, PlannedCycle, mean, spread, trial_entry
+from runtime.execution.results import PlannedCycle, mean, spread, trial_entry
 from runtime.execution.trial import RUN_IN, Trial, length, recorded, run
 from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.link import Codec
@@ -108,7 +108,7 @@ class Execution:
     hidden: frozenset[Term]
     seed: int
     noise: float
-    excess: tuple[Excess, ...]
+    excess: tuple[ExcessEntry, ...]
     trials: tuple[Trial, ...]
 
     @cached_property
@@ -133,7 +133,7 @@ class Execution:
     def reason(self) -> str | None:
         """Why it was stopped or refused; None if it was not."""
         if self.excess:
-            return str(self.excess[0])
+            return self.excess[0].text
         for k, trial in enumerate(self.trials, 1):
             if trial.stop is not None:
                 at = "" if trial.stop.joint is None else f"joint {trial.stop.joint}: "
@@ -169,7 +169,7 @@ class Execution:
                 )
                 for term, values in self.arm.items()
             ],
-            exceeded=[item.document() for item in self.excess],
+            exceeded=list(self.excess),
             status=self.status,
             reason=self.reason,
             joints=[
@@ -183,11 +183,6 @@ class Execution:
         )
 
 
-def no_listener() -> AbstractContextManager[Callable[[], int]]:
-    """For an arm that nobody wants to stop."""
-    return nullcontext(lambda: 0)
-
-
 def execute(
     model: Model,
     controller: Path,
@@ -197,7 +192,7 @@ def execute(
     hidden: Sequence[Hidden] = (),
     changed: Sequence[Hidden] = (),
     board: Callable[[Path, str, int], Board] = HostBoard,
-    listening: Callable[[], AbstractContextManager[Callable[[], int]]] = no_listener,
+    listening: Callable[[], AbstractContextManager[Callable[[], int]]] = lambda: nullcontext(lambda: 0),
 ) -> Execution:
     """The trajectory on a simulated arm, from rest, until all trials are done or one is stopped.
 

@@ -8,6 +8,7 @@ from math import ceil
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from runtime.documents.plans import LinkEntry, PredictedJointEntry, PredictionEntry, StandingEntry
@@ -219,7 +220,8 @@ class _Executing:
     def _trial(self, start: Array, settings: Settings, seconds: float) -> Trial:
         way = self._approach(start, settings)
         if way is not None and way.stop is not None:
-            return replace(way, stop=replace(way.stop, reason=f"on the way to the start: {way.stop.reason}"))
+            stop = structs.replace(way.stop, reason=f"on the way to the start: {way.stop.reason}")
+            return replace(way, stop=stop)
         self.session.upload(settings)
         return run(self.session, settings, seconds, every=self.setup.every, asked=self.asked)
 
@@ -238,9 +240,8 @@ class _Executing:
                 f"the arm is not where the trajectory starts: {'; '.join(joints)}; bring it there, or pass --approach"
             )
         way = self._way(here, start)
-        outside = [str(excess) for excess in PlannedCycle(self.setup.model, way).exceeded()]
-        if outside:
-            raise ControllerError(f"there is no straight way to the start: {outside[0]}")
+        for excess in PlannedCycle(self.setup.model, way).exceeded():
+            raise ControllerError(f"there is no straight way to the start: {excess.text}")
         settings = self.setup.board_settings(way)
         self.session.upload(settings)
         return run(self.session, settings, length(way, 1), every=self.setup.every, asked=self.asked)
@@ -261,8 +262,16 @@ def prediction(execution: Execution) -> PredictionEntry:
     """Extremes over all trials, of which there is at least one, beside the limits, which are all given."""
     trials, plan, dt = execution.trials, execution.plan, execution.dt
     torque = np.max([np.abs(trial.tau).max(axis=1) for trial in trials], axis=0)
-    speed = np.max([_speed(trial, dt) for trial in trials], axis=0)
-    room = np.min([_room(plan.model, trial) for trial in trials], axis=0)
+    low, high = np.array([joint.position_limits for joint in plan.model.joints], dtype=np.float64).T
+    room = np.min([np.minimum(trial.q.min(axis=1) - low, high - trial.q.max(axis=1)) for trial in trials], axis=0)
+    speeds = []
+    for trial in trials:
+        span = min(max(1, round(_SPAN / dt)), trial.q.shape[1] - 1)
+        speeds.append(np.abs(trial.q[:, span:] - trial.q[:, :-span]).max(axis=1) / (span * dt))
+    speed = np.max(speeds, axis=0)
+    contact = plan.trajectory.contact or (plan.model.contact["effects"] if plan.model.contact else {})
+    surface = given(plan.model.library, {Term(name): values for name, values in contact.items()}, SURFACE)
+    tip_y = min(float(plan.model.tip(trial.q)[1].min()) for trial in trials)
     joints = [
         PredictedJointEntry(
             joint=k + 1,
@@ -277,24 +286,4 @@ def prediction(execution: Execution) -> PredictionEntry:
         )
         for k, joint in enumerate(plan.model.joints)
     ]
-    return PredictionEntry(joints=joints, plate=_plate(plan, trials))
-
-
-def _speed(trial: Trial, dt: float) -> Array:
-    span = min(max(1, round(_SPAN / dt)), trial.q.shape[1] - 1)
-    return np.abs(trial.q[:, span:] - trial.q[:, :-span]).max(axis=1) / (span * dt)
-
-
-def _room(model: Model, trial: Trial) -> Array:
-    """(n,) smallest distance to an end of each joint's range, rad or m."""
-    low, high = np.array([joint.position_limits for joint in model.joints], dtype=np.float64).T
-    return np.minimum(trial.q.min(axis=1) - low, high - trial.q.max(axis=1))
-
-
-def _plate(plan: PlannedCycle, trials: tuple[Trial, ...]) -> float | None:
-    """Smallest height of the end-effector above the plate, m, negative where it is pressed down; None without one."""
-    contact = plan.trajectory.contact or (plan.model.contact["effects"] if plan.model.contact else {})
-    surface = given(plan.model.library, {Term(name): values for name, values in contact.items()}, SURFACE)
-    if surface is None:
-        return None
-    return float(min(plan.model.tip(trial.q)[1].min() for trial in trials) - surface)
+    return PredictionEntry(joints=joints, plate=None if surface is None else tip_y - surface)

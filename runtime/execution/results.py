@@ -15,13 +15,12 @@ from runtime.documents.plans import (
     CycleOfPlanEntry,
     ExcessEntry,
     ModelledCostEntry,
-    StopEntry,
     TrialEntry,
 )
 from runtime.execution.trial import RUN_IN, Trial
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Structure, given
-from runtime.planning.evaluate import Along, Effort, effort, every_instant, limited, mounted
+from runtime.planning.evaluate import Effort, effort, every_instant, limited, mounted
 from runtime.planning.trajectory import JointMotion, Trajectory
 from runtime.wording import number, told_apart
 
@@ -70,9 +69,19 @@ class PlannedCycle:
         surface = given(self.model.library, self.terms, SURFACE)
         return None if surface is None else max(0.0, surface - tip_y)
 
-    def exceeded(self) -> Iterator[Excess]:
+    def exceeded(self) -> Iterator[ExcessEntry]:
         """Limits that the plan exceeds: the largest excess of each kind and joint."""
-        return (Excess.of(along, self.motion.t) for along in limited(self.dense) if not along.kept)
+        for along in (quantity for quantity in limited(self.dense) if not quantity.kept):
+            k = int(np.argmax(along.excess))
+            t, joint, unit = float(self.motion.t[k]), along.joint + 1, along.unit
+            value, limit = float(along.x[k]), along.high if along.x[k] > along.high else along.low
+            if along.what != "position":
+                value, limit = abs(value), abs(limit)
+            text = (
+                f"the plan's {along.what} of joint {joint} is {told_apart(value, limit, 4)} {unit} at "
+                f"t = {t:.4g} s, {abs(value - limit):.3g} {unit} beyond the limit of {number(limit, 4)}"
+            )
+            yield ExcessEntry(what=along.what, joint=joint, t=t, value=value, limit=limit, unit=unit, text=text)
 
     def document(self) -> CycleOfPlanEntry:
         """The plan's own figures: `cost` as planned, `modelled` with all that the model contains."""
@@ -93,47 +102,7 @@ class PlannedCycle:
         )
 
 
-@dataclass(frozen=True)
-class Excess:
-    """A limit of a joint (1-based) that a plan exceeds; t s; value and limit in `unit`."""
-
-    what: str
-    joint: int
-    t: float
-    value: float
-    limit: float
-    unit: str
-
-    @classmethod
-    def of(cls, along: Along, t: Array) -> Excess:
-        """The largest one, of times t (N,) s."""
-        k = int(np.argmax(along.excess))
-        value, limit = float(along.x[k]), along.high if along.x[k] > along.high else along.low
-        if along.what != "position":
-            value, limit = abs(value), abs(limit)
-        return cls(what=along.what, joint=along.joint + 1, t=float(t[k]), value=value, limit=limit, unit=along.unit)
-
-    def __str__(self) -> str:
-        more = abs(self.value - self.limit)
-        return (
-            f"the plan's {self.what} of joint {self.joint} is {told_apart(self.value, self.limit, 4)} {self.unit} at "
-            f"t = {self.t:.4g} s, {more:.3g} {self.unit} beyond the limit of {number(self.limit, 4)}"
-        )
-
-    def document(self) -> ExcessEntry:
-        return ExcessEntry(**vars(self), text=str(self))
-
-
 # --- executed cycles ---
-
-
-def cycles(trial: Trial, plan: PlannedCycle, dt: float) -> list[CycleEntry]:
-    """The complete cycles of a trial after its run-in; dt: s between its records."""
-    trajectory = plan.trajectory
-    first = RUN_IN if trajectory.periodic else 0
-    done = int(len(trial.t) * dt / trajectory.duration + 1e-9)
-    last = done if trajectory.periodic else min(done, 1)
-    return [_cycle(trial, plan, dt, number) for number in range(first, last)]
 
 
 def _cycle(trial: Trial, plan: PlannedCycle, dt: float, number: int) -> CycleEntry:
@@ -161,9 +130,13 @@ def _cycle(trial: Trial, plan: PlannedCycle, dt: float, number: int) -> CycleEnt
 
 
 def trial_entry(number: int, trial: Trial, plan: PlannedCycle, dt: float) -> TrialEntry:
-    """A trial with its cycles; number: from 1."""
-    stop = None if trial.stop is None else StopEntry(**vars(trial.stop))
-    return TrialEntry(trial=number, seconds=len(trial.t) * dt, stop=stop, cycles=cycles(trial, plan, dt))
+    """A trial (number: from 1) with its complete cycles after the run-in; dt: s between its records."""
+    trajectory = plan.trajectory
+    first = RUN_IN if trajectory.periodic else 0
+    done = int(len(trial.t) * dt / trajectory.duration + 1e-9)
+    last = done if trajectory.periodic else min(done, 1)
+    cycles = [_cycle(trial, plan, dt, k) for k in range(first, last)]
+    return TrialEntry(trial=number, seconds=len(trial.t) * dt, stop=trial.stop, cycles=cycles)
 
 
 def mean(found: Sequence[CycleEntry]) -> CycleEntry | None:

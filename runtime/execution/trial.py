@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from runtime.hardware.session import BoardRun, Ended, Session
+from runtime.documents.plans import StopEntry
+from runtime.hardware.session import Ended, Session
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
@@ -37,16 +38,6 @@ HOST = {
 
 
 @dataclass(frozen=True)
-class Stop:
-    """A safe stop: t in s since the trial began; joint (1-based), None for the whole arm; name: of the reason."""
-
-    t: float
-    joint: int | None
-    reason: str
-    name: str
-
-
-@dataclass(frozen=True)
 class Trial:
     """One execution: q as counted, q_desired, tau as commanded (n, N); saturated (N,).
 
@@ -58,20 +49,15 @@ class Trial:
     q_desired: Array
     tau: Array
     saturated: NDArray[np.bool_]
-    stop: Stop | None
+    stop: StopEntry | None
 
     @classmethod
     def without_motion(cls, n: int, name: str, reason: str) -> Trial:
         """One that could not begin, on an arm of n joints."""
         nothing = np.empty((n, 0))
-        return cls(
-            t=np.empty(0),
-            q=nothing,
-            q_desired=nothing,
-            tau=nothing,
-            saturated=np.empty(0, dtype=np.bool_),
-            stop=Stop(0.0, None, reason, name),
-        )
+        stop = StopEntry(t=0.0, joint=None, reason=reason, name=name)
+        saturated = np.empty(0, dtype=np.bool_)
+        return cls(t=np.empty(0), q=nothing, q_desired=nothing, tau=nothing, saturated=saturated, stop=stop)
 
 
 def run(
@@ -82,14 +68,20 @@ def run(
     every   control periods from one record to the next     asked   see Session.run
     """
     done = session.run(round(seconds / settings.dt), every, asked)
-    page, rows = session.codec.document, done.rows
+    page, rows, ended, stop = session.codec.document, done.rows, done.ended, None
+    if ended.reason != "done":
+        last = int(rows["period"][-1]) if len(rows) else 0
+        t = settings.dt * (last if ended.period is None else ended.period)
+        texts = {reason["name"]: reason["text"] for reason in page["reasons"]}
+        reason = words(ended, rows, settings, texts)
+        stop = StopEntry(t=t, joint=ended.joint, reason=reason, name=ended.reason)
     return Trial(
         t=_times(rows, settings.dt),
         q=settings.positions(rows["counts"]),
         q_desired=rows["q_desired"].T.astype(np.float64),
         tau=rows["torque"].T.astype(np.float64),
         saturated=(rows["status"] & page["status"]["saturated"]) > 0,
-        stop=_stop(done, settings, {reason["name"]: reason["text"] for reason in page["reasons"]}),
+        stop=stop,
     )
 
 
@@ -129,15 +121,6 @@ def recorded(trials: Sequence[Trial], model: Model, noise: float, seed: int) -> 
 
 
 # --- why an arm was stopped ---
-
-
-def _stop(done: BoardRun, settings: Settings, texts: Mapping[str, str]) -> Stop | None:
-    ended = done.ended
-    if ended.reason == "done":
-        return None
-    last = int(done.rows["period"][-1]) if len(done.rows) else 0
-    t = settings.dt * (last if ended.period is None else ended.period)
-    return Stop(t, ended.joint, words(ended, done.rows, settings, texts), ended.reason)
 
 
 def words(ended: Ended, rows: NDArray[Any], settings: Settings, texts: Mapping[str, str]) -> str:
