@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from runtime.diagnosis.credibility import unreliable
 from runtime.documents.recordings import (
@@ -33,12 +33,11 @@ from runtime.estimation.compare import series
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import Identification, identify
 from runtime.estimation.suspicions import Suspicion, doubts, suspicions
-from runtime.inspection import signals
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF, UNRELATED, WELL_TOLD
 from runtime.inspection.signals import (
     clock_entry,
-    integral,
     joint_entries,
+    map_options,
     moves,
     scale,
     shift_entries,
@@ -49,7 +48,6 @@ from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.motion.clock import grid
 from runtime.recordings import recording
-from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.columns import UNITS, RecordedArm
 from runtime.recordings.contents import Contents, RecordingError, Refusal, in_unit, map_option, negated, printable
 from runtime.recordings.recording import Recording, read
@@ -65,31 +63,26 @@ _DIMENSIONS = {"q": ("angle",), "qd": ("angular rate",), "tau": ("torque", "curr
 
 
 def by_signals(recording: Recording) -> list[Suspicion]:
-    """Suspicions that do not depend on the arm: units in the names of fields, and rates that do not fit positions."""
-    named = _by_names(recording)
-    return [*named, *(s for s in of_rates(recording) if s.joint not in {t.joint for t in named})]
+    """Suspicions that do not depend on the arm: fields read in SI although their names end in another unit, and rates
+    that do not fit positions."""
+    found = []
+    for signal, cell in recording.cells.items():
+        known = _JOINT_SIGNAL.fullmatch(signal)
+        unit = unit_in_name(cell) if known and signal not in recording.units else None
+        if known is None or unit is None or UNITS[unit][0] not in _DIMENSIONS[known[1]]:
+            continue
+        if recording.types[int(known[2]) - 1] == "revolute":
+            cure = _in_unit(recording, signal, unit)
+            said = f"{signal} is read in SI, and the name of its field, {quote(cell)}, ends in the unit {unit}"
+            kind = "degrees" if unit == "deg" else "unit"
+            found.append(Suspicion(int(known[2]), kind, said, cure=f"if so, pass {cure}", maps=(cure,)))
+    named = {suspicion.joint for suspicion in found}
+    return [*found, *(s for s in of_rates(recording) if s.joint not in named)]
 
 
 def without_model(recording: Recording) -> list[Suspicion]:
     """Suspicions about positions and torques, for recordings without a model."""
     return [*over_turns(recording), *_braking(recording)]
-
-
-def _by_names(recording: Recording) -> list[Suspicion]:
-    """Fields that are read in SI although their names end in another unit."""
-    found = []
-    for signal, cell in recording.cells.items():
-        known = _JOINT_SIGNAL.fullmatch(signal)
-        unit = unit_in_name(cell) if known and signal not in recording.units else None
-        if known is None or unit is None:
-            continue
-        rotary = recording.types[int(known[2]) - 1] == "revolute"
-        if rotary and UNITS[unit][0] in _DIMENSIONS[known[1]]:
-            cure = _in_unit(recording, signal, unit)
-            said = f"{signal} is read in SI, and the name of its field, {quote(cell)}, ends in the unit {unit}"
-            kind = "degrees" if unit == "deg" else "unit"
-            found.append(Suspicion(int(known[2]), kind, said, cure=f"if so, pass {cure}", maps=(cure,)))
-    return found
 
 
 def of_rates(recording: Recording) -> list[Suspicion]:
@@ -99,7 +92,8 @@ def of_rates(recording: Recording) -> list[Suspicion]:
         return found
     samples = max(recording.segments, key=lambda s: s.stop - s.start)
     t, q = recording.t[samples], recording.q[:, samples]
-    rates = {i: integral(t, qd[samples]) for i, qd in enumerate(recording.qd) if np.isfinite(qd).all() and np.ptp(q[i])}
+    complete = [i for i, qd in enumerate(recording.qd) if np.isfinite(qd).all() and np.ptp(q[i])]
+    rates = {i: cumulative_trapezoid(recording.qd[i, samples], t, initial=0) for i in complete}
     moved = [i for i in rates if np.ptp(rates[i]) > 0]
     for i in moved:
         factor, explained = scale(q[i], rates[i], t)
@@ -115,7 +109,10 @@ def of_rates(recording: Recording) -> list[Suspicion]:
                 Suspicion(i + 1, "exchanged", said, cure=f"expected both under one number: pass {cure}", maps=(cure,))
             )
         elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
-            found.append(_unrelated(i + 1, explained))
+            position, rate = f"q{i + 1}", f"qd{i + 1}"
+            said = f"{rate} is not the derivative of {position}, which explains {100 * explained:.2g} % of its integral"
+            asked = f"are {position} and {rate} read from the right fields? Name them with --map, or drop {rate}"
+            found.append(Suspicion(i + 1, MISREAD, said, asked))
     return found
 
 
@@ -131,21 +128,13 @@ def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspic
     return found
 
 
-def _unrelated(joint: int, explained: float) -> Suspicion:
-    """A rate that has nothing to do with its position."""
-    q, qd = f"q{joint}", f"qd{joint}"
-    said = f"{qd} is not the derivative of {q}, which explains {100 * explained:.2g} % of its integral"
-    asked = f"are {q} and {qd} read from the right fields? Name them with --map, or drop {qd}"
-    return Suspicion(joint, MISREAD, said, asked)
-
-
 def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
     """A rate that is a multiple of the derivative of its position: a wrong sign or unit."""
-    if abs(abs(factor) - 1) < SCALE_OFF and factor > 0:
-        return []
     q, qd = f"q{joint + 1}", f"qd{joint + 1}"
     said = f"{qd} is {factor:.3g} times the derivative of {q}"
     if abs(abs(factor) - 1) < SCALE_OFF:
+        if factor > 0:
+            return []
         cure, other = (map_option(name, negated(_cell(recording, name))) for name in (qd, q))
         return [
             Suspicion(joint + 1, "sign", said, cure=f"expected the same sign: pass {cure}, or {other}", maps=(cure,))
@@ -197,6 +186,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
     The sign may be wrong, or the torque may be another joint's; with several joints the message lists both.
     """
     work, part = _work(recording)
+    drives = part > AGAINST_MOTION
     returned = np.abs(recording.q[:, -1] - recording.q[:, 0]) <= RETURNED * np.ptp(recording.q, axis=1)
     found = []
     for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
@@ -208,23 +198,16 @@ def _braking(recording: Recording) -> list[Suspicion]:
             expected = f"expected positive torque towards positive positions: pass {cure}"
             found.append(Suspicion(joint, "sign", said, cure=expected, maps=(cure,)))
             continue
-        others = " or ".join(_exchange(recording, int(i), j) for j in _drivers(part, int(i)))
-        other = others or "name them in the order of the joints"
+        # Torques may be exchanged if each drives the other joint's motion.
+        exchanges = []
+        for j in np.flatnonzero(drives[:, i] & drives[i]):
+            names = f"tau{joint}", f"tau{int(j) + 1}"
+            options = " ".join(map_option(a, _cell(recording, b)) for a, b in (names, names[::-1]))
+            exchanges += [options] if j != i else []
+        other = " or ".join(exchanges) or "name them in the order of the joints"
         expected = f"if its sign is wrong, pass {cure}; if torques are exchanged, {other}"
         found.append(Suspicion(joint, "sign or order", said, expected))
     return found
-
-
-def _drivers(part: Array, joint: int) -> list[int]:
-    """Joints (0-based) that may have exchanged torques with one: each torque drives the other's motion."""
-    drives = part > AGAINST_MOTION
-    return [int(j) for j in np.flatnonzero(drives[:, joint] & drives[joint]) if j != joint]
-
-
-def _exchange(recording: Recording, one: int, other: int) -> str:
-    """The options that exchange two joints' torques (0-based)."""
-    names = f"tau{one + 1}", f"tau{other + 1}"
-    return " ".join(map_option(a, _cell(recording, b)) for a, b in (names, names[::-1]))
 
 
 def _work(recording: Recording) -> tuple[Array, Array]:
@@ -289,10 +272,19 @@ class Inspection:
             format=self.contents.format,
             fields=[FieldEntry(name=f.name, clock=f.clock) for f in self.contents.fields],
             problem=self.problem,
-            suggested=signals.map_options(self.contents.fields) if unnamed else [],
+            suggested=map_options(self.contents.fields) if unnamed else [],
             notes=list(recording.notes) if recording else [],
             clock=clock_entry(recording) if recording else None,
-            clocks=[_other_clock(clock) for clock in recording.clocks] if recording else [],
+            clocks=[
+                OtherClock(
+                    clock=clock.name,
+                    signals=list(clock.signals),
+                    rate_hz=clock.rate,
+                    shift=None if clock.shift is None else ClockShiftEntry(**vars(clock.shift)),
+                    corrected=clock.corrected,
+                )
+                for clock in (recording.clocks if recording else ())
+            ],
             signals=signal_entries(recording) if recording else [],
             joints=joint_entries(recording, self.names) if recording else [],
             shifts=shift_entries(recording) if recording else [],
@@ -314,14 +306,13 @@ def inspect(path: Path, arm: RecordedArm | None, mapping: Mapping[str, str], all
     contents = recording.opened(path, refuse)
     names = tuple(joint.name for joint in arm.joints) if arm else ()
     problem: str | None = None
-    try:
-        return Inspection(path, contents, read(path, arm, mapping, allow_gaps), problem=None, names=names)
-    except RecordingError as error:
-        problem = str(error)
-    try:
-        return Inspection(path, contents, read(path, arm, mapping, True), problem=problem, names=names)
-    except RecordingError:
-        return Inspection(path, contents, None, problem=problem, names=names)
+    # A file that cannot be used as it is may be readable with gaps split and samples dropped.
+    for gaps in (allow_gaps, True):
+        try:
+            return Inspection(path, contents, read(path, arm, mapping, gaps), problem=problem, names=names)
+        except RecordingError as error:
+            problem = problem or str(error)
+    return Inspection(path, contents, None, problem=problem, names=names)
 
 
 def with_model(inspection: Inspection, model: Model) -> Inspection:
@@ -332,17 +323,6 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
         return replace(inspection, fitted=identify(model, [inspection.recording]))
     except RecordingError as error:
         return replace(inspection, unfitted=str(error))
-
-
-def _other_clock(clock: BroughtClock) -> OtherClock:
-    """Document entry of signals with another clock than the positions."""
-    return OtherClock(
-        clock=clock.name,
-        signals=list(clock.signals),
-        rate_hz=clock.rate,
-        shift=None if clock.shift is None else ClockShiftEntry(value=clock.shift.value, error=clock.shift.error),
-        corrected=clock.corrected,
-    )
 
 
 def _inertias(fitted: Identification) -> list[InertiaEntry]:
@@ -364,16 +344,10 @@ def _parameters(fitted: Identification) -> list[DeterminedParameter]:
     rows: list[tuple[str, int | None, Estimate]] = [(lump.name, None, e) for lump, e in lumps]
     for term, values in inference.values.items():
         rows += [(f"{term} {name}", term.joint, e) for name, e in values.items()]
-    return [
-        e.document().as_part_of(DeterminedParameter, name=name, joint=joint, told=_determined(e))
-        for name, joint, e in rows
-    ]
-
-
-def _determined(e: Estimate) -> Literal["well", "hardly", "together", "no"]:
-    if e.with_others:
-        return "together"
-    if e.interval is None or not np.all(np.isfinite(e.interval)):
-        return "no"
-    half = (e.interval[1] - e.interval[0]) / 2
-    return "well" if half < WELL_TOLD * abs(e.value) else "hardly"
+    found = []
+    for name, joint, e in rows:
+        told = "together" if e.with_others else "no"
+        if not e.with_others and e.interval is not None and np.all(np.isfinite(e.interval)):
+            told = "well" if (e.interval[1] - e.interval[0]) / 2 < WELL_TOLD * abs(e.value) else "hardly"
+        found.append(e.document().as_part_of(DeterminedParameter, name=name, joint=joint, told=told))
+    return found

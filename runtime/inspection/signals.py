@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, SignalEntry
 from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SHIFT_PASSES, SMALLEST_SHIFT, TOP_SPEED
@@ -56,7 +57,9 @@ def map_options(fields: Sequence[RecordedField]) -> list[str]:
         candidates = [f for f in fields if _signal_in_name(f.name) == signal and (home is None or f.clock == home)]
         if not candidates:
             continue
-        best = max(candidates, key=lambda f: _score(f.name))
+        best = max(
+            candidates, key=lambda f: 2 * len(_MEASURED.findall(f.name)) - 3 * len(_NOT_MEASURED.findall(f.name))
+        )
         home = home or best.clock
         stem, several = _family(best, fields)
         unit = unit_in_name(best.name)
@@ -76,10 +79,6 @@ def _parts(name: str) -> list[str]:
 def _signal_in_name(name: str) -> str | None:
     parts = _parts(name)
     return next((s for s, words in _WORDS.items() if any(re.fullmatch(words, part) for part in parts)), None)
-
-
-def _score(name: str) -> int:
-    return 2 * len(_MEASURED.findall(name)) - 3 * len(_NOT_MEASURED.findall(name))
 
 
 def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, bool]:
@@ -198,7 +197,7 @@ def shift_entries(recording: Recording) -> list[ShiftEntry]:
     for name, joint, values in followers(recording):
         q, other = recording.q[joint, samples], values[samples]
         if name.startswith("qd"):
-            q, other = q - q.mean(), integral(t, other)
+            q, other = q - q.mean(), cumulative_trapezoid(other, t, initial=0)
         late = _lag(t, q, other)
         if late is not None and abs(late) > SMALLEST_SHIFT * recording.dt:
             found.append(ShiftEntry(signal=name, value=late, unit="s"))
@@ -212,11 +211,6 @@ def followers(recording: Recording) -> Iterator[tuple[str, int, Array]]:
         for joint, values in enumerate(rows if rows is not None else ()):
             if np.isfinite(values).all() and np.ptp(recording.q[joint]) > 0:
                 yield pattern.format(joint + 1), joint, values
-
-
-def integral(t: Array, x: Array) -> Array:
-    """Integral of x (N,) over t (N,) from 0, by the trapezoidal rule."""
-    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2 * np.diff(t))])
 
 
 def scale(q: Array, x: Array, t: Array) -> tuple[float, float]:

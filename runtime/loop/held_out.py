@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
     """Noise floor of each joint on recordings that were not fitted, in the band of the fit; empty without any."""
-    return tuple(joint.floor for joint in series(identification, recordings))
+    return tuple(joint.floor for joint in left(identification, recordings).joints) if recordings else ()
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,6 @@ class HeldOut:
     motion: Motion
     residuals: tuple[Array, ...]
     joints: tuple[JointSeries, ...]
-
-
-def series(identification: Identification, recordings: Sequence[Recording]) -> tuple[JointSeries, ...]:
-    """Torque and prediction of each joint on recordings that were not fitted; empty without any."""
-    return left(identification, recordings).joints if recordings else ()
 
 
 def left(identification: Identification, recordings: Sequence[Recording]) -> HeldOut:

@@ -63,7 +63,11 @@ def motion(rng: np.random.Generator, repeats: int) -> tuple[Array, Array]:
         turns = max(1, round(2.0 * peak / (2 * np.pi * amplitude)))
         phase = np.arange(0.0, turns * 2 * np.pi * amplitude / peak, PERIOD) * peak / amplitude
         pieces += [peak * np.sin(phase), np.zeros(200)]
-    block = np.concatenate([_smooth(np.concatenate(pieces)), _sweep(rng.uniform(10.0, 14.0))])
+    # Two running means of 60 ms leave no jumps in acceleration and keep the distance travelled.
+    mean, rest = np.full(60, 1 / 60), np.zeros(60)
+    padded = np.concatenate([rest, *pieces, rest])
+    smooth = np.convolve(np.convolve(padded, mean, "same"), mean, "same")
+    block = np.concatenate([smooth, _sweep(rng.uniform(10.0, 14.0))])
     rate = np.tile(block, repeats)
     angle = np.cumsum(rate) * PERIOD
     t = np.arange(len(rate), dtype=np.float64) * PERIOD
@@ -82,13 +86,6 @@ def _sweep(highest: float, acceleration: float = 12.0, seconds: float = 4.0) -> 
     phase = 2 * np.pi * np.cumsum(frequency) * PERIOD
     wave = acceleration / (2 * np.pi * frequency) * np.sin(phase) * np.sin(np.pi * t / seconds) ** 0.5
     return wave - wave.mean() * np.sin(np.pi * t / seconds) ** 2 / np.mean(np.sin(np.pi * t / seconds) ** 2)
-
-
-def _smooth(rate: Array) -> Array:
-    """A rate without jumps in acceleration: two running means of 60 ms, which keep the distance travelled."""
-    mean = np.full(60, 1 / 60)
-    padded = np.concatenate([np.zeros(60), rate, np.zeros(60)])
-    return np.convolve(np.convolve(padded, mean, "same"), mean, "same")
 
 
 def closed_loop(desired: Array, advance: Advance, state: State | None = None) -> tuple[Array, Array]:

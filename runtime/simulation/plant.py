@@ -160,8 +160,7 @@ class PlantEquations:
     def _find_memories(self) -> tuple[Memory, ...]:
         found: list[Memory] = []
         for term in self.forces:
-            count = len(self.model.library[term.effect].states)
-            if count:
+            if count := len(self.model.library[term.effect].states):
                 found.append(Memory(term, found[-1].stop if found else 0, self._at_once(term, count)))
         return tuple(found)
 
@@ -293,7 +292,10 @@ class Plant:
         self.model, self.terms, self.period = model, terms, period
         self._substeps = 0
         with heard_in_casadi():
-            self._advance = self._period(self._stable_step(max(1, ceil(period / STEP - 1e-9))))
+            one = self._stable_step(max(1, ceil(period / STEP - 1e-9)))
+            state, command = ca.MX.sym("state", one.size1_in(0)), ca.MX.sym("command", model.n)
+            after = one.fold(self._substeps)(state, ca.repmat(command, 1, self._substeps))
+            self._advance = ca.Function("period", [state, command], [after])
             self._rest = self._start_of(self._equations)
         self._state: Array = np.zeros(self._advance.size1_in(0))
         self._command: Array = np.zeros(model.n)
@@ -336,7 +338,7 @@ class Plant:
         for substeps in FINER:
             one = self._stepping(substeps * coarsest)
             growth = self._growth(one)
-            if _is_stable(growth):
+            if np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < GROWTH:
                 return one
         raise PlantError(self._too_stiff(growth))
 
@@ -358,7 +360,7 @@ class Plant:
         return self._substep()
 
     def _growth(self, one: ca.Function) -> Array:
-        """Derivative of the state after a step by the state before it, near rest."""
+        """(S, S) derivative of the state after a step by the state before it, near rest."""
         state, command = ca.SX.sym("state", one.size1_in(0)), ca.SX.sym("command", self.model.n)
         derivative = ca.Function("derivative", [state, command], [ca.jacobian(one(state, command), state)])
         n = self.model.n
@@ -385,19 +387,17 @@ class Plant:
             f"smaller values of {', '.join(suspects)}, or a larger rotor_inertia ({', '.join(rotors)})"
         )
 
-    def _period(self, one: ca.Function) -> ca.Function:
-        state = ca.MX.sym("state", one.size1_in(0))
-        command = ca.MX.sym("command", self.model.n)
-        many = one.fold(self._substeps)
-        return ca.Function("period", [state, command], [many(state, ca.repmat(command, 1, self._substeps))])
-
     def _substep(self) -> ca.Function:
         """State (q, rates, memory, acting torques, t) after one step under a command (n,)."""
         n, h, equations = self.model.n, self.step, self._equations
         q, v, before, command = (ca.SX.sym(name, n) for name in ("q", "v", "before", "command"))
         memory, t = ca.SX.sym("memory", equations.states), ca.SX.sym("t")
+        qdd, torque, dt = ca.SX.sym("qdd", n), ca.SX.sym("acting", n), ca.SX.sym("dt")
+        accelerations = equations.acceleration(q, v, torque, t=t, memory=memory)
+        slope = ca.Function("slope", [q, v, memory, torque, t], ca.cse([accelerations]))
+        remembered = equations.remember(PlantInstant(q, v, qdd, t), dt, memory)
+        later = ca.Function("later", [q, v, qdd, memory, t, dt], ca.cse([remembered]))
         acting = equations.acting(command, before, h, PlantInstant(q, v, ca.SX.zeros(n), t))
-        slope, later = self._slope(), self._later()
         # Each stage with its own memory, stepped from the beginning along the stage before.
         a1 = slope(q, v, memory, acting, t)
         q2, v2 = q + h / 2 * v, v + h / 2 * a1
@@ -413,22 +413,6 @@ class Plant:
         v5 = v + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
         state, after = ca.vertcat(q, v, memory, before, t), ca.vertcat(q5, v5, m4, acting, t + h)
         return ca.Function("substep", [state, command], ca.cse([after]))
-
-    def _slope(self) -> ca.Function:
-        """Accelerations as a function of q, rates, states, acting torques and time."""
-        n, equations = self.model.n, self._equations
-        q, v, acting = (ca.SX.sym(name, n) for name in ("q", "v", "acting"))
-        memory, t = ca.SX.sym("memory", equations.states), ca.SX.sym("t")
-        qdd = equations.acceleration(q, v, acting, t=t, memory=memory)
-        return ca.Function("slope", [q, v, memory, acting, t], ca.cse([qdd]))
-
-    def _later(self) -> ca.Function:
-        """States after dt of this motion."""
-        n, equations = self.model.n, self._equations
-        q, v, qdd = (ca.SX.sym(name, n) for name in ("q", "v", "qdd"))
-        memory, t, dt = ca.SX.sym("memory", equations.states), ca.SX.sym("t"), ca.SX.sym("dt")
-        after = equations.remember(PlantInstant(q, v, qdd, t), dt, memory)
-        return ca.Function("later", [q, v, qdd, memory, t, dt], ca.cse([after]))
 
     def _rate_widths(self, equations: PlantEquations) -> Array:
         """(n,) widths of dry friction in rad/s or m/s, at least such that one step does not cross the whole slope."""
@@ -448,8 +432,3 @@ class Plant:
             ahead, back = (equations.balance(posture, s * creep, still, 0.0, memory)[0] for s in (1, -1))
             dry[i] = abs(float(ahead[i] - back[i])) / 2
         return np.maximum(RATE_WIDTH, self.step * dry * np.diag(np.linalg.inv(inertia)))
-
-
-def _is_stable(growth: Array) -> bool:
-    """Whether the step is stable. growth: (S, S) derivative of the state after a step by the state before it."""
-    return bool(np.isfinite(growth).all() and np.abs(np.linalg.eigvals(growth)).max() < GROWTH)

@@ -45,7 +45,7 @@ from runtime.simulation.settings import (
     WARM,
     WARMING,
 )
-from symbolic.described import AnyEffect, DescribedParameter, numbered
+from symbolic.described import AnyEffect, numbered
 from symbolic.model_file.checks import Names, did_you_mean, effect_term, joint_number, known_joints, nearest, quote
 
 Array = NDArray[np.float64]
@@ -141,23 +141,23 @@ def simulate(
             sizing = _excited(model, np.random.default_rng(SimulationSettings.seed), settings)
     else:
         piece = sizing = motion if isinstance(motion, Piece) else along(model, motion, "temperature" in extra)
-    values = _complete(model, sizing, _all_terms(model, hidden))
+    values = complete(model, sizing, _all_terms(model, hidden))
     signals = Signals(model, piece, Prediction(model.lump_values, values))
     tau = _recorded(signals, values)
-    if not np.isfinite(tau).all():
-        raise SimulationError(_not_finite(signals, values))
-    if (largest := float(np.abs(tau).max())) > LARGEST:
-        raise SimulationError(
-            f"along this motion the torque reaches {largest:.3g} N m (N at a prismatic joint), expected at most "
-            f"{LARGEST:g}; choose a smaller effect or a slower motion"
-        )
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
     measured = tau + noise * level * rng.standard_normal(tau.shape)
     made = _recording(model, piece, measured)
     if "q_link" in extra:
-        made = replace(made, q_link=_link(signals, values))
+        q, count = piece.q.copy(), _counts(model)
+        for term, known in values.items():
+            deflection = signals.deflection(term, known)
+            if deflection is not None:
+                q[(term.joint or 1) - 1] -= deflection
+        made = replace(made, q_link=np.round(q / count) * count)
     if "tau_link" in extra:
-        output = _output(signals, values)
+        effects = model.library.effects
+        on_link = [t for t in values if effects[t.effect].side == "link" and not effects[t.effect].carried]
+        output = _torque(signals, {term: values[term] for term in on_link}, signals.loads)
         level = np.sqrt(np.mean(output**2, axis=1, keepdims=True))
         made = replace(made, tau_link=output + noise * level * rng.standard_normal(output.shape))
     return made, values
@@ -181,22 +181,43 @@ def along(model: Model, path: Array, warm: bool = False) -> Piece:
     return _piece(model.library, path, warm)
 
 
-def complete(model: Model, path: Array, terms: Structure) -> Structure:
-    """The terms with all values; those not stated are 0 or moderate for the motion `path` (n, N) at 1 kHz.
+def complete(model: Model, path: Array | Piece, terms: Structure) -> Structure:
+    """The terms with all values; those not stated are 0 or moderate for the motion `path`, (n, N) at 1 kHz.
 
-    Raises SimulationError if a value is out of bounds or cannot be chosen for this motion.
+    0 are those of spatial arms only, so that a payload sits at the tip; and, if a linear parameter is stated, those of
+    either sign, so that gravity with gx alone has that direction. Raises SimulationError if a value is out of bounds or
+    cannot be chosen for this motion.
     """
-    return _complete(model, _piece(model.library, path, warm=False), terms)
+    piece = path if isinstance(path, Piece) else _piece(model.library, path, warm=False)
+    done: Structure = {}
+    # Effects that read the torque of others come last.
+    order = sorted(terms, key=lambda t: len(model.library.needs[t.effect] & OF_OTHERS))
+    for term in order:
+        info = model.library.effects[term.effect]
+        sized = any(p.name in terms[term] for p in info.linear)
+        either = [p for p in info.linear if sized and p.bounds[0] < 0 < p.bounds[1]]
+        given = {**{p.name: 0.0 for p in info.parameters if p.space or p in either}, **terms[term]}
+        if any(p.name not in given for p in info.parameters if p.role != "given"):
+            given = {**_moderate(model, piece, term, stated=given, others=done), **given}
+        for p in info.parameters:
+            value = given.get(p.name, p.default)
+            if value is None or not p.bounds[0] <= value <= p.bounds[1]:
+                low, high = p.bounds
+                raise SimulationError(f"{term}: {p.name} = {value}; expected a value from {low:g} to {high:g}")
+        done[term] = given
+    return {term: done[term] for term in terms}
 
 
 def torque_along(model: Model, q: Array, qd: Array, qdd: Array, rate: float, values: Structure) -> Array:
     """Motor torques (n, N) along a motion, each (n, N) at `rate` Hz. values: of all parameters."""
     piece = _prescribed(model.library, q, qd, qdd=qdd, rate=rate, warm=False)
-    return _torque(Signals(model, piece, Prediction(model.lump_values, values)), values)
+    signals = Signals(model, piece, Prediction(model.lump_values, values))
+    return _torque(signals, values, signals.rigid)
 
 
-def _torque(signals: Signals, values: Structure) -> Array:
-    tau = signals.rigid.copy()
+def _torque(signals: Signals, values: Structure, without: Array) -> Array:
+    """Torque (n, N) with the effects `values`, from that without effects."""
+    tau = without.copy()
     for term in values:
         for joint in joints_of(signals.model, term):
             tau[joint] += signals.torque(term, joint)
@@ -206,52 +227,33 @@ def _torque(signals: Signals, values: Structure) -> Array:
 def _recorded(signals: Signals, values: Structure) -> Array:
     """Recorded torque (n, N), shifted at joints whose drive records it earlier or later than it acts.
 
-    The law of such an effect is only its first-order approximation, which exaggerates fast changes.
+    The law of such an effect is only its first-order approximation, which exaggerates fast changes. Raises
+    SimulationError if the torque is not finite, or too large for a recording.
     """
-    effects = signals.model.library.effects
-    leads = {term: lead.name for term in values if (lead := effects[term.effect].of_kind("lead")) is not None}
-    tau = _torque(signals, {term: known for term, known in values.items() if term not in leads})
+    model = signals.model
+    leads = {term: lead.name for term in values if (lead := model.library[term.effect].of_kind("lead")) is not None}
+    tau = _torque(signals, {term: known for term, known in values.items() if term not in leads}, signals.rigid)
     for term, name in leads.items():
-        for joint in joints_of(signals.model, term):
+        for joint in joints_of(model, term):
             tau[joint] = led(tau[joint], signals.time(), values[term][name])
+    if not np.isfinite(tau).all():
+        infinite = []
+        for term, known in values.items():
+            if not all(np.isfinite(signals.torque(term, joint)).all() for joint in joints_of(model, term)):
+                infinite.append(f"{term} with {', '.join(f'{name} = {value:g}' for name, value in known.items())}")
+        of = "; ".join(infinite) or model.name
+        raise SimulationError(f"the torque is not finite along this motion: {of}; choose other values")
+    if (largest := float(np.abs(tau).max())) > LARGEST:
+        raise SimulationError(
+            f"along this motion the torque reaches {largest:.3g} N m (N at a prismatic joint), expected at most "
+            f"{LARGEST:g}; choose a smaller effect or a slower motion"
+        )
     return tau
 
 
 def led(tau: Array, t: Array, time: float) -> Array:
     """A torque (N,) at times t (N,), shifted to `time` s earlier, with its ends held."""
     return np.interp(t + time, t, tau)
-
-
-def _not_finite(signals: Signals, values: Structure) -> str:
-    """The message for a torque that is not finite, with the effects that cause it."""
-    found = []
-    for term, known in values.items():
-        if not all(np.isfinite(signals.torque(term, joint)).all() for joint in joints_of(signals.model, term)):
-            found.append(f"{term} with {', '.join(f'{name} = {value:g}' for name, value in known.items())}")
-    of = "; ".join(found) or signals.model.name
-    return f"the torque is not finite along this motion: {of}; choose other values"
-
-
-def _link(signals: Signals, values: Structure) -> Array:
-    """Positions (n, N) of the link-side encoders."""
-    q = signals.piece.q.copy()
-    for term, known in values.items():
-        deflection = signals.deflection(term, known)
-        if deflection is not None:
-            q[(term.joint or 1) - 1] -= deflection
-    count = _counts(signals.model)
-    return np.round(q / count) * count
-
-
-def _output(signals: Signals, values: Structure) -> Array:
-    """Torque (n, N) at the joints' output, on the link side, without noise."""
-    model = signals.model
-    torque = signals.loads
-    effects = model.library.effects
-    for term in (t for t in values if effects[t.effect].side == "link" and not effects[t.effect].carried):
-        for joint in joints_of(model, term):
-            torque[joint] += signals.torque(term, joint)
-    return torque
 
 
 def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
@@ -299,38 +301,6 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
         derive=differentiator(SIZING_CUTOFF, rate),
         excited=(Smoother(np.ones(1)),) * n,
     )
-
-
-def _complete(model: Model, piece: Piece, terms: Structure) -> Structure:
-    """All parameters of all terms: stated values, else 0 for those of `_zero`, else moderate ones."""
-    done: Structure = {}
-    # Effects that read the torque of others come last.
-    order = sorted(terms, key=lambda t: len(model.library.needs[t.effect] & OF_OTHERS))
-    for term in order:
-        info = model.library.effects[term.effect]
-        given = {**dict.fromkeys(_zero(info, terms[term]), 0.0), **terms[term]}
-        if any(p.name not in given for p in info.parameters if p.role != "given"):
-            given = {**_moderate(model, piece, term, stated=given, others=done), **given}
-        for p in info.parameters:
-            _check_value(term, p, given)
-        done[term] = given
-    return {term: done[term] for term in terms}
-
-
-def _zero(info: EffectInfo, stated: Values) -> list[str]:
-    """Parameters that are 0 if not stated: those of spatial arms only, so that a payload sits at the tip; and, if a
-    linear parameter is stated, the linear ones of either sign, so that gravity with gx alone has that direction."""
-    sized = any(p.name in stated for p in info.linear)
-    return [
-        p.name for p in info.parameters if p.space or (sized and p in info.linear and p.bounds[0] < 0 < p.bounds[1])
-    ]
-
-
-def _check_value(term: Term, parameter: DescribedParameter, values: Values) -> None:
-    low, high = parameter.bounds
-    value = values.get(parameter.name, parameter.default)
-    if value is None or not low <= value <= high:
-        raise SimulationError(f"{term}: {parameter.name} = {value}; expected a value from {low:g} to {high:g}")
 
 
 def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: Structure) -> Values:
