@@ -18,7 +18,7 @@ from scipy.interpolate import make_interp_spline
 
 from runtime.estimation.grids import points
 from runtime.estimation.regressors import Regressors, Signals
-from runtime.model.loader import EffectInfo, JointInfo, Library, Model
+from runtime.model.loader import Library, Model
 from runtime.model.terms import OF_OTHERS, Prediction, Structure, Term, Values, check_complete, joints_of, structure
 from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
@@ -146,9 +146,10 @@ def simulate(
     tau = _recorded(signals, values)
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
     measured = tau + noise * level * rng.standard_normal(tau.shape)
-    made = _recording(model, piece, measured)
+    count = np.array([[COUNT[joint.type]] for joint in model.joints])
+    made = _recording(model, piece, measured, count)
     if "q_link" in extra:
-        q, count = piece.q.copy(), _counts(model)
+        q = piece.q.copy()
         for term, known in values.items():
             deflection = signals.deflection(term, known)
             if deflection is not None:
@@ -315,7 +316,15 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     if not grid:
         needed = ", ".join(p.name for p in info.shape)
         raise SimulationError(f"{term}: no values can be chosen for this model and motion; state {needed}")
-    shape = {**grid[_middle(grid, info)], **{k: v for k, v in stated.items() if k not in {p.name for p in info.linear}}}
+    # Of each axis of the grid the middle by rank; a third for begins, two thirds for ends.
+    names = list(grid[0])
+    part = {name: {"begin": 0.33, "end": 0.67}.get(info.parameter(name).kind, 0.55) for name in names}
+    off = np.zeros(len(grid))
+    for name in names:
+        ranks = np.searchsorted(np.unique([g[name] for g in grid]), [g[name] for g in grid])
+        off += np.abs(ranks - part[name] * ranks.max())
+    linear = {p.name for p in info.linear}
+    shape = {**grid[int(np.argmin(off))], **{k: v for k, v in stated.items() if k not in linear}}
     signals = regressors.signals(0)[0]
     rows, size = np.zeros(len(info.coefficients)), 0.0
     for joint in joints_of(model, term):
@@ -330,35 +339,20 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     return {p.name: float(np.clip(sizes[p.name], *p.bounds)) for p in info.parameters}
 
 
-def _middle(grid: Sequence[Values], info: EffectInfo) -> int:
-    """Index of the combination nearest to the middle of each axis by rank; a third for begins, two thirds for ends."""
-    names = list(grid[0])
-    ranks = np.array([np.searchsorted(np.unique([g[k] for g in grid]), [g[k] for g in grid]) for k in names])
-    if not names:
-        return 0
-    parts = np.array([{"begin": 0.33, "end": 0.67}.get(info.parameter(k).kind, 0.55) for k in names])[:, None]
-    return int(np.argmin(np.abs(ranks - parts * ranks.max(axis=1, keepdims=True)).sum(axis=0)))
-
-
 def excitation(model: Model, rng: np.random.Generator, seconds: float, repeats: int) -> Array:
     """Positions (n, N) at 1 kHz: slow legs and cosines up to the limits of speed, `repeats` times.
 
     Every joint has its own frequencies and its own order of legs, so that all joints move differently.
     """
-    block = np.stack([_joint_motion(joint, rng, seconds) for joint in model.joints])
-    return np.tile(block, (1, repeats))
-
-
-def _joint_motion(joint: JointInfo, rng: np.random.Generator, seconds: float) -> Array:
     half = round(seconds * RATE / 2)
-    speed = MARGIN * (joint.speed_limit or SPEED[joint.type])
-    reach = MARGIN * RANGE[joint.type]
-    middle = 0.0
-    if joint.position_limits is not None:
-        low, high = joint.position_limits
+    motions = []
+    for joint in model.joints:
+        low, high = joint.position_limits or (-RANGE[joint.type], RANGE[joint.type])
         middle, reach = (low + high) / 2, MARGIN * (high - low) / 2
-    moves = np.concatenate([_slow(rng, half, speed, reach), _fast(rng, half, speed, reach)])
-    return middle + moves
+        speed = MARGIN * (joint.speed_limit or SPEED[joint.type])
+        moves = np.concatenate([_slow(rng, half, speed, reach), _fast(rng, half, speed, reach)])
+        motions.append(middle + moves)
+    return np.tile(np.stack(motions), (1, repeats))
 
 
 def _slow(rng: np.random.Generator, count: int, speed: float, reach: float) -> Array:
@@ -428,12 +422,7 @@ def _lines(path: Path, expected: str) -> Iterator[str]:
         raise SimulationError(str(error)) from error
 
 
-def _counts(model: Model) -> Array:
-    return np.array([[COUNT[joint.type]] for joint in model.joints])
-
-
-def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
-    count = _counts(model)
+def _recording(model: Model, piece: Piece, tau: Array, count: Array) -> Recording:
     samples = len(piece.t)
     return Recording(
         path=Path("simulation"),
@@ -441,15 +430,10 @@ def _recording(model: Model, piece: Piece, tau: Array) -> Recording:
         run=np.ones(samples, dtype=np.int64),
         q=np.round(piece.q / count) * count,
         tau=tau,
-        qd=None,
         q_desired=piece.q,
-        q_link=None,
-        tau_link=None,
-        tau_rigid=None,
         temperature=tuple(
             WARM + rise if there else None for rise, there in zip(piece.warmth, piece.measured, strict=True)
         ),
-        force=None,
         segments=(slice(0, samples),),
         types=tuple(joint.type for joint in model.joints),
     )
