@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
+from symbolic.model_file import reader
+
 ROTOR, LINK = 0.10, 0.0565 + 2.0 * 0.20**2
 """kg m^2 at the joint's output, and of the link about the joint."""
 INERTIA = ROTOR + LINK
@@ -29,3 +33,13 @@ name = "{name}"          # the bench
 gravity = [0.0, {gravity}]
 {controller}
 {joint_text(tables)}"""
+
+
+def refusal(text: str) -> str:
+    """The one line that a person reads about a model file that is refused."""
+    with pytest.raises(reader.ModelError) as caught:
+        reader.parse(text, "arm.toml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.isprintable()
+    return message

@@ -12,21 +12,12 @@ from hypothesis import strategies as st
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Control, Drive, Gains
 from symbolic.model_file.reader import ModelError
+from tests.one_joint import refusal as said
 
 CONTROL = "rate = 1000\nvelocity_cutoff = 80\nfriction_scale = 0.9\nfriction_slope = 100\n"
 LINK = "length = 0.3\nmass = 2.0\ncom = [0.2, 0.01]\ninertia = 0.05\n"
 JOINT = f'[[joint]]\ntype = "revolute"\nrotor_inertia = 0.1\ngear_ratio = 100\n[joint.link]\n{LINK}'
 GOOD = f'name = "arm2"\ngravity = [0.0, -9.81]\n\n{JOINT}[joint.effects.viscous]\ncoefficient = 1.5\n\n{JOINT}'
-
-
-def said(text: str) -> str:
-    """The one line that a person reads."""
-    with pytest.raises(ModelError) as caught:
-        reader.parse(text, "arm.toml")
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.isprintable()
-    return message
 
 
 def changed(old: str, new: str) -> str:

@@ -24,7 +24,7 @@ from symbolic.model_file.frames import (
     product,
     rotation,
 )
-from symbolic.model_file.reader import ModelError
+from tests.one_joint import refusal as said
 
 HEAD = 'name = "arm3"\ngravity = [0.0, 0.0, -9.81]\n'
 LINK = "mass = 2.0\ncom = [0.02, 0.0, 0.1]\ninertia = [0.03, 0.0, -0.004, 0.035, 0.0001, 0.02]\n"
@@ -46,16 +46,6 @@ def spatial(text: str) -> Arm:
     arm = reader.parse(text, "arm.toml")
     assert arm.space
     return arm
-
-
-def said(text: str) -> str:
-    """The one line that a person reads."""
-    with pytest.raises(ModelError) as caught:
-        reader.parse(text, "arm.toml")
-    message = str(caught.value)
-    assert "\n" not in message
-    assert message.isprintable()
-    return message
 
 
 def test_a_good_file() -> None:
