@@ -282,18 +282,6 @@ _HOST_HEARTBEAT = Entry(0x1016, 1, "I", "consumer heartbeat time")
 _HEARTBEAT = Entry(0x1017, 0, "H", "producer heartbeat time")
 
 
-@dataclass
-class Answer:
-    """The last answer of a drive."""
-
-    statusword: int = 0
-    position: int = 0
-
-    @property
-    def state(self) -> DriveState:
-        return state_of(self.statusword)
-
-
 class CanDrive:
     """The drive of a joint (1-based) in a connected canopen.Network.
 
@@ -309,7 +297,7 @@ class CanDrive:
         self.joint, self.info, self._keys = joint, info, info.drive
         self.node = info.drive.node
         self.name = f"joint {joint}: the drive (node {self.node})"
-        self.answer = Answer()
+        self.statusword, self._position = 0, 0
         self.emergency: str | None = None
         self.restarted = False
         self.heard, self.misses = False, 0
@@ -469,9 +457,14 @@ class CanDrive:
     # --- a period, by PDO ---
 
     @property
+    def state(self) -> DriveState:
+        """By its last answer."""
+        return state_of(self.statusword)
+
+    @property
     def counts(self) -> int:
         """Encoder counts in the joint's direction; the register wraps, and so does its negative."""
-        return (self._keys.direction * self.answer.position + 2**31) % 2**32 - 2**31
+        return (self._keys.direction * self._position + 2**31) % 2**32 - 2**31
 
     def command(self, word: Controlword, torque: int = 0) -> None:
         """Sends a controlword and a target torque in per mille of the rated torque."""
@@ -479,7 +472,7 @@ class CanDrive:
 
     def _on_answer(self, _id: int, data: bytearray, _time: float) -> None:
         if len(data) == _ANSWER.size:
-            self.answer = Answer(*_ANSWER.unpack(data))
+            self.statusword, self._position = _ANSWER.unpack(data)
             self.heard, self.misses = True, 0
             self._notify()
 

@@ -335,7 +335,7 @@ class CanopenArm:
             if not drive.heard:
                 drive.misses += 1
                 self.missed += 1
-            self.limited[k] += self._on and limited(drive.answer.statusword)
+            self.limited[k] += self._on and limited(drive.statusword)
 
     def _check(self) -> None:
         """Stops all drives and raises Fault if one has failed."""
@@ -348,8 +348,8 @@ class CanopenArm:
                 state = drive.network_state.lower()
                 also = "" if state == "operational" else f"; its node is {state}"
                 self._fail(f"{drive.name} has not answered {MISSED} times in a row{also}")
-            if self._on and drive.answer.state is not DriveState.ENABLED:
-                state = drive.answer.state.value
+            if self._on and drive.state is not DriveState.ENABLED:
+                state = drive.state.value
                 self._fail(f'{drive.name} left "{DriveState.ENABLED.value}" for "{state}"', drive)
 
     def _command(self, word: Controlword, torques: Iterable[int]) -> None:
@@ -376,20 +376,20 @@ class CanopenArm:
         for _ in range(self._periods(SWITCHING)):
             self.pace.period()
             self.counts()
-            if all(drive.answer.state is DriveState.ENABLED for drive in self._drives):
+            if all(drive.state is DriveState.ENABLED for drive in self._drives):
                 self._on = True
                 return
             with self._or_stop(), bus_faults(self.address):
                 for k, drive in enumerate(self._drives):
-                    self._sent[k] = towards_enabled(drive.answer.state, self._sent[k])
+                    self._sent[k] = towards_enabled(drive.state, self._sent[k])
                     drive.command(self._sent[k])
-        drive = next(drive for drive in self._drives if drive.answer.state is not DriveState.ENABLED)
-        state = drive.answer.state.value
+        drive = next(drive for drive in self._drives if drive.state is not DriveState.ENABLED)
+        state = drive.state.value
         self._fail(f'{drive.name} could not be switched on within {SWITCHING:g} s: it is in "{state}"', drive)
 
     def _switch_off(self) -> list[CanDrive]:
         """Switches off at zero torque; the drives that do not report that they are off."""
-        return self._until(Controlword.DISABLE_VOLTAGE, _OFF, lambda drive: drive.answer.state in POWERLESS)
+        return self._until(Controlword.DISABLE_VOLTAGE, _OFF, lambda drive: drive.state in POWERLESS)
 
     def _until(self, word: Controlword, seconds: float, done: Callable[[CanDrive], bool]) -> list[CanDrive]:
         """Sends a word and zero torque until all drives are done or time is over; the drives that are not done."""
@@ -419,7 +419,7 @@ class CanopenArm:
         self._on = False
         braking = (DriveState.ENABLED, DriveState.QUICK_STOP)
         # As configured in the drives (0x605A).
-        self._until(Controlword.QUICK_STOP, BRAKING, lambda drive: drive.answer.state not in braking)
+        self._until(Controlword.QUICK_STOP, BRAKING, lambda drive: drive.state not in braking)
         still = self._switch_off()
         why = "" if drive is None else f": {drive.error()}"
         self._fault = f"{what}{why}" + (f"; {_not_off(still)}" if still else "")

@@ -217,7 +217,7 @@ def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, re
             f"{name} has {lengths[name]} samples and t has {lengths['t']}; expected equal numbers, or a time of "
             "its own for each; name the right time with --map t="
         )
-    signals = {name: used[name].in_si(values) for name, values in raw.signals.items()}
+    signals = {name: values * used[name].factor + used[name].offset for name, values in raw.signals.items()}
     return check_finite(replace(raw, signals=signals), allow_gaps, refuse)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from math import pi
 from typing import NoReturn
 
-from runtime.recordings.contents import Array, some
+from runtime.recordings.contents import some
 from symbolic.model_file.arm import DescribedJoint
 from symbolic.model_file.checks import quote
 
@@ -169,10 +169,6 @@ class Column:
     offset: float
     cell: str = ""
     unit: str | None = None
-
-    def in_si(self, values: Array) -> Array:
-        """Values (N,) of the field, converted to SI."""
-        return values if (self.factor, self.offset) == (1.0, 0.0) else values * self.factor + self.offset
 
 
 def columns(

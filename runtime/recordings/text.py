@@ -30,14 +30,6 @@ _BOM = codecs.BOM_UTF8
 _WIDE = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
-@dataclass(frozen=True)
-class TextBlock:
-    """Whole lines, each ended by "\\n". line: the number of the first in the file, from 1."""
-
-    text: str
-    line: int
-
-
 def check_file(path: Path, expected: str, refuse: Refusal) -> None:
     """Refuses what is not a regular file: a pipe can be read only once. Raises RecordingError."""
     try:
@@ -52,8 +44,11 @@ def check_file(path: Path, expected: str, refuse: Refusal) -> None:
         refuse("is a pipe or a device, which can be read only once; save it to a file first")
 
 
-def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock]:
-    """The text in blocks of about `size` bytes. Raises RecordingError."""
+def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[tuple[str, int]]:
+    """Whole lines in blocks of about `size` bytes, and the number of the first, from 1. Raises RecordingError.
+
+    Every line ends with "\\n".
+    """
     with _bytes_of(path, refuse) as file:
         left, line, total = b"", 1, 0
         while data := file.read(size):
@@ -78,10 +73,10 @@ def blocks(path: Path, refuse: Refusal, size: int = BLOCK) -> Iterator[TextBlock
                 what = "expected a sample or the names of columns"
                 refuse(f"is longer than {LONGEST_LINE} bytes; {what}", f"line {line}")
             if end:
-                yield TextBlock(_decoded(data[:end], line, refuse), line)
+                yield _decoded(data[:end], line, refuse), line
                 line += data.count(b"\n", 0, end)
         if left:
-            yield TextBlock(_decoded(left, line, refuse), line)
+            yield _decoded(left, line, refuse), line
 
 
 @contextmanager
@@ -150,8 +145,10 @@ class TextContents:
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         tables, numbers, samples = [], [], 0
-        for block in blocks(self.path, self.refuse):
-            body, line = self._after_header(block)
+        for body, line in blocks(self.path, self.refuse):
+            for _ in range(line, min(self.first_line, line + body.count("\n") + 1)):
+                body, line = body.partition("\n")[2], line + 1
+            body = body.rstrip("\n")
             if not body or body.isspace():
                 continue
             table, places = self._numbers(body, line, wanted)
@@ -163,13 +160,6 @@ class TextContents:
         signals = {name: np.ascontiguousarray(table[:, k]) for k, name in enumerate(wanted)}
         places = np.concatenate(numbers) if numbers else np.empty(0, np.int64)
         return Samples(signals, places, dict.fromkeys(wanted, "line"))
-
-    def _after_header(self, block: TextBlock) -> tuple[str, int]:
-        """The samples of a block and the line of the first."""
-        body, line = block.text, block.line
-        for _ in range(line, min(self.first_line, line + body.count("\n") + 1)):
-            body, line = body.partition("\n")[2], line + 1
-        return body.rstrip("\n"), line
 
     def _numbers(self, body: str, line: int, wanted: Mapping[str, int]) -> tuple[Array, Numbers]:
         """The wanted columns (N, k) and the line of each row; fast where the text is regular."""
@@ -241,10 +231,10 @@ def _beginning(path: Path, refuse: Refusal) -> tuple[str, list[tuple[str, int]]]
     None if the file is empty. A comment may hold the header.
     """
     remark, at, found = "", 1, list[tuple[str, int]]()
-    for block in blocks(path, refuse, HEAD):
-        if block.text.isspace():
+    for text, first in blocks(path, refuse, HEAD):
+        if text.isspace():
             continue
-        for number, line in enumerate(block.text.removesuffix("\n").split("\n"), block.line):
+        for number, line in enumerate(text.removesuffix("\n").split("\n"), first):
             if not line.strip():
                 continue
             if not found and _REMARK.match(line):

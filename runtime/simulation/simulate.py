@@ -416,8 +416,8 @@ def _lines(path: Path, expected: str) -> Iterator[str]:
     refuse = Refusal(str(path))
     try:
         check_file(path, expected, refuse)
-        for block in blocks(path, refuse):
-            yield from block.text.splitlines()
+        for text, _ in blocks(path, refuse):
+            yield from text.splitlines()
     except RecordingError as error:
         raise SimulationError(str(error)) from error
 
