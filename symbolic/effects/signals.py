@@ -159,6 +159,10 @@ def _moment(axis: str, row: int) -> Signal:
     )
 
 
+def _at_tip(name: str, unit: u.Unit, meaning: str, source: ArmOutput) -> Signal:
+    return Signal(name, unit, meaning, source=source, known_to="controller", sensor="force")
+
+
 OFF_TIP = ("x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")
 """The products of a mass's coordinates in the tip's frame, in the order of the arm's function tip_load."""
 
@@ -283,29 +287,13 @@ SIGNALS: tuple[Signal, ...] = (
         seen_over="load",
         sensor="force",
     ),
-    Signal(
-        "tip_y",
-        u.METRE,
-        "end-effector's y in the base frame",
-        source=ArmOutput("tip", (1,)),
-        known_to="controller",
-        sensor="force",
-    ),
-    Signal(
-        "tip_yd",
-        u.METRE / u.SECOND,
-        "rate of the end-effector's y",
-        source=ArmOutput("tip_rate", (1,)),
-        known_to="controller",
-        sensor="force",
-    ),
-    Signal(
+    _at_tip("tip_y", u.METRE, "end-effector's y in the base frame", ArmOutput("tip", (1,))),
+    _at_tip("tip_yd", u.METRE / u.SECOND, "rate of the end-effector's y", ArmOutput("tip_rate", (1,))),
+    _at_tip(
         "tip_row",
         u.FORCE / u.NEWTON,
         "derivative of the end-effector's y by q",
-        source=ArmOutput("tip_jacobian", (1, "joint")),
-        known_to="controller",
-        sensor="force",
+        ArmOutput("tip_jacobian", (1, "joint")),
     ),
     Signal(
         "plate_y",

@@ -23,24 +23,8 @@ BANNER = "# A guess by tendon diagnose --draft: no law from the literature."
 
 _WIDTH = 120
 _INDENT = " " * 4
-_UNITS = {
-    unit: name
-    for name in (
-        "ONE",
-        "FORCE",
-        "POSITION",
-        "SECOND",
-        "KELVIN",
-        "RATE",
-        "ACCELERATION",
-        "STIFFNESS",
-        "VISCOUS",
-        "INERTIA",
-    )
-    if isinstance(unit := getattr(u, name), u.Unit)
-}
-_BASE = {"force": "FORCE", "position": "POSITION", "N": "NEWTON", "m": "METRE", "kg": "KILOGRAM"}
-_BASE |= {"s": "SECOND", "K": "KELVIN"}
+_UNITS = {unit: name for name, unit in vars(u).items() if isinstance(unit, u.Unit)}
+_BASE = {unit.powers[0][0]: name for unit, name in _UNITS.items() if [p for _, p in unit.powers] == [1]}
 _IMPORTS = (
     ("math", ("inf",)),
     ("pathlib", ("Path",)),
@@ -187,8 +171,7 @@ def _absolutes(*terms: sp.Expr) -> sp.Expr:
     for term in terms:
         if isinstance(term, ramp) and term in left:
             x, width = term.args
-            mirrored = ramp(-x, width)
-            if mirrored in left:
+            if (mirrored := ramp(-x, width)) in left:
                 left = [t for t in left if t not in (term, mirrored)]
                 left.append(_Absolute(-x if x.could_extract_minus_sign() else x, width))
     return sp.Add(*left)

@@ -270,34 +270,18 @@ ALONE = (
 
 
 def _neighbours() -> Iterable[Carrier]:
-    for name, where, other in (("next", "next", QD_NEXT), ("previous", "previous", QD_PREVIOUS)):
-        way = sgn(other, WIDTH_RATE)
-        yield Carrier(f"{name}_viscous", f"Drag of the {where} joint", f"qd_{name}", expr=other, unit=u.RATE)
-        yield Carrier(f"{name}_dry", f"Dry friction of the {where} joint", f"sgn(qd_{name})", expr=way, unit=u.ONE)
-        yield Carrier(
-            f"{name}_against",
-            f"Dry friction against the {where} joint",
-            f"sgn(qd - qd_{name})",
-            expr=sgn(QD - other, WIDTH_RATE),
-            unit=u.ONE,
+    for name, other in (("next", QD_NEXT), ("previous", QD_PREVIOUS)):
+        against, rubbing = sgn(QD - other, WIDTH_RATE), absolute(other, WIDTH_RATE) * DRY.expr
+        rows = (
+            ("viscous", f"Drag of the {name} joint", f"qd_{name}", other, u.RATE),
+            ("dry", f"Dry friction of the {name} joint", f"sgn(qd_{name})", sgn(other, WIDTH_RATE), u.ONE),
+            ("against", f"Dry friction against the {name} joint", f"sgn(qd - qd_{name})", against, u.ONE),
+            ("rubs", f"Dry friction with the speed of the {name} joint", f"|qd_{name}| sgn(qd)", rubbing, u.RATE),
+            ("product", f"A product of this rate and the {name} one's", f"qd qd_{name}", QD * other, u.RATE**2),
+            ("square", f"The square of the {name} joint's rate", f"qd_{name}^2", other**2, u.RATE**2),
         )
-        yield Carrier(
-            f"{name}_rubs",
-            f"Dry friction with the speed of the {where} joint",
-            f"|qd_{name}| sgn(qd)",
-            expr=absolute(other, WIDTH_RATE) * DRY.expr,
-            unit=u.RATE,
-        )
-        yield Carrier(
-            f"{name}_product",
-            f"A product of this rate and the {where} one's",
-            f"qd qd_{name}",
-            expr=QD * other,
-            unit=u.RATE**2,
-        )
-        yield Carrier(
-            f"{name}_square", f"The square of the {where} joint's rate", f"qd_{name}^2", expr=other**2, unit=u.RATE**2
-        )
+        for kind, says, text, expr, unit in rows:
+            yield Carrier(f"{name}_{kind}", says, text, expr=expr, unit=unit)
 
 
 NEIGHBOURS = tuple(_neighbours())

@@ -32,6 +32,7 @@ Column = tuple[str, int]
 """Kind and link index (0-based) of an elementary parameter."""
 
 Combination = dict[Column, Fraction]
+Parameters = Mapping[Column, Fraction | None]
 
 
 @dataclass(frozen=True)
@@ -41,21 +42,20 @@ class BaseParameters:
     values: dict[Column, Fraction | None]
     merged: dict[Column, tuple[tuple[Column, Fraction], ...]]
 
+    @classmethod
+    def of(cls, parts: Mapping[Column, Sequence[tuple[Column, Fraction]]], values: Parameters) -> BaseParameters:
+        """The base parameters that consist of these parts. values: of the parts, None where unknown."""
+        sums: dict[Column, Fraction | None] = {}
+        for base, own in parts.items():
+            known = [(values[column], factor) for column, factor in own]
+            unknown = any(value is None for value, _ in known)
+            sums[base] = None if unknown else sum((value * factor for value, factor in known if value), Fraction(0))
+        return cls(sums, {base: tuple(own) for base, own in parts.items()})
+
 
 def exact(value: float) -> Fraction:
     """The decimal number as it is written, as a fraction."""
     return Fraction(repr(float(value)))
-
-
-def known_sum(values: Mapping[Column, Fraction | None], parts: Sequence[tuple[Column, Fraction]]) -> Fraction | None:
-    """The value of a base parameter; None if one of its parts is unknown."""
-    total = Fraction(0)
-    for column, factor in parts:
-        value = values[column]
-        if value is None:
-            return None
-        total += factor * value
-    return total
 
 
 def dependencies(
@@ -169,7 +169,7 @@ def base_parameters(arm: Arm) -> BaseParameters:
         for target, factor in combination.items():
             merged[target].append((column, factor))
     order = sorted(merged, key=lambda c: (KINDS.index(c[0]), c[1]))
-    return BaseParameters({c: known_sum(values, merged[c]) for c in order}, {c: tuple(merged[c]) for c in order})
+    return BaseParameters.of({c: merged[c] for c in order}, values)
 
 
 def lumps_of(values: dict[Column, Any], n: int) -> Lumps:

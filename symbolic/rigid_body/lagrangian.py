@@ -96,8 +96,7 @@ def lumped_bodies(lumps: Lumps, chain: Chain, q: list[Any]) -> list[Body]:
 
 def rational(value: float) -> sp.Rational:
     """The decimal number as it is written, exactly."""
-    fraction = exact(value)
-    return sp.Rational(fraction.numerator, fraction.denominator)
+    return sp.Rational(exact(value))
 
 
 def derivative(point: Components, chain: Chain, joint: int) -> tuple[int, Any, Any] | None:

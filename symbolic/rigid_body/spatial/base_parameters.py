@@ -28,10 +28,9 @@ from symbolic.rigid_body.base_parameters import (
     Lump,
     dependencies,
     exact,
-    known_sum,
     overridden,
 )
-from symbolic.rigid_body.spatial.geometry import Geometry, Vector, dot, offset_symbol, scaled
+from symbolic.rigid_body.spatial.geometry import NOWHERE, Geometry, Vector, dot, offset_symbol, scaled
 from symbolic.rigid_body.spatial.recursion import (
     INERTIA,
     KINDS,
@@ -64,7 +63,14 @@ class Merging:
 
 def merging(g: Geometry) -> Merging:
     """The merging for a geometry."""
-    near = _merged_inwards(g)
+    # Every moment in terms of those that stay; at the base, the others vanish.
+    near: dict[Column, Combination] = {}
+    for i, link in enumerate(g.links):
+        for kind in KINDS:
+            near[kind, i] = {(kind, i): Fraction(1)} if kind in _STAYS[link.revolute] else {}
+            if i and not near[kind, i]:
+                before = Moments(**{kind: Fraction(1)}).placed(link.start)
+                near[kind, i] = _combined([(f, near[k, i - 1]) for k, f in zip(KINDS, before, strict=False) if f])
     candidates = [(kind, i) for i, link in enumerate(g.links) for kind in _STAYS[link.revolute]]
     rotors = [(ROTOR, i) for i in range(g.n)]
     order = [*candidates[:1], *rotors, *candidates[1:]]
@@ -81,21 +87,6 @@ def merging(g: Geometry) -> Merging:
     return Merging(kept, terms | {c: far[c] for c in rotors})
 
 
-def _merged_inwards(g: Geometry) -> dict[Column, Combination]:
-    """Every moment in terms of those that stay; at the base, the others vanish."""
-    found: dict[Column, Combination] = {}
-    for i, link in enumerate(g.links):
-        for kind in KINDS:
-            if kind in _STAYS[link.revolute]:
-                found[kind, i] = {(kind, i): Fraction(1)}
-            elif i == 0:
-                found[kind, i] = {}
-            else:
-                before = Moments(**{kind: Fraction(1)}).placed(link.start)
-                found[kind, i] = _combined([(f, found[k, i - 1]) for k, f in zip(KINDS, before, strict=False) if f])
-    return found
-
-
 def _combined(parts: Sequence[tuple[Fraction, Combination]]) -> Combination:
     total: Combination = {}
     for factor, combination in parts:
@@ -109,15 +100,21 @@ def columns(
 ) -> dict[Column, list[Any]]:
     """The torques (n,) of a unit of each of these moments and rotors. moving: every link along its own axes."""
     found: dict[Column, list[Any]] = {c: [0] * g.n for c in kept}
+    # The inner joints' axes, and the velocities of link i's origin by them.
     axes: list[tuple[Vector, Vector]] = []
-    for i, m in enumerate(moving):
-        axes = [
-            _outwards(z, v, g, moving=moving, i=i, name=f"{j + 1}_{i + 1}", notes=notes)
-            for j, (z, v) in enumerate(axes)
-        ]
-        unit = scaled(g.links[i].sign, m.axis)
-        nothing: Vector = (0, 0, 0)
-        axes.append((unit, nothing) if g.links[i].revolute else (nothing, unit))
+    for i, (link, m) in enumerate(zip(g.links, moving, strict=True)):
+        for j, (z, v) in enumerate(axes):
+            if m.first:
+                v = (v[0], v[1] + z[2] * link.a, v[2] - z[1] * link.a)
+                z, v = twisted(z, link.twist), twisted(v, link.twist)
+            else:
+                x, y = m.reach
+                v = (v[0] - z[2] * y, v[1] + z[2] * x, v[2] + z[0] * y - z[1] * x)
+            name = f"{j + 1}_{i + 1}"
+            z, v = (named(e, name, turned(vector, m.before), notes) for e, vector in (("z", z), ("y", v)))
+            axes[j] = z, named("y", name, (v[0] + z[1] * m.lift, v[1] - z[0] * m.lift, v[2]), notes)
+        unit = scaled(link.sign, m.axis)
+        axes.append((unit, NOWHERE) if link.revolute else (NOWHERE, unit))
         for kind in (k for k, j in kept if j == i):
             if kind == ROTOR:
                 found[kind, i][i] = qdd[i]
@@ -126,21 +123,6 @@ def columns(
             for j, (z, v) in enumerate(axes):
                 found[kind, i][j] = dot(force, v) + dot(moment, z)
     return found
-
-
-def _outwards(
-    z: Vector, v: Vector, g: Geometry, moving: Sequence[SpatialMotion], i: int, name: str, notes: Notes
-) -> tuple[Vector, Vector]:
-    """An inner joint's axis and the velocity of link i's origin by it, from the previous link's axes into its own."""
-    link, m = g.links[i], moving[i]
-    if m.first:
-        v = (v[0], v[1] + z[2] * link.a, v[2] - z[1] * link.a)
-        z, v = twisted(z, link.twist), twisted(v, link.twist)
-    else:
-        x, y = m.reach
-        v = (v[0] - z[2] * y, v[1] + z[2] * x, v[2] + z[0] * y - z[1] * x)
-    z, v = (named(e, name, turned(vector, m.before), notes) for e, vector in (("z", z), ("y", v)))
-    return z, named("y", name, (v[0] + z[1] * m.lift, v[1] - z[0] * m.lift, v[2]), notes)
 
 
 def base_parameters(arm: Arm, g: Geometry, merged: Merging) -> BaseParameters:
@@ -159,7 +141,7 @@ def base_parameters(arm: Arm, g: Geometry, merged: Merging) -> BaseParameters:
             for column, f in terms.items():
                 parts[column].append(((kind, i), -f if column[0] in MIRRORED else f))
     order = sorted(merged.kept, key=lambda c: (c[1], (*KINDS, ROTOR).index(c[0])))
-    return BaseParameters({c: known_sum(values, parts[c]) for c in order}, {c: tuple(parts[c]) for c in order})
+    return BaseParameters.of({c: parts[c] for c in order}, values)
 
 
 def choose_axes(g: Geometry, kept: Sequence[Column]) -> tuple[int, ...]:
