@@ -21,7 +21,7 @@ from typing import Any
 import sympy as sp
 
 from symbolic.functions import Notes, OperationCounter, Residues, Turn, random_turn, residue
-from symbolic.model_file.arm import Arm, Link
+from symbolic.model_file.arm import Arm
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
 
@@ -121,28 +121,24 @@ def exact_chain(arm: Arm) -> Chain:
     return Chain(tuple(j.type == "revolute" for j in arm.joints), tuple(map(exact, arm.lengths)), gravity)
 
 
-def link_values(link: Link, length: float, revolute: bool) -> Mapping[str, Fraction | None]:
-    """The elementary parameters of one link, with its mass at the distal point; None where unknown."""
-    m = None if link.mass is None else exact(link.mass)
-    inertia = None if link.inertia is None else exact(link.inertia[5])
-    if m is None or link.com is None:
-        return {"J": None, "mu": m, "h": None, "hy": None}
-    along, across = exact(link.com[0]), exact(link.com[1])
-    end = exact(length)
-    h, hy = m * (along - end), m * across
-    # Moments about the joint (revolute), minus the point mass's contribution.
-    offset = m * (across**2 + (along**2 - end**2 if revolute else (along - end) ** 2))
-    return {"J": None if inertia is None else inertia + offset, "mu": m, "h": h, "hy": hy}
-
-
 def elementary(arm: Arm) -> dict[Column, Fraction | None]:
-    """All elementary parameters in order of preference; hy only where the centre of mass may be off the link's line."""
+    """All elementary parameters in order of preference, each link's mass at its distal point; None where unknown; hy
+    only where the centre of mass may be off the link's line."""
     n = len(arm.joints)
     values: dict[Column, Fraction | None] = {}
     for i, (joint, length) in enumerate(zip(arm.joints, arm.lengths, strict=True)):
-        for kind, value in link_values(joint.link, length, joint.type == "revolute").items():
-            values[kind, i] = value
+        link, end = joint.link, exact(length)
+        m = None if link.mass is None else exact(link.mass)
+        values |= {("J", i): None, ("mu", i): m, ("h", i): None, ("hy", i): None}
         values["I", i] = None if joint.rotor_inertia is None else exact(joint.rotor_inertia)
+        if m is None or link.com is None:
+            continue
+        along, across = exact(link.com[0]), exact(link.com[1])
+        values |= {("h", i): m * (along - end), ("hy", i): m * across}
+        if link.inertia is not None:
+            # Moments about the joint (revolute), minus the point mass's contribution.
+            square = along**2 - end**2 if joint.type == "revolute" else (along - end) ** 2
+            values["J", i] = exact(link.inertia[5]) + m * (across**2 + square)
     sliding = {i for i, j in enumerate(arm.joints) if j.type == "prismatic"}
     order: list[Column] = [("J", i) for i in range(n)] + [("mu", i) for i in sorted(sliding)]
     order += [("I", i) for i in range(n)] + [("mu", i) for i in range(n - 1)] + [("h", n - 1)]

@@ -10,7 +10,7 @@ import sympy as sp
 
 from symbolic.functions import Author, Continuation, Recorder, Suffixed, SymbolicFunction, output
 from symbolic.rigid_body.base_parameters import Column, lumps_of
-from symbolic.rigid_body.lagrangian import NOTATION, Mechanics, lumped_bodies, mechanics
+from symbolic.rigid_body.lagrangian import NOTATION, Body, Mechanics, distal_points, mechanics
 from symbolic.rigid_body.newton_euler import Chain, Lumps, inverse_dynamics, motion, notation, torques
 
 EQUATIONS = {
@@ -123,7 +123,11 @@ def _inverse_dynamics(
 
 def _mechanics(author: Author, chain: Chain, lumps: Lumps, recorder: Recorder) -> Mechanics:
     q, qd = author.coordinates.symbols("q"), author.coordinates.symbols("qd")
-    return mechanics(chain, lumped_bodies(lumps, chain, q), list(lumps.I), q=q, qd=qd, notes=recorder)
+    points, bodies = distal_points(chain, q), []
+    for i, revolute in enumerate(chain.revolute):
+        about, moment = points[i if revolute else i + 1], (lumps.h[i], lumps.hy[i])
+        bodies.append(Body(lumps.mu[i], points[i + 1], moment, about=about, inertia=lumps.J[i]))
+    return mechanics(chain, bodies, list(lumps.I), q=q, qd=qd, notes=recorder)
 
 
 def _closed_forms(author: Author, chain: Chain, lumps: Lumps, rotors: Sequence[sp.Expr]) -> list[SymbolicFunction]:

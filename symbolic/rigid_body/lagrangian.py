@@ -18,7 +18,7 @@ import sympy as sp
 
 from symbolic.functions import Exact, Notes
 from symbolic.rigid_body.base_parameters import exact
-from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps
+from symbolic.rigid_body.newton_euler import Chain, Gravity
 
 NOTATION = {
     "c, s": "cosine and sine; c23 of q2 + q3",
@@ -77,21 +77,6 @@ def moved(point: Components, frame: int, along: Any, across: Any) -> Components:
     """The point moved by (along, across) in a frame."""
     x, y = point.get(frame, (0, 0))
     return {**point, frame: (x + along, y + across)}
-
-
-def lumped_bodies(lumps: Lumps, chain: Chain, q: list[Any]) -> list[Body]:
-    """The bodies that newton_euler.Lumps describe."""
-    points = distal_points(chain, q)
-    return [
-        Body(
-            lumps.mu[i],
-            points[i + 1],
-            (lumps.h[i], lumps.hy[i]),
-            about=points[i] if chain.revolute[i] else points[i + 1],
-            inertia=lumps.J[i],
-        )
-        for i in range(chain.n)
-    ]
 
 
 def rational(value: float) -> sp.Rational:

@@ -14,9 +14,9 @@ Source: Luh, Walker & Paul 1980 (recursive Newton-Euler); Khalil & Kleinfinger 1
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from symbolic.functions import Notes, Turn
 
@@ -80,19 +80,21 @@ class Lumps:
     I: tuple[Any, ...]
 
 
-@dataclass(frozen=True)
-class LinkMotion:
-    """The kinematic quantities of all links; lists are indexed by link − 1, b and y begin at the base.
+class LinkMotion(NamedTuple):
+    """The kinematic quantities of one link, in the frame of the recursion.
 
-    reach   vector from one distal point to the next, in the frame of the recursion
+    w2, al       square of the absolute rate; absolute acceleration
+    direction    cosine and sine of its frame
+    reach        from its proximal to its distal point
+    start, end   accelerations (b, y) of these points
     """
 
-    w2: list[Any]
-    al: list[Any]
-    direction: list[tuple[Any, Any]]
-    reach: list[tuple[Any, Any]]
-    b: list[Any]
-    y: list[Any]
+    w2: Any
+    al: Any
+    direction: tuple[Any, Any]
+    reach: tuple[Any, Any]
+    start: tuple[Any, Any]
+    end: tuple[Any, Any]
 
 
 def notation(frame: int) -> dict[str, str]:
@@ -121,36 +123,32 @@ def inverse_dynamics(
     return torques(chain, lumps, motion(chain, frame, q, qd=qd, qdd=qdd, notes=notes), qdd=qdd, notes=notes)
 
 
-def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes) -> LinkMotion:
+def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any], notes: Notes) -> list[LinkMotion]:
     """Absolute rates and accelerations, from the base outwards; gravity is an acceleration of the base."""
     let = notes.let
     direction, orientation = _directions(chain, frame, q, notes)
-    b0, y0 = _base_acceleration(chain.gravity, orientation, notes)
-    m = LinkMotion([], [], [], reach=[], b=[b0], y=[y0])
+    start = _base_acceleration(chain.gravity, orientation, notes)
+    found: list[LinkMotion] = []
     w: Any = 0
     al: Any = 0
     for i in range(chain.n):
-        k, length, (c, s) = i + 1, chain.lengths[i], direction[chain.frames[i]]
-        b, y = m.b[-1], m.y[-1]
+        k, length, (c, s), (b, y) = i + 1, chain.lengths[i], direction[chain.frames[i]], start
         if chain.revolute[i]:
             w, al = let(f"w{k}", w + qd[i]), let(f"al{k}", al + qdd[i])
             w2 = let(f"ww{k}", w * w)
             lc, ls = let(f"lc{k}", length * c), let(f"ls{k}", length * s)
-            b, y = let(f"b{k}", b + al * ls + w2 * lc), let(f"y{k}", y + al * lc - w2 * ls)
+            end = let(f"b{k}", b + al * ls + w2 * lc), let(f"y{k}", y + al * lc - w2 * ls)
         else:
             w2, r = let(f"ww{k}", w * w), let(f"r{k}", length + q[i])
             lc, ls = let(f"lc{k}", r * c), let(f"ls{k}", r * s)
             inwards, across = let(f"u{k}", r * w2 - qdd[i]), let(f"v{k}", 2 * qd[i] * w + r * al)
-            b = let(f"b{k}", b + inwards * c + across * s)
-            y = let(f"y{k}", y + across * c - inwards * s)
-        for values, value in zip(
-            (m.w2, m.al, m.direction, m.reach, m.b, m.y), (w2, al, (c, s), (lc, ls), b, y), strict=True
-        ):
-            values.append(value)
-    return m
+            end = let(f"b{k}", b + inwards * c + across * s), let(f"y{k}", y + across * c - inwards * s)
+        found.append(LinkMotion(w2, al, (c, s), (lc, ls), start=start, end=end))
+        start = end
+    return found
 
 
-def torques(chain: Chain, lumps: Lumps, m: LinkMotion, qdd: list[Any], notes: Notes) -> list[Any]:
+def torques(chain: Chain, lumps: Lumps, moving: Sequence[LinkMotion], qdd: list[Any], notes: Notes) -> list[Any]:
     """Forces and moments, from the tip inwards."""
     let = notes.let
     tau: list[Any] = [0] * chain.n
@@ -158,19 +156,19 @@ def torques(chain: Chain, lumps: Lumps, m: LinkMotion, qdd: list[Any], notes: No
     G: Any = 0
     N: Any = 0
     for i in reversed(range(chain.n)):
-        k, mu, w2, al, (c, s), (lc, ls) = i + 1, lumps.mu[i], m.w2[i], m.al[i], m.direction[i], m.reach[i]
+        k, mu, (w2, al, (c, s), (lc, ls), (b0, y0), (b, y)) = i + 1, lumps.mu[i], moving[i]
         hc = let(f"hc{k}", lumps.h[i] * c - lumps.hy[i] * s)
         hs = let(f"hs{k}", lumps.h[i] * s + lumps.hy[i] * c)
         if chain.revolute[i]:
             # The first moment acts at the joint, so it adds to the force after the moment of the distal force.
-            G, F = let(f"G{k}", G + mu * m.b[k]), let(f"F{k}", F + mu * m.y[k])
-            N = let(f"N{k}", N + lumps.J[i] * al + lc * F + ls * G + hc * m.y[i] + hs * m.b[i])
+            G, F = let(f"G{k}", G + mu * b), let(f"F{k}", F + mu * y)
+            N = let(f"N{k}", N + lumps.J[i] * al + lc * F + ls * G + hc * y0 + hs * b0)
             G, F = let(f"G{k}", G + al * hs + w2 * hc), let(f"F{k}", F + al * hc - w2 * hs)
             tau[i] = N + lumps.I[i] * qdd[i]
         else:
-            G = let(f"G{k}", G + mu * m.b[k] + al * hs + w2 * hc)
-            F = let(f"F{k}", F + mu * m.y[k] + al * hc - w2 * hs)
-            N = let(f"N{k}", N + lumps.J[i] * al + lc * F + ls * G + hc * m.y[k] + hs * m.b[k])
+            G = let(f"G{k}", G + mu * b + al * hs + w2 * hc)
+            F = let(f"F{k}", F + mu * y + al * hc - w2 * hs)
+            N = let(f"N{k}", N + lumps.J[i] * al + lc * F + ls * G + hc * y + hs * b)
             tau[i] = s * F - c * G + lumps.I[i] * qdd[i]
     return tau
 

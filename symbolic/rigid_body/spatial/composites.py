@@ -87,12 +87,9 @@ class JointStep:
         """Note values under names with the joint's number."""
         return tuple(self.notes.let(f"{name}{self.joint}", value) for name, value in zip(names, values, strict=True))
 
-    def turned(self, v: Vector, name: str) -> Vector:
-        """A vector at the joint in the axes before it."""
-        return self._turned(v, self.direction, name)
-
-    def _turned(self, v: Vector, direction: Direction, name: str) -> Vector:
-        c, s = direction
+    def turned(self, v: Vector, name: str, direction: Direction | None = None) -> Vector:
+        """A vector at the joint in the axes before it, or in axes in which x has another direction."""
+        c, s = direction or self.direction
         x, y = self.named((f"{name}x", f"{name}y"), (c * v[0] - s * v[1], s * v[0] + c * v[1]))
         return x, y, v[2]
 
@@ -132,18 +129,11 @@ class JointStep:
         """Force and moment, (3,) each, in the axes before the joint."""
         return self.turned(wrench[0], f"f{name}"), self.turned(wrench[1], f"n{name}")
 
-    def turned_moments(self, b: Moments) -> Moments:
-        """A composite of link j in the axes before the joint."""
-        return self._turned_moments(b, self.direction, "")
-
-    def along_group(self, b: Moments) -> Moments:
-        """A body of frame j along the axes of its group."""
-        return self._turned_moments(b, self.own, "o")
-
-    def _turned_moments(self, b: Moments, direction: Direction, name: str) -> Moments:
-        x, y, z = self._turned(b.first, direction, f"{name}h")
+    def turned_moments(self, b: Moments, direction: Direction, name: str) -> Moments:
+        """A body's moments in axes about the same z in which x has this direction."""
+        x, y, z = self.turned(b.first, f"{name}h", direction)
         xx, xy, _, yy = self._turned_block(b.xx, b.xy, b.xy, yy=b.yy, direction=direction, name=name)
-        xz, yz, zz = self._turned((b.xz, b.yz, b.zz), direction, f"{name}z")
+        xz, yz, zz = self.turned((b.xz, b.yz, b.zz), f"{name}z", direction)
         return Moments(b.m, x, y, z=z, xx=xx, yy=yy, zz=zz, xy=xy, xz=xz, yz=yz)
 
     def carried_moments(self, b: Moments) -> Moments:
@@ -196,10 +186,11 @@ def composites(steps: Sequence[JointStep], bodies: Sequence[Moments]) -> list[Mo
     result: list[Moments] = []
     carried = Moments()
     for step, body in zip(reversed(steps), reversed(bodies), strict=True):
-        sums = [own + others for own, others in zip(step.along_group(body)[:-1], carried[:-1], strict=True)]
+        along = step.turned_moments(body, step.own, "o")
+        sums = [own + others for own, others in zip(along[:-1], carried[:-1], strict=True)]
         whole = Moments(*step.named([f"{name}_c" for name in KINDS], sums))
         (spin,) = step.named(("D",), (whole.xx + whole.yy,))
-        result.append(step.turned_moments(whole)._replace(spin=spin))
+        result.append(step.turned_moments(whole, step.direction, "")._replace(spin=spin))
         carried = step.carried_moments(result[-1])
     return result[::-1]
 

@@ -350,7 +350,7 @@ def geometry(arm: Arm) -> Geometry:
     gravity = Placement(BASE.turn, arm.gravity).inside(Placement(frames[0].turn, (0.0, 0.0, 0.0))).at
     return Geometry(
         links,
-        _settled(vector([exact_length(g) for g in gravity]), _still_axes(links)),
+        _settled(vector([exact_length(g) for g in gravity]), links),
         _exact(frames[0]),
         _exact(files[-1].joined(_pose(arm.tip)).inside(frames[-1])),
     )
@@ -371,8 +371,9 @@ def _link(revolute: bool, axis: Vector, frame: Placement, before: Placement, fil
     )
 
 
-def _still_axes(links: Sequence[LinkFrame]) -> list[Vector]:
-    """The axes that are fixed in frame 0: those up to the first revolute joint."""
+def _settled(gravity: Vector, links: Sequence[LinkFrame]) -> Vector:
+    """Gravity made exactly parallel or perpendicular, where it is so up to rounding, to the axes that are fixed in
+    frame 0: those up to the first revolute joint."""
     axes: list[Vector] = []
     turn: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
     for link in links:
@@ -380,11 +381,6 @@ def _still_axes(links: Sequence[LinkFrame]) -> list[Vector]:
         axes.append(transposed(turn)[2])
         if link.revolute:
             break
-    return axes
-
-
-def _settled(gravity: Vector, axes: Sequence[Vector]) -> Vector:
-    """Gravity made exactly parallel or perpendicular to these unit vectors where it is so up to rounding."""
     size, level = math.hypot(*map(float, gravity)), None
     for axis in axes:
         pull = dot(gravity, axis)
