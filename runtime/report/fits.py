@@ -32,7 +32,6 @@ from runtime.wording import (
     percent,
     quantity,
     sentence,
-    times_floor,
     unit,
 )
 from symbolic.model_file.checks import at_joint
@@ -113,15 +112,11 @@ def verdict_line(document: JudgedFitDocument | DiagnosisBase) -> str:
 def basis(band: BandEntry, offset: SkewEntry) -> list[Section]:
     """The frequency band, and the offset between the clocks of torque and motion."""
     first = f"Band up to {quantity(band.cutoff_hz, 'Hz')}: {band.reason}."
-    return texts([first, f"Skew between torque and motion: {skew(offset)}."])
-
-
-def skew(offset: SkewEntry) -> str:
-    """Samples by which the torque lags the motion, and whether they were estimated."""
     origin = "estimated" if offset.estimated else "given" if given(offset.given) else "assumed"
     low, high = offset.interval or (None, None)
     within = "" if low is None or high is None else f", 95 % in [{number(low)}, {number(high)}]"
-    return f"{number(offset.value)} {offset.unit} ({origin}){within}"
+    skew = f"{number(offset.value)} {offset.unit} ({origin}){within}"
+    return texts([first, f"Skew between torque and motion: {skew}."])
 
 
 def delays(entries: Sequence[DelayEntry]) -> list[Section]:
@@ -179,13 +174,14 @@ def errors_of_joint(
     for step in history:
         row = [step_name(step), percent(step.relative[i]), number(step.rms[i])]
         if step.held_out is not None and step.held_out_relative is not None:
-            row += [_percent(step.held_out_relative[i]), number(step.held_out[i])]
+            row += [percent_or_dash(step.held_out_relative[i]), number(step.held_out[i])]
         rows.append(row)
     heads = ("model", "error", "rms", *(("held-out error", "held-out rms") if held else ()))
     return table(heads, [row + ["–"] * (len(heads) - len(row)) for row in rows])
 
 
-def _percent(value: float | None) -> str:
+def percent_or_dash(value: float | None) -> str:
+    """A part in per cent; a dash where it is unknown."""
     return "–" if value is None else percent(value)
 
 
@@ -204,7 +200,7 @@ def errors_by_joint(
         rows = [
             (
                 place(j.joint, names),
-                *(f"{_percent(relative[k])}, {number(rms[k])}" for _, relative, rms in steps),
+                *(f"{percent_or_dash(relative[k])}, {number(rms[k])}" for _, relative, rms in steps),
                 f"{number(floor.floor)}{unit(j.unit, ' ')} ({floor.floor_source})",
             )
             for k, (j, floor) in enumerate(zip(joints, least, strict=True))
@@ -216,11 +212,6 @@ def errors_by_joint(
 def step_name(step: HistoryEntry) -> str:
     """What a step did to the model."""
     return f"+ {step.added}" if step.added else "as in the file"
-
-
-def times_the_floor(rms: float, floor: float) -> str:
-    """A size in noise floors."""
-    return f"{number(times_floor(rms, floor), 3)} × noise floor"
 
 
 # --- parameters ---

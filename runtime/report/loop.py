@@ -8,7 +8,6 @@ from typing import Any
 from runtime.documents.diagnosis import (
     DiagnosisBase,
     DiagnosisDocument,
-    EncoderSkewEntry,
     FindingEntry,
     HistoryEntry,
     ImprovementDocument,
@@ -19,7 +18,7 @@ from runtime.report import findings, fits
 from runtime.report.findings import Context
 from runtime.report.fits import place
 from runtime.report.sections import Commands, Group, Paragraph, Section, texts
-from runtime.wording import milliseconds, number, percent, quantity
+from runtime.wording import milliseconds, number, quantity
 from symbolic.model_file.checks import at_joint
 
 LoopDocument = CompareDocument | DiagnosisDocument | ImprovementDocument
@@ -120,15 +119,13 @@ def sensors(document: LoopDocument) -> list[str]:
     """Offset between motor and link-side encoders, and what further sensors contributed."""
     if isinstance(document, CompareDocument):
         return []
-    found = [_encoder_skew(e) for e in document.encoder_skew]
-    return [*found, *(f"Contribution of the sensors: {sensor.said}." for sensor in document.sensors)]
-
-
-def _encoder_skew(e: EncoderSkewEntry) -> str:
-    within = ""
-    if e.interval is not None:
-        within = f", 95 % in [{milliseconds(e.interval[0])}, {milliseconds(e.interval[1])}] ms"
-    return f"Joint {e.joint}: the link-side encoder is read {milliseconds(e.value)} ms later than the motor's{within}."
+    lines = []
+    for e in document.encoder_skew:
+        low, high = map(milliseconds, e.interval or (0.0, 0.0))
+        within = f", 95 % in [{low}, {high}] ms" if e.interval else ""
+        later = f"the link-side encoder is read {milliseconds(e.value)} ms later than the motor's"
+        lines.append(f"Joint {e.joint}: {later}{within}.")
+    return [*lines, *(f"Contribution of the sensors: {sensor.said}." for sensor in document.sensors)]
 
 
 def follow_up(document: Judged) -> list[Section]:
@@ -154,12 +151,10 @@ def in_short(document: LoopDocument | JudgedFitDocument | Any) -> list[str]:
 
 
 def _step(step: HistoryEntry) -> str:
-    def errors_of(values: Sequence[float | None]) -> str:
-        return ", ".join("–" if v is None else percent(v) for v in values)
-
     name = "as in the file, fitted" if step.added is None else f"+ {step.added}"
-    held = step.held_out_relative
-    return f"{name}: {errors_of(step.relative)} of the torque" + (f", held out {errors_of(held)}" if held else "")
+    fitted = ", ".join(map(fits.percent_or_dash, step.relative))
+    held = ", ".join(map(fits.percent_or_dash, step.held_out_relative or ()))
+    return f"{name}: {fitted} of the torque" + (f", held out {held}" if held else "")
 
 
 def _finding(finding: FindingEntry) -> str:

@@ -14,7 +14,7 @@ from runtime.documents.models import (
     ImportDocument,
     ImportedJointEntry,
 )
-from runtime.report.sections import Commands, Paragraph, Section, TableSection, table, texts, words
+from runtime.report.sections import Commands, Paragraph, Section, table, texts, words
 from runtime.wording import number, percent
 
 _MOST_NUMBERS = 7
@@ -126,18 +126,15 @@ def imported(document: ImportDocument) -> list[Section]:
         for joint in joints
     ]
     model = shlex.quote(document.out)
-    inspect = CommandEntry(
-        command=f"tendon inspect RECORDING {model}", what="shows what is in one and what looks wrong with it"
-    )
-    improve = CommandEntry(
-        command=f"tendon improve {model} RECORDING --held-out ANOTHER",
-        what="finds the unknown values and what the model lacks",
-    )
+    follow = {
+        f"tendon inspect RECORDING {model}": "shows what is in one and what looks wrong with it",
+        f"tendon improve {model} RECORDING --held-out ANOTHER": "finds the unknown values and what the model lacks",
+    }
     return [
         Paragraph(f"{document.out}: {document.name}, {count} from {document.base} to {document.tip}"),
         table(("joint", "name", "type", "mass [kg]", "range", words("unknown")), rows),
         *texts([*document.notes, "", "Next, with recordings of the arm:"]),
-        Commands((inspect, improve)),
+        Commands(tuple(CommandEntry(command=command, what=what) for command, what in follow.items())),
     ]
 
 
@@ -149,7 +146,18 @@ def _range(joint: ImportedJointEntry) -> str:
 
 def exported(document: ExportDocument) -> list[Section]:
     """The bodies of the written arm, how well they stand for the model, and what the file cannot say."""
-    return [Paragraph(f"{document.out}: {document.name}"), _bodies(document), *texts(export_notes(document))]
+    rows = [
+        (
+            str(joint.joint),
+            joint.name,
+            number(joint.mass),
+            ", ".join(number(value, 3) for value in joint.com),
+            *(number(value) for value in (joint.rotor_inertia or None, joint.damping, joint.friction)),
+        )
+        for joint in document.joints
+    ]
+    bodies = table(("joint", "name", "mass [kg]", "centre [m]", "rotor", "damping", "friction"), rows)
+    return [Paragraph(f"{document.out}: {document.name}"), bodies, *texts(export_notes(document))]
 
 
 def export_notes(document: ExportDocument) -> list[str]:
@@ -165,17 +173,3 @@ def export_notes(document: ExportDocument) -> list[str]:
     if document.kept:
         notes.append(f"The file into which it was written keeps its own: {'; '.join(document.kept)}.")
     return notes
-
-
-def _bodies(document: ExportDocument) -> TableSection:
-    rows = [
-        (
-            str(joint.joint),
-            joint.name,
-            number(joint.mass),
-            ", ".join(number(value, 3) for value in joint.com),
-            *(number(value) for value in (joint.rotor_inertia or None, joint.damping, joint.friction)),
-        )
-        for joint in document.joints
-    ]
-    return table(("joint", "name", "mass [kg]", "centre [m]", "rotor", "damping", "friction"), rows)

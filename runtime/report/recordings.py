@@ -12,7 +12,6 @@ from runtime.documents.recordings import (
     ExperimentDocument,
     InspectDocument,
     MovedJoint,
-    SeparationEntry,
     SimulateDocument,
     TrialDiagnosis,
 )
@@ -173,12 +172,17 @@ def experiment(document: ExperimentDocument) -> list[Section]:
         after.append(f"With {change.change}: {number(change.sigmas, 3)} standard deviations apart, {enough}.")
     if document.out:
         after.append(f"Written: {document.out}")
+    separations = []
+    for s in document.separations:
+        other = "the model as it is" if s.explained_by is None else _name(s.explained_by)
+        sizes = f"{number(s.after, 3)}, with the ordinary excitation {number(s.before, 3)}"
+        separations.append(f"{_name(s.hidden)} by {other}: {sizes}")
     return [
         *texts([*lines, f"Motion: {number(motion.seconds, 3)} s, {motion.times} times through"]),
         Bullets(tuple(moved)),
         Group(
             "Residual torque of one effect when another is fitted instead, in noise floors",
-            (Bullets(tuple(map(_separation, document.separations))),),
+            (Bullets(tuple(separations)),),
         ),
         *texts(["", *after]),
     ]
@@ -199,11 +203,6 @@ def _joint(j: MovedJoint) -> str:
         f"up to {number(j.speed, 3)} {j.position_unit}/s (of {number(j.speed_limit, 3)}{speed}) "
         f"and {force} {j.force_unit}{rivals} (of {number(j.torque_limit, 3)}{torque})"
     )
-
-
-def _separation(s: SeparationEntry) -> str:
-    other = "the model as it is" if s.explained_by is None else _name(s.explained_by)
-    return f"{_name(s.hidden)} by {other}: {number(s.after, 3)}, with the ordinary excitation {number(s.before, 3)}"
 
 
 def _trials(motion: str, trials: Sequence[TrialDiagnosis]) -> str:

@@ -230,7 +230,8 @@ def _error_of(summary: ResultSummary, joint: int, drawings: dict[str, Markup]) -
     first, series = summary.first, summary.last.joints[joint]
     written, floor, of = as_written(first.identification), series.floor, series.force_unit
     steps = history(summary)
-    times = "; ".join(f"{fits.step_name(step)} {fits.times_the_floor(step.rms[joint], floor.value)}" for step in steps)
+    sizes = ((fits.step_name(step), times_floor(step.rms[joint], floor.value)) for step in steps)
+    times = "; ".join(f"{name} {number(size, 3)} × noise floor" for name, size in sizes)
     lines = [
         f"Noise floor: {quantity(floor.value, of)} ({percent(summary.floor(joint))} of the torque), from "
         f"{fits.SOURCES[floor.source]}; noise of the instruments alone: {quantity(floor.spectrum, of)}.",

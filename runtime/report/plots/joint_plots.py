@@ -138,7 +138,10 @@ def residual_over(
     figure = Figure(figsize=(WIDTH, 2.1 if after is None else 3.2), layout="constrained")
     panels = figure.subplots(len(parts), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for ax, (label, residual, colour) in zip(panels, parts, strict=True):
-        _cloud(ax, axis, residual, colour)
+        # A fixed seed picks the same rows in every figure and every run; many dots are more transparent.
+        pick = np.random.default_rng(0).permutation(len(residual))[:_MOST_POINTS]
+        alpha = float(np.clip(600 / max(len(pick), 1), 0.16, 0.7))
+        ax.scatter(axis.values[pick], residual[pick], s=2.2, c=colour, alpha=alpha, lw=0, rasterized=True, zorder=2)
         ax.axhspan(-floor, floor, color=FAINT, alpha=0.22, lw=0, zorder=0)
         ax.axhline(0, color=FAINT, lw=0.6, zorder=1)
         _means(ax, axis, residual, color=colour, lw=2.2, zorder=4)
@@ -148,29 +151,14 @@ def residual_over(
         ax.yaxis.set_major_locator(MaxNLocator(4))
     if curve is not None:
         _means(panels[0], axis, curve, color=INK, lw=1.5, ls=(0, (3, 1.5)), zorder=5)
-        panels[0].text(
-            0.99,
-            0.98,
-            f"– – {curve_label}",
-            transform=panels[0].transAxes,
-            ha="right",
-            va="top",
-            fontsize=8.5,
-            zorder=6,
-        )
+        place: Any = {"transform": panels[0].transAxes, "ha": "right", "va": "top"}
+        panels[0].text(0.99, 0.98, f"– – {curve_label}", **place, fontsize=8.5, zorder=6)
     residual_scale(panels[0], [before], floor)
     _stretch(panels[-1], axis)
     panels[-1].set_xlabel(axis.label)
     panels[0].set_title(title)
     figure.align_ylabels()
     return figure
-
-
-def _cloud(ax: Axes, axis: PlotAxis, residual: Array, colour: str) -> None:
-    # A fixed seed picks the same rows in every figure and every run.
-    pick = np.random.default_rng(0).permutation(len(residual))[:_MOST_POINTS]
-    alpha = float(np.clip(600 / max(len(pick), 1), 0.16, 0.7))  # many dots are more transparent
-    ax.scatter(axis.values[pick], residual[pick], s=2.2, c=colour, alpha=alpha, lw=0, rasterized=True, zorder=2)
 
 
 def _means(ax: Axes, axis: PlotAxis, y: Array, **style: Any) -> None:
@@ -182,15 +170,8 @@ def _means(ax: Axes, axis: PlotAxis, y: Array, **style: Any) -> None:
         x = axis.unstretched(x)
         ax.plot(x, mean, **style)
         if name and len(x) and "ls" not in style:
-            ax.annotate(
-                name,
-                (x[-1], mean[-1]),
-                (4, shift),
-                textcoords="offset points",
-                va="center",
-                color=style["color"],
-                zorder=6,
-            )
+            place: Any = {"xytext": (4, shift), "textcoords": "offset points", "va": "center"}
+            ax.annotate(name, (x[-1], mean[-1]), **place, color=style["color"], zorder=6)
 
 
 def running_mean(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
