@@ -2,6 +2,6 @@
 
 import os
 
-# The matrices here are small: threads of the linear algebra library would only wait for each other. This
-# must be said before NumPy is imported; who says otherwise in the environment is heard.
+# The matrices are small: threads of the linear algebra library would only wait for each other. The variable must be set
+# before NumPy is imported; a value from the environment is kept.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

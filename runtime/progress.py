@@ -1,8 +1,7 @@
-"""Work in many similar parts, on all cores, with progress for whoever listens.
+"""Many similar calls on all cores, with progress.
 
-The parts are small calls from Python, for which threads only wait for each other. Processes are therefore forked once
-everything that the parts read is in memory; they return the results. Elsewhere than on Linux, and where the work is
-short, one part follows the other.
+The calls hold Python's interpreter lock, so processes are forked once the calls' data are in memory; they return the
+results. Short work, and all work elsewhere than on Linux, runs in this process.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ def demo(
 def _improved(
     source: Source, fitted: list[Recording], held_out: list[Recording], invocation: Invocation
 ) -> tuple[Improvement, ResultSummary]:
-    from runtime.loop.held_out import floors
+    from runtime.loop.improve import floors
     from runtime.loop.improve import improve as improved
     from runtime.report import terminal
     from runtime.report.summary import ResultSummary

@@ -203,11 +203,11 @@ def execute(
     Raises ControllerError, ModelError, PlantError, SimulationError, LinkError, LinkLost.
     """
     compensated = settings.compensates(trajectory)
-    told = Settings.of(controller, model, trajectory, friction=compensated, tracking=settings.tracking_limit)
+    board_settings = Settings.of(controller, model, trajectory, friction=compensated, tracking=settings.tracking_limit)
     plan = PlannedCycle(model, trajectory)
     seconds = length(trajectory, settings.cycles)
     trials = TRIALS if settings.trials is None else settings.trials
-    if (periods := trials * round(seconds / told.dt)) > MOST_SAMPLES:
+    if (periods := trials * round(seconds / board_settings.dt)) > MOST_SAMPLES:
         raise ControllerError(
             f"{trials} trials of {seconds:.6g} s are {periods} control periods; expected at most {MOST_SAMPLES}, as "
             "many as a recording may have; lower --cycles or --trials"
@@ -218,27 +218,27 @@ def execute(
         t = np.arange(round(length(trajectory, 1) * RATE)) / RATE
         values = complete(model, trajectory.at(model, t).q, values)
     excess = tuple(plan.exceeded())
-    arm = SimulatedArm(Plant(model, values, told.dt), told)
+    arm = SimulatedArm(Plant(model, values, board_settings.dt), board_settings)
     done: list[Trial] = []
     if not excess:
-        line = Lockstep(board(controller, model.name, model.n), arm, told.dt)
+        line = Lockstep(board(controller, model.name, model.n), arm, board_settings.dt)
         session = Session(line, Codec.from_json(controller / "protocol.json"))
         try:
             line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, 0]))
             session.identify()
-            session.upload(told)
+            session.upload(board_settings)
             with listening() as asked, steps("trials", trials) as step:
                 while len(done) < trials and not (done and done[-1].stop):
                     line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, len(done)]))
-                    done.append(run(session, told, seconds, asked=asked))
+                    done.append(run(session, board_settings, seconds, asked=asked))
                     step()
         finally:
             session.close()
     return Execution(
         plan=plan,
-        dt=told.dt,
+        dt=board_settings.dt,
         compensated=compensated,
-        uncompensated=told.uncompensated,
+        uncompensated=board_settings.uncompensated,
         arm=values,
         hidden=frozenset(item.term for item in hidden),
         seed=settings.seed,

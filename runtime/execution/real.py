@@ -142,11 +142,44 @@ def execute_on(
 
     Raises ControllerError if the arm stands elsewhere, LinkError, LinkLost.
     """
-    session = setup.session(link)
+    session, plan, done = setup.session(link), PlannedCycle(setup.model, setup.trajectory), list[Trial]()
     try:
-        return _Executing(session, setup, ready, asked).all(), session.figures()
+        session.identify()
+        start, seconds = plan.motion.q[:, 0], length(setup.trajectory, setup.settings.cycles)
+        settings = setup.board_settings(setup.trajectory)
+        session.upload(settings)
+        ready()
+        while len(done) < setup.trials and not (done and done[-1].stop):
+            try:
+                way = _approach(session, setup, settings, start=start, asked=asked)
+                if way is not None and way.stop is not None:
+                    stop = structs.replace(way.stop, reason=f"on the way to the start: {way.stop.reason}")
+                    done.append(replace(way, stop=stop))
+                    continue
+                session.upload(settings)
+                done.append(run(session, settings, seconds, every=setup.every, asked=asked))
+            except (LinkLost, LinkError, ControllerError) as error:
+                # Earlier trials are kept.
+                if not done:
+                    raise
+                name = "link_lost" if isinstance(error, LinkLost) else "refused"
+                done.append(Trial.without_motion(setup.model.n, name, str(error)))
+        figures = session.figures()
     finally:
         session.close()
+    execution = Execution(
+        plan=plan,
+        dt=settings.dt * setup.every,
+        compensated=setup.compensated,
+        uncompensated=settings.uncompensated,
+        arm=plan.terms,
+        hidden=frozenset(),
+        seed=0,
+        noise=0.0,
+        excess=(),
+        trials=tuple(done),
+    )
+    return execution, figures
 
 
 def standing(link: BoardLink, setup: Setup) -> list[StandingEntry]:
@@ -180,79 +213,32 @@ def _here(session: Session, settings: Settings) -> Array:
     return settings.positions(np.array([session.counts()], dtype=np.int32))[:, 0]
 
 
-@dataclass(frozen=True)
-class _Executing:
-    session: Session
-    setup: Setup
-    ready: Callable[[], None]
-    asked: Callable[[], int]
-
-    def all(self) -> Execution:
-        setup = self.setup
-        self.session.identify()
-        settings, plan = setup.board_settings(setup.trajectory), PlannedCycle(setup.model, setup.trajectory)
-        start, done = plan.motion.q[:, 0], list[Trial]()
-        seconds = length(setup.trajectory, setup.settings.cycles)
-        self.session.upload(settings)
-        self.ready()
-        while len(done) < setup.trials and not (done and done[-1].stop):
-            try:
-                done.append(self._trial(start, settings, seconds))
-            except (LinkLost, LinkError, ControllerError) as error:
-                # Earlier trials are kept.
-                if not done:
-                    raise
-                name = "link_lost" if isinstance(error, LinkLost) else "refused"
-                done.append(Trial.without_motion(setup.model.n, name, str(error)))
-        return Execution(
-            plan=plan,
-            dt=settings.dt * setup.every,
-            compensated=setup.compensated,
-            uncompensated=settings.uncompensated,
-            arm=plan.terms,
-            hidden=frozenset(),
-            seed=0,
-            noise=0.0,
-            excess=(),
-            trials=tuple(done),
+def _approach(
+    session: Session, setup: Setup, settings: Settings, start: Array, asked: Callable[[], int]
+) -> Trial | None:
+    """Drive to `start` (n,) slowly, on straight lines of the joints, if --approach allows it; None if the arm stands
+    there."""
+    here, joints = _here(session, settings), setup.model.joints
+    apart = np.abs(here - start)
+    if (apart <= np.array(settings.safety["start"])).all():
+        return None
+    if not setup.settings.approach:
+        places = (
+            f"joint {k + 1} stands at {here[k]:.3f} {joint.position_unit}, the trajectory starts at {start[k]:.3f}"
+            for k, joint in enumerate(joints)
         )
-
-    def _trial(self, start: Array, settings: Settings, seconds: float) -> Trial:
-        way = self._approach(start, settings)
-        if way is not None and way.stop is not None:
-            stop = structs.replace(way.stop, reason=f"on the way to the start: {way.stop.reason}")
-            return replace(way, stop=stop)
-        self.session.upload(settings)
-        return run(self.session, settings, seconds, every=self.setup.every, asked=self.asked)
-
-    def _approach(self, start: Array, settings: Settings) -> Trial | None:
-        """Drive to `start` (n,), if --approach allows it; None if the arm stands there."""
-        here = _here(self.session, settings)
-        apart = np.abs(here - start)
-        if (apart <= np.array(settings.safety["start"])).all():
-            return None
-        if not self.setup.settings.approach:
-            joints = (
-                f"joint {k + 1} stands at {here[k]:.3f} {joint.position_unit}, the trajectory starts at {start[k]:.3f}"
-                for k, joint in enumerate(self.setup.model.joints)
-            )
-            raise ControllerError(
-                f"the arm is not where the trajectory starts: {'; '.join(joints)}; bring it there, or pass --approach"
-            )
-        way = self._way(here, start)
-        for excess in PlannedCycle(self.setup.model, way).exceeded():
-            raise ControllerError(f"there is no straight way to the start: {excess.text}")
-        settings = self.setup.board_settings(way)
-        self.session.upload(settings)
-        return run(self.session, settings, length(way, 1), every=self.setup.every, asked=self.asked)
-
-    def _way(self, here: Array, start: Array) -> Trajectory:
-        """From rest to rest on straight lines of the joints, slowly."""
-        setup = self.setup
-        speeds = [_APPROACH_SPEED * (joint.speed_limit or np.inf) for joint in setup.model.joints]
-        duration = max(_APPROACH_LEAST, _PEAK * float(np.max(np.abs(start - here) / speeds)))
-        points = np.column_stack([here, here, here, start, start, start])
-        return replace(setup.trajectory, scenario="approach", phases=(Phase("q", duration, points),), periodic=False)
+        raise ControllerError(
+            f"the arm is not where the trajectory starts: {'; '.join(places)}; bring it there, or pass --approach"
+        )
+    speeds = [_APPROACH_SPEED * (joint.speed_limit or np.inf) for joint in joints]
+    duration = max(_APPROACH_LEAST, _PEAK * float(np.max(apart / speeds)))
+    phases = (Phase("q", duration, np.column_stack([here, here, here, start, start, start])),)
+    way = replace(setup.trajectory, scenario="approach", phases=phases, periodic=False)
+    for excess in PlannedCycle(setup.model, way).exceeded():
+        raise ControllerError(f"there is no straight way to the start: {excess.text}")
+    settings = setup.board_settings(way)
+    session.upload(settings)
+    return run(session, settings, length(way, 1), every=setup.every, asked=asked)
 
 
 # --- the same motion on the simulated arm, before a real one moves ---

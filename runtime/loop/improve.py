@@ -6,16 +6,27 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
+import numpy as np
 from msgspec import UNSET
+from numpy.typing import NDArray
 
 from runtime.diagnosis.branches import complete
 from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_entry
-from runtime.diagnosis.steps import Finding, Step
+from runtime.diagnosis.steps import Finding, Step, residuals_elsewhere
 from runtime.documents.diagnosis import FitsEntry, HistoryEntry, ImprovementBase
 from runtime.documents.fits import FitDocument
+from runtime.estimation.compare import JointSeries, laid_open
+from runtime.estimation.identify import Identification, without_tip_rests
+from runtime.estimation.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import structure
+from runtime.motion import repeats
+from runtime.motion.motion import Motion
+from runtime.motion.noise_floor import Floor, floor
+from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording
+
+Array = NDArray[np.float64]
 
 
 class EditedModel(Protocol):
@@ -134,3 +145,37 @@ def _progress(step: Step) -> str:
     what = "as in the file" if step.added is None else f"with {step.added}"
     held = "" if step.held_out is None else f"; held out {percent(step.held_out.relative)}"
     return f"{what}: error {percent(step.fitted.relative)}{held}"
+
+
+# --- recordings that were not fitted ---
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Residuals of a fit on recordings that were not fitted.
+
+    residuals   (M,) for each joint, on all rows of the motion
+    joints      torque and prediction of each joint, on the rows that are compared
+    """
+
+    motion: Motion
+    residuals: tuple[Array, ...]
+    joints: tuple[JointSeries, ...]
+
+
+def left(identification: Identification, recordings: Sequence[Recording]) -> HeldOut:
+    """Residuals of a fit on one or more recordings."""
+    model, fit = identification.model, identification.fit
+    motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
+    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, ahead=fit.ahead)
+    found, residuals = repeats.find(motion), residuals_elsewhere(identification, motion)
+    floors = []
+    for i, residual in enumerate(residuals):
+        noise, fixed_noise = problem.noise_rows(i, fit.shapes)
+        floors.append(floor(motion, found[i], i, residual, read=fit.coefficients @ noise + fixed_noise))
+    return HeldOut(motion, tuple(residuals), laid_open(identification, motion, residuals, floors))
+
+
+def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
+    """Noise floor of each joint on recordings that were not fitted, in the band of the fit; empty without any."""
+    return tuple(joint.floor for joint in left(identification, recordings).joints) if recordings else ()

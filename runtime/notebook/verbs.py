@@ -14,7 +14,6 @@ from runtime.diagnosis import diagnose as diagnosis
 from runtime.diagnosis.credibility import judged
 from runtime.estimation import compare as comparison
 from runtime.estimation import identify as identification
-from runtime.loop import held_out as held_outs
 from runtime.loop import improve as loop
 from runtime.notebook.results import (
     ComparisonResult,
@@ -70,7 +69,7 @@ def improve(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -
     """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one."""
     fitted, held = arm.recordings(recordings), arm.recordings(held_out)
     result = loop.improve(arm.source, fitted, held)
-    floors = held_outs.floors(result.steps[-1].identification, held)
+    floors = loop.floors(result.steps[-1].identification, held)
     summary = ResultSummary(result, _invocation(arm, fitted, held), floors)
     return ImprovementResult(result, summary, arm.with_text(result.model_text))
 

@@ -29,7 +29,7 @@ from runtime.estimation.compare import Comparison, JointSeries, as_written
 from runtime.estimation.regressors import Signals
 from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
 from runtime.inspection.inspection import Inspection, inspect
-from runtime.loop.held_out import HeldOut, left
+from runtime.loop.improve import HeldOut, left
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, joints_of, structure
 from runtime.plain_json import plain

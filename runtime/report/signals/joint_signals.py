@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.steps import Step
 from runtime.estimation.compare import JointSeries, structure_shares
-from runtime.loop.held_out import HeldOut
+from runtime.loop.improve import HeldOut
 from runtime.motion import spectrum
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import Recording

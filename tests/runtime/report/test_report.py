@@ -34,8 +34,7 @@ from runtime.estimation import covariance
 from runtime.estimation.compare import Comparison, as_written, compare, series, structure_shares
 from runtime.estimation.estimate import Estimate
 from runtime.estimation.identify import identify_motion, prepared
-from runtime.loop import held_out
-from runtime.loop.improve import Improvement
+from runtime.loop.improve import Improvement, floors
 from runtime.model.terms import Term, structure
 from runtime.motion import spectrum
 from runtime.recordings.recording import Recording
@@ -170,7 +169,7 @@ class Reader(HTMLParser):
 @pytest.fixture(scope="module")
 def summary(improvement, one) -> ResultSummary:
     """With the files that were named, and the floor of a recording that was held out."""
-    return ResultSummary(improvement, ORIGIN, held_out.floors(improvement.steps[-1].identification, [one]))
+    return ResultSummary(improvement, ORIGIN, floors(improvement.steps[-1].identification, [one]))
 
 
 @pytest.fixture(scope="module")
@@ -386,7 +385,7 @@ def test_floor_of_a_recording_is_the_same_held_out(improvement, summary, story_t
     assert summary.held_out_floor(0) == pytest.approx(summary.floor(0), rel=1e-9)
     assert f"noise floor, held out {wording.percent(summary.floor(0))}" in story_text
     assert summary.document.held_out_floors[0].floor == summary.held_out_floors[0].value
-    assert held_out.floors(improvement.steps[-1].identification, []) == ()
+    assert floors(improvement.steps[-1].identification, []) == ()
 
 
 def ranked(term: Term, *failed: str, **values) -> RankedCandidate:
