@@ -99,7 +99,7 @@ def interrupted(arguments: Sequence[str], folder: Path) -> float:
         assert process.stderr.readline() == "begun\n"
         begun = processor_time(process.pid)
         while process.poll() is None and processor_time(process.pid) < begun + AT_WORK:
-            time.sleep(0.002)
+            time.sleep(0.02)
         assert process.poll() is None, process.communicate()
         used = processor_time(process.pid)
         os.killpg(process.pid, signal.SIGINT)
