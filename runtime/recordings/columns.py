@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 from typing import NoReturn
@@ -119,40 +119,22 @@ IN_SPACE = {**IN_PLANE, "fz": "force", "mx": "torque", "my": "torque", "mz": "to
 
 
 @dataclass(frozen=True)
-class RecordedArmJoint:
-    """A joint, as far as a reader needs it.
-
-    type              "revolute" or "prismatic"; decides the units of its signals
-    torque_constant   N m/A or N/A at the joint; None: not stated, and a torque in A is refused
-    name              by which logs with names for joints are matched; None: it has only its number
-    """
-
-    type: str = "revolute"
-    torque_constant: float | None = None
-    name: str | None = None
-
-
-@dataclass(frozen=True)
 class RecordedArm:
     """The arm of a recording, as far as a reader needs it.
 
+    joints           their types, torque constants and names are read
     space            whether it is spatial: six components of force and moment at the tip instead of two
     keeps_currents   torques in A stay in A, because nothing is known of the motors
     """
 
-    joints: tuple[RecordedArmJoint, ...]
+    joints: Sequence[DescribedJoint]
     space: bool
     keeps_currents: bool = False
 
     @classmethod
-    def of(cls, joints: Iterable[DescribedJoint], space: bool) -> RecordedArm:
-        """The arm of a model file or of a loaded model."""
-        return cls(tuple(RecordedArmJoint(j.type, j.torque_constant, j.name) for j in joints), space)
-
-    @classmethod
     def without_model(cls, n: int) -> RecordedArm:
         """n revolute joints of which nothing else is known."""
-        return cls((RecordedArmJoint(torque_constant=1.0),) * n, space=True, keeps_currents=True)
+        return cls((DescribedJoint("revolute", None, 1.0, torque_constant=1.0),) * n, space=True, keeps_currents=True)
 
 
 @dataclass(frozen=True)
@@ -293,7 +275,7 @@ def _hits(wanted: str, header: Sequence[str], split: Sequence[tuple[str, str | N
     return next(filter(None, ways), [])
 
 
-def _column(name: str, index: int, unit: str | None, joints: Sequence[RecordedArmJoint], fail: Fail) -> Column:
+def _column(name: str, index: int, unit: str | None, joints: Sequence[DescribedJoint], fail: Fail) -> Column:
     kind = _kind(name, len(joints))
     if kind == "run":
         if unit:

@@ -7,8 +7,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from runtime.recordings.columns import NUMBERED, Fail, RecordedArmJoint, fields_meant, unnamed
+from runtime.recordings.columns import NUMBERED, Fail, fields_meant, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
+from symbolic.model_file.arm import DescribedJoint
 
 FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 """A name and its number: actual_q_0, q[0], tau1."""
@@ -82,7 +83,7 @@ class Understood:
 
 
 def understood(
-    contents: Contents, joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
+    contents: Contents, joints: Sequence[DescribedJoint], mapping: Mapping[str, str], fail: Fail
 ) -> Understood:
     """Translates the names of a file for these joints. fail: raises RecordingError with the file's name."""
     spread = _spread(contents.fields, joints, mapping, fail)
@@ -121,7 +122,7 @@ def bare(name: str) -> str:
 
 
 def _spread(
-    fields: Sequence[RecordedField], joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
+    fields: Sequence[RecordedField], joints: Sequence[DescribedJoint], mapping: Mapping[str, str], fail: Fail
 ) -> dict[str, str]:
     """`q=actual_q` as q1=actual_q_0, q2=actual_q_1, …; entries for single joints stay, and take precedence."""
     found: dict[str, str] = {}
@@ -164,7 +165,7 @@ def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[Recorde
 
 
 def _by_joint(
-    contents: Contents, joints: Sequence[RecordedArmJoint], mapping: Mapping[str, str], fail: Fail
+    contents: Contents, joints: Sequence[DescribedJoint], mapping: Mapping[str, str], fail: Fail
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Tendon's names of fields whose format defines signal and joint, and the assumptions made."""
     fields = contents.fields
@@ -195,9 +196,7 @@ def _by_joint(
     return tuple(known), tuple(notes)
 
 
-def _clock_of(
-    signal: str, fields: Sequence[RecordedField], joints: Sequence[RecordedArmJoint], fail: Fail
-) -> str | None:
+def _clock_of(signal: str, fields: Sequence[RecordedField], joints: Sequence[DescribedJoint], fail: Fail) -> str | None:
     """The clock of a signal of these joints, preferably one that has torques too; None if no field is this signal."""
     there: dict[str, list[RecordedField]] = {}
     for field in fields:
@@ -213,7 +212,7 @@ def _clock_of(
     return choice[0] if choice else None
 
 
-def _named(members: Sequence[RecordedField], joints: Sequence[RecordedArmJoint]) -> list[RecordedField] | None:
+def _named(members: Sequence[RecordedField], joints: Sequence[DescribedJoint]) -> list[RecordedField] | None:
     """The fields in the order of the model's joints, by name; None unless all names match."""
     there = {field.joint: field for field in members if field.joint is not None}
     ordered = [there.get(joint.name) if joint.name else None for joint in joints]

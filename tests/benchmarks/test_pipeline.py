@@ -75,7 +75,7 @@ def test_pipeline(name: str, hidden: str, tmp_path: Path) -> None:
     simulated, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))
     path = tmp_path / f"{name}.csv"
     recording.write(path, simulated)
-    arm = RecordedArm.of(model.joints, model.spatial)
+    arm = RecordedArm(model.joints, model.spatial)
 
     data = recording.read(path, arm)
     motion = identify.prepared(model, [data])

@@ -50,7 +50,7 @@ def shared(cache: Path) -> Callable[[str, Model], Recording]:  # noqa: ARG001
         path = SHARED / name
         if not path.exists():
             pytest.skip(f"{name} is not here: the folder shared/data is not part of the project")
-        return read(path, RecordedArm.of(model.joints, model.spatial))
+        return read(path, RecordedArm(model.joints, model.spatial))
 
     return open_recording
 

@@ -165,7 +165,7 @@ def test_it_does_what_the_simulation_does_but_for_the_rounding_of_torques(
         status, found = executed(on, "--arm", "--out", str(there))
         assert (status, found.get("status")) == (0, "done"), found
         assert (behind.drives[0].state, behind.drives[0].target) == (DISABLED, 0)
-    one, other = (recording.read(path, RecordedArm.of(model.joints, model.spatial)) for path in (here, there))
+    one, other = (recording.read(path, RecordedArm(model.joints, model.spatial)) for path in (here, there))
     assert len(one.t) > 300
     # The same counts and torques in every period, to the last bit.
     for name in ("t", "q", "tau", "q_desired"):
@@ -251,7 +251,7 @@ def test_a_drive_that_does_not_go_off_is_told_and_the_recording_kept(
         assert drive.torque == 0.0
     assert (status, found["status"]) == (1, "stopped")
     assert found["reason"].startswith("joint 1: the drive (node 5) did not report to be off; without this computer's")
-    assert len(recording.read(out, RecordedArm.of(model.joints, model.spatial)).t) > 300
+    assert len(recording.read(out, RecordedArm(model.joints, model.spatial)).t) > 300
 
 
 def test_what_a_person_reads(executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path) -> None:

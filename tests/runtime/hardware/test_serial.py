@@ -187,7 +187,7 @@ def test_a_motion_over_a_serial_port(behind: Any, called: Any, arm: Model, board
     assert document["link"]["damaged"] == {}
     assert document["link"]["board"]["bad_crc"] == 0
     assert len(document["trials"]) == 1
-    back = recording.read(Path("run.csv"), RecordedArm.of(arm.joints, arm.spatial))
+    back = recording.read(Path("run.csv"), RecordedArm(arm.joints, arm.spatial))
     np.testing.assert_allclose(np.diff(back.t), 0.01)
     assert len(back.t) == 240
     assert back.q[0].min() == pytest.approx(-0.3, abs=0.02)

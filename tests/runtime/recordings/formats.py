@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from mcap.writer import CompressionType
@@ -13,7 +13,15 @@ from mcap.writer import Writer as PlainWriter
 from mcap_ros2.writer import Writer
 from numpy.typing import NDArray
 
+from symbolic.model_file.arm import DescribedJoint
+
 Array = NDArray[np.float64]
+
+
+def joint(kind: Literal["revolute", "prismatic"] = "revolute", **given: Any) -> DescribedJoint:
+    """A joint as far as a reader of recordings needs it."""
+    return DescribedJoint(kind, None, 1.0, **given)
+
 
 JOINT_STATE = """std_msgs/Header header
 string[] name

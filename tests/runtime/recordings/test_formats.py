@@ -27,16 +27,16 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from runtime.recordings import array_files, contents
-from runtime.recordings.columns import RecordedArm, RecordedArmJoint
+from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import RecordingError, read
-from tests.runtime.recordings.formats import EPOCH, motion, write_bare_mcap, write_mcap, write_sqlite
+from tests.runtime.recordings.formats import EPOCH, joint, motion, write_bare_mcap, write_mcap, write_sqlite
 
 KUKA = Path(__file__).parents[4] / "shared" / "data" / "real" / "kuka"
 Array = NDArray[np.float64]
 
 NAMES = ("shoulder", "elbow")
 joints = RecordedArm.without_model
-ARM = RecordedArm(tuple(RecordedArmJoint(torque_constant=2.0, name=name) for name in NAMES), space=True)
+ARM = RecordedArm(tuple(joint(torque_constant=2.0, name=name) for name in NAMES), space=True)
 TURNED = replace(ARM, joints=ARM.joints[::-1])
 
 
@@ -209,7 +209,7 @@ def test_two_nodes_on_one_topic(tmp_path):
     r = read(path, ARM)
     assert np.array_equal(r.q, m["q"])
     assert r.t[1] - r.t[0] == pytest.approx(1e-3)
-    finger = replace(ARM, joints=(RecordedArmJoint(name="finger"),))
+    finger = replace(ARM, joints=(joint(name="finger"),))
     assert np.array_equal(read(path, finger).q, other["q"])
 
 
@@ -387,7 +387,7 @@ def test_logs_of_universal_robots(tmp_path):
     assert np.array_equal(r.q_desired, m["q"])
     assert np.array_equal(r.tau, 2 * m["tau"])
     assert "Universal Robots' RTDE recorder" in r.notes[0]
-    bare = replace(ARM, joints=tuple(RecordedArmJoint(name=name) for name in NAMES))
+    bare = replace(ARM, joints=tuple(joint(name=name) for name in NAMES))
     assert "tau1 is a current [A], but joint 1 of the model has no torque_constant; add it" in said(
         tmp_path / "robot_data.csv", bare
     )

@@ -14,13 +14,14 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from runtime.recordings import recording
-from runtime.recordings.columns import UNITS, RecordedArm, RecordedArmJoint
+from runtime.recordings.columns import UNITS, RecordedArm
 from runtime.recordings.recording import Recording, RecordingError, read
+from tests.runtime.recordings.formats import joint
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
 joints = RecordedArm.without_model
-DRIVE = RecordedArm((RecordedArmJoint(torque_constant=2.0),), space=False)
-AXIS = RecordedArm((RecordedArmJoint("prismatic"),), space=False)
+DRIVE = RecordedArm((joint(torque_constant=2.0),), space=False)
+AXIS = RecordedArm((joint("prismatic"),), space=False)
 N = 300
 
 
@@ -246,7 +247,7 @@ def test_one_joint_may_be_held_while_another_moves(write):
 def test_write_and_read_give_the_same(tmp_path, write):
     header = "run,t,q1,q2,tau1,tau2,temperature2,fx,fy,q1_link"
     table = [["1", *row, "25", "1", "2", "0.1"] for row in rows(joints=2)]
-    arm = RecordedArm((RecordedArmJoint(), RecordedArmJoint("prismatic")), space=False)
+    arm = RecordedArm((joint(), joint("prismatic")), space=False)
     first = read(write(text(header, table)), arm)
     for name in ("out.csv", "out.csv.gz"):
         recording.write(tmp_path / name, first)

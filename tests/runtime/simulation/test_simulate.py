@@ -202,7 +202,7 @@ def test_written_recording_reads_back(arm: Model, tmp_path: Path) -> None:
     made, _ = simulate(arm, settings=SimulationSettings(seconds=4.0))
     for name in ("made.csv", "made.csv.gz"):
         recording.write(tmp_path / name, made)
-        back = recording.read(tmp_path / name, RecordedArm.of(arm.joints, arm.spatial))
+        back = recording.read(tmp_path / name, RecordedArm(arm.joints, arm.spatial))
         # Nine digits are written.
         np.testing.assert_allclose(back.tau, made.tau, rtol=1e-8)
         np.testing.assert_allclose(back.q, made.q, rtol=1e-8, atol=1e-12)
