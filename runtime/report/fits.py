@@ -263,7 +263,10 @@ def parameters(after: Fit, before: Fit | None, names: Names) -> TableSection:
 def parameters_by_joint(
     after: Fit, before: Fit | None, names: Names, meanings: Meanings, quiet: Iterable[int]
 ) -> list[Section]:
-    """A table a joint, then one of the whole arm; quiet: joints whose tables are folded away."""
+    """A table a joint, then one of the whole arm, with the difference from the file and the meaning of each parameter.
+
+    quiet   joints whose tables are folded away
+    """
     rows = _pairs(after, before, meanings)
     places = sorted({row.joint for row in rows}, key=lambda joint: joint or inf)
     made: list[Section] = []
@@ -272,7 +275,9 @@ def parameters_by_joint(
         wrong = sum(row.contradicts for row in own)
         aside = f"{wrong} contradict{'s' if wrong == 1 else ''} the model file" if wrong else ""
         title = "Whole arm" if joint is None else f"Joint {place(joint, names)}"
-        shown = _explained(own, names, before is not None)
+        plain = _parameter_table(own, names, before is not None)
+        cells = [(*cells, row.difference, row.meaning) for cells, row in zip(plain.rows, own, strict=True)]
+        shown = table((*plain.columns, "fit − file", words("meaning")), cells)
         closed = joint is None or joint in quiet
         made.append(shown if len(places) == 1 else Group(title, (shown,), folded=closed, aside=aside))
     return made
@@ -325,13 +330,6 @@ def _parameter_table(rows: Sequence[_Fitted], names: Names, both: bool) -> Table
     estimates = [TableColumn(name, "estimate") for name in fitted]
     heads = [words("joint"), words("parameter"), TableColumn("file"), *estimates, TableColumn("unit")]
     return table(heads, (row.cells(names, both) for row in rows))
-
-
-def _explained(rows: Sequence[_Fitted], names: Names, both: bool) -> TableSection:
-    """The same table with how far the fit is from the file, and what each parameter means."""
-    plain = _parameter_table(rows, names, both)
-    cells = [(*own, row.difference, row.meaning) for own, row in zip(plain.rows, rows, strict=True)]
-    return table((*plain.columns, "fit − file", words("meaning")), cells)
 
 
 def recordings_alone(document: DiagnosisBase | JudgedFitDocument) -> list[Section]:

@@ -73,8 +73,9 @@ def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) ->
     known = step.identification.fit.prediction.values
     courses = [Course("measured", motion.rows("q", _clock(motion))[:, shown])]
     readings = _torques(step, shown)
-    demanded = _demanded(step, shown)
-    if demanded is not None:
+    piece, samples = _samples(motion, shown)
+    if (rows := piece.sensors.q_desired) is not None:
+        demanded = rows[:, samples]
         courses.insert(0, Course("demanded", np.where(np.isnan(demanded), courses[0].q, demanded)))
         units = [joint.position_unit for joint in model.joints]
         readings = (*readings, JointReadings("off what was demanded", courses[-1].q - demanded, units))
@@ -87,13 +88,6 @@ def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) ->
         readings=readings,
         surface=None if model.spatial else given(model.library, known, SURFACE),
     )
-
-
-def _demanded(step: Step, shown: Rows) -> Array | None:
-    """(n, F) positions that were demanded, NaN where they are not known; None without any."""
-    piece, samples = _samples(step.identification.motion, shown)
-    rows = piece.sensors.q_desired
-    return None if rows is None else rows[:, samples]
 
 
 def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
@@ -194,12 +188,12 @@ def _of_which(summary: ResultSummary, row: int) -> str:
 # --- a plan ---
 
 
-def planned_motion(model: Model, trajectory: Trajectory) -> ArmMotion:
-    """One cycle of a trajectory."""
+def planned(model: Model, trajectory: Trajectory) -> dict[str, Any]:
+    """Variables of the template for one cycle of a trajectory."""
     count = int(np.clip(np.ceil(trajectory.duration / _STEP), 2, MOST_FRAMES))
     t = np.linspace(0.0, trajectory.duration, count, endpoint=not trajectory.periodic)
     seen = at_times(model, trajectory, t)
-    return ArmMotion(
+    moving = ArmMotion(
         model=model,
         t=t,
         courses=(Course("planned", seen.motion.q),),
@@ -210,14 +204,11 @@ def planned_motion(model: Model, trajectory: Trajectory) -> ArmMotion:
         surface=None if model.spatial else given(model.library, mounted(model, trajectory), SURFACE),
         goes_on=trajectory.periodic,
     )
-
-
-def planned_words(model: Model, trajectory: Trajectory) -> str:
-    """Caption of a plan's picture."""
     kind = "repeated" if trajectory.periodic else "from rest to rest"
-    return (
+    what = (
         f"The planned motion of {model.name}, {trajectory.duration:g} s, {kind}; the thin line is the path of the tip."
     )
+    return picture(moving, what)
 
 
 # --- an execution ---
@@ -305,11 +296,7 @@ class ExecutedCycles:
         )
 
     def picture(self) -> dict[str, Any]:
-        """The arm as planned and as it moved."""
-        return picture(self.motion(), self.words())
-
-    def words(self) -> str:
-        """What the moving picture shows."""
+        """Variables of the template for the arm as planned and as it moved."""
         which = "the first cycle that counts" if self.whole else "the last seconds before the stop"
         text = f"The arm as planned, dashed, and as it moved, {which}"
         if len(self.whole) > 1:
@@ -317,7 +304,7 @@ class ExecutedCycles:
                 "; the discs are the torque executed less that of the plan, the mean of all cycles, against the noise "
                 "floor: what differs from cycle to cycle"
             )
-        return f"{text}."
+        return picture(self.motion(), f"{text}.")
 
     @cached_property
     def joints(self) -> list[JointCycles]:

@@ -17,7 +17,7 @@ from runtime.documents.diagnosis import CommandEntry, HistoryEntry, RankedCandid
 from runtime.documents.fits import CompareDocument, JointEntry
 from runtime.documents.parts import given
 from runtime.documents.plans import ExecuteDocument, MotionDocument, OptimizeDocument
-from runtime.estimation.compare import JointSeries, as_written, structure_entries, structure_shares
+from runtime.estimation.compare import as_written, structure_entries, structure_shares
 from runtime.execution.execute import Execution
 from runtime.loop.improve import Improvement
 from runtime.model.loader import Model
@@ -29,9 +29,8 @@ from runtime.report import findings, fits, loop, motions
 from runtime.report.findings import Context
 from runtime.report.fits import Names
 from runtime.report.page import page_figures as figures
-from runtime.report.page.arm_motion import picture
 from runtime.report.page.html import ReportPage, embedded, figure, part
-from runtime.report.page.moving import ExecutedCycles, of_result, planned_motion, planned_words
+from runtime.report.page.moving import ExecutedCycles, of_result, planned
 from runtime.report.page.page_figures import Drawn, drawn
 from runtime.report.plots import motion_plots
 from runtime.report.plots.motion_plots import joint_cycles
@@ -372,7 +371,9 @@ def left_over(summary: ResultSummary) -> list[Section]:
         what = remainder(step, i)
         if what is None:
             continue
-        inside = tuple(texts([sentence(what), _follows(series), _line(step, i)]))
+        follows = fits.structure(series.document(), structure_entries(series))
+        none = "The residual follows none of the signals that were recorded."
+        inside = tuple(texts([sentence(what), follows or none, _line(step, i)]))
         made += [Group(f"Joint {summary.called(i)}", inside)] if len(step.joints) > 1 else inside
     return made
 
@@ -383,12 +384,6 @@ def unexplained_joints(summary: ResultSummary) -> list[int]:
         return []
     step = summary.left.steps[-1]
     return [i + 1 for i in range(len(step.joints)) if remainder(step, i) is not None]
-
-
-def _follows(series: JointSeries) -> str:
-    return fits.structure(series.document(), structure_entries(series)) or (
-        "The residual follows none of the signals that were recorded."
-    )
 
 
 def _line(step: Step, joint: int) -> str:
@@ -519,8 +514,7 @@ def plan_page(
     model: Model, trajectory: Trajectory, document: MotionDocument, commands: Sequence[CommandEntry] = ()
 ) -> ReportPage:
     """The page of a plan; commands: what to type next."""
-    moving = picture(planned_motion(model, trajectory), planned_words(model, trajectory))
-    drawings = {"moving": part("arm_motion.html.j2", "arm_motion", moving)}
+    drawings = {"moving": part("arm_motion.html.j2", "arm_motion", planned(model, trajectory))}
     made = []
     for joint in motion_plots.moving_joints(document):
         called = numbered(joint, document.joints[joint - 1].name)
