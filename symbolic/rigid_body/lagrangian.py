@@ -18,7 +18,7 @@ import sympy as sp
 
 from symbolic.functions import Exact, Notes
 from symbolic.rigid_body.base_parameters import exact
-from symbolic.rigid_body.newton_euler import Chain, Gravity
+from symbolic.rigid_body.newton_euler import Chain
 
 NOTATION = {
     "c, s": "cosine and sine; c23 of q2 + q3",
@@ -192,27 +192,22 @@ def _products(
 
 def _potential(chain: Chain, bodies: list[Body]) -> sp.Expr:
     """V = −Σ gravity · (mass times position + first moment)."""
-    if chain.gravity is None:
-        return sp.Integer(0)
-    total = sp.Integer(0)
+    gravity, total = chain.gravity, sp.Integer(0)
+    if gravity is None:
+        return total
     for last, body in enumerate(bodies):
         weights = {k: (body.mass * x, body.mass * y) for k, (x, y) in body.at.items()}
         for k, (x, y) in moved(weights, chain.frames[last], *body.moment).items():
-            along, across = gravity_along(chain.gravity, theta(k))
+            # Gravity's components along and across the frame's direction.
+            angle = theta(k)
+            turned, size = (angle, gravity.x) if gravity.y == 0 else (angle - gravity.angle, gravity.strength)
+            along, across = size * sp.cos(turned), -size * sp.sin(turned)
+            if angle == 0:
+                along, across = gravity.x, gravity.y
+            elif gravity.x == 0:
+                along, across = gravity.y * sp.sin(angle), gravity.y * sp.cos(angle)
             total -= x * along + y * across
     return total
-
-
-def gravity_along(gravity: Gravity, angle: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Gravity's components along and across a direction."""
-    if angle == 0:
-        return gravity.x, gravity.y
-    if gravity.y == 0:
-        return gravity.x * sp.cos(angle), -gravity.x * sp.sin(angle)
-    if gravity.x == 0:
-        return gravity.y * sp.sin(angle), gravity.y * sp.cos(angle)
-    turned = angle - gravity.angle
-    return gravity.strength * sp.cos(turned), -gravity.strength * sp.sin(turned)
 
 
 def relative(chain: Chain, matrix: list[list[Any]], notes: Notes, half: str, name: str) -> list[list[Any]]:

@@ -203,12 +203,10 @@ def _motions(geometry: Geometry, steps: Sequence[JointStep], rates: Sequence[Any
                 tilt = step.named(("tx", "ty", "tz"), _spun(NOWHERE, w, half))
                 level = (w[0], w[1], step.notes.let(f"m{i + 1}", w[2] + half))
                 result.append(_Motion(level, step.named(("mx", "my", "mz"), added(al, tilt)), 0, twice=twice, a=a, U=U))
+            elif turns:
+                result.append(_Motion(w, al, spin + half, twice=twice, a=a, U=U))
             else:
-                result.append(
-                    _Motion(w, al, spin + half, twice=twice, a=a, U=U)
-                    if turns
-                    else _Motion(now, al, 0, twice=twice, a=a, U=U)
-                )
+                result.append(_Motion(now, al, 0, twice=twice, a=a, U=U))
             a = a if turns else added(a, cross(now, scaled(twice, step.axis)))
             spin = step.notes.let(f"wz{i + 1}", spin + rate) if turns else spin
             if i == group[0]:

@@ -202,20 +202,17 @@ def motion(
             lift = notes.let(f"r{k}", link.reach(q[i]))
             state = state.moved([e * lift for e in state.column], k, notes)
             axis = (0, 0, 1) if i == group[0] else link.axis(direction_along(g, at, i - 1, q=q, notes=notes))
-            state = _jointed(state, link, axis, qd=qd[i], qdd=qdd[i], k=k, notes=notes)
+            rate, rise = link.sign * qd[i], link.sign * qdd[i]
+            if link.revolute:
+                wx, wy, wz = state.w
+                w = (wx, wy, notes.let(f"wz{k}", wz + rate))
+                state = replace(state, w=w, turning=notes.let(f"alz{k}", state.turning + rise))
+            else:
+                twice = notes.let(f"qd{k}_2", 2 * rate)
+                state = state.moved(added(scaled(rise, axis), cross(state.w, scaled(twice, axis))), k, notes)
             U = _gradient(state, at == group[-1] and i < g.n - 1, k, notes)
-            found.append(
-                SpatialMotion(
-                    i == group[0],
-                    direction_along(g, at, i, q=q, notes=notes),
-                    before,
-                    reach=reach,
-                    lift=lift,
-                    axis=axis,
-                    U=U,
-                    a=state.a,
-                )
-            )
+            own = direction_along(g, at, i, q=q, notes=notes)
+            found.append(SpatialMotion(i == group[0], own, before, reach, lift=lift, axis=axis, U=U, a=state.a))
         if group[-1] < g.n - 1:
             state = _turned_state(state, direction_along(g, group[-1], at, q=q, notes=notes), group[-1] + 1, notes)
             state = _twisted_state(state, g.links[group[-1] + 1], group[-1] + 2, notes)
@@ -233,18 +230,6 @@ class _State:
 
     def moved(self, by: Sequence[Any], k: int, notes: Notes) -> _State:
         return replace(self, a=named("a", k, [a + e for a, e in zip(self.a, by, strict=True)], notes))
-
-
-def _jointed(state: _State, link: LinkFrame, axis: Vector, qd: Any, qdd: Any, k: int, notes: Notes) -> _State:
-    """The state after the joint."""
-    wx, wy, wz = state.w
-    rate, rise = (qd, qdd) if link.sign > 0 else (-qd, -qdd)
-    if link.revolute:
-        return replace(
-            state, w=(wx, wy, notes.let(f"wz{k}", wz + rate)), turning=notes.let(f"alz{k}", state.turning + rise)
-        )
-    twice = notes.let(f"qd{k}_2", 2 * rate)
-    return state.moved(added(scaled(rise, axis), cross(state.w, scaled(twice, axis))), k, notes)
 
 
 def _gradient(state: _State, outwards: bool, k: int, notes: Notes) -> Gradient:
@@ -385,15 +370,5 @@ def turned_moments(S: Moments, direction: Direction, k: int, notes: Notes) -> Mo
     across = let(f"Ss{k}", s * twice)
     x, y, _ = named("M", k, turned((S.x, S.y, 0), direction), notes)
     xz, yz, _ = named("Sz", k, turned((S.xz, S.yz, 0), direction), notes)
-    return Moments(
-        xx=let(f"Sxx{k}", S.xx - across),
-        yy=let(f"Syy{k}", S.yy + across),
-        zz=S.zz,
-        xy=let(f"Sxy{k}", c * twice - S.xy),
-        xz=xz,
-        yz=yz,
-        x=x,
-        y=y,
-        z=S.z,
-        m=S.m,
-    )
+    xx, yy = let(f"Sxx{k}", S.xx - across), let(f"Syy{k}", S.yy + across)
+    return S._replace(x=x, y=y, xx=xx, yy=yy, xy=let(f"Sxy{k}", c * twice - S.xy), xz=xz, yz=yz)
