@@ -348,18 +348,15 @@ def _rates_along_axes(
             if i < j:
                 now, rate = step.turned_wrench(now, f"{j + 1}_"), step.turned_wrench(rate, f"d{j + 1}_")
                 result[i][j] = moved.link.sign * step.along(rate)
-            rate = _seen_from_before(step, now, rate, rates[i])
+            # The rate in the axes before the joint, from the rate in those after it.
+            v, (f, n), (df, dn) = rates[i], now, rate
+            if step.link.revolute:
+                df, dn = (df[0] - v * f[1], df[1] + v * f[0], df[2]), (dn[0] - v * n[1], dn[1] + v * n[0], dn[2])
+            else:
+                dn = added(dn, cross(scaled(v, step.axis), f))
+            rate = df, dn
             now, rate = step.carried(now, f"{j + 1}_"), step.carried(rate, f"d{j + 1}_")
     return result
-
-
-def _seen_from_before(step: JointStep, now: Wrench, rate: Wrench, v: Any) -> Wrench:
-    """The rate of a wrench in the axes before a joint, from the rate in the axes after it. v: the joint's rate."""
-    (fx, fy, _), (nx, ny, _) = now
-    (ax, ay, az), (bx, by, bz) = rate
-    if not step.link.revolute:
-        return rate[0], added(rate[1], cross(scaled(v, step.axis), now[0]))
-    return (ax - v * fy, ay + v * fx, az), (bx - v * ny, by + v * nx, bz)
 
 
 def functions(
