@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
-from urllib.parse import parse_qsl, unquote, urlsplit
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,7 +38,7 @@ from runtime.hardware.can_drive import (
     limited,
     towards_enabled,
 )
-from runtime.hardware.link import LinkError
+from runtime.hardware.link import LinkError, parse_address
 from runtime.hardware.lockstep import Fault, Lockstep, Pace, Precedence
 from runtime.model.loader import Model
 
@@ -67,21 +66,12 @@ class CanAddress:
 
 def parse_can_address(text: str) -> CanAddress:
     """The address in `canopen://CHANNEL?interface=NAME&bitrate=NUMBER`. Raises LinkError."""
-    try:
-        parts = urlsplit(text)
-    except ValueError as error:  # brackets that are not closed
-        raise LinkError(f"--on {text}: {error}; expected {CAN_EXAMPLE}") from None
-    channel = unquote(parts.netloc + parts.path)
-    given = dict(parse_qsl(parts.query, keep_blank_values=True))
-    if parts.scheme != CAN_SCHEME or not channel:
-        raise LinkError(f"--on {text}: expected {CAN_EXAMPLE}")
-    if unknown := sorted(given.keys() - {"interface", "bitrate"}):
-        raise LinkError(f'--on {text}: unknown key "{unknown[0]}"; expected interface and bitrate: {CAN_EXAMPLE}')
-    rate = given.get("bitrate", str(BITRATE))
-    low, high = BITRATES
+    defaults = {"interface": CanAddress.interface, "bitrate": str(BITRATE)}
+    channel, keys = parse_address(text, CAN_SCHEME, defaults, CAN_EXAMPLE)
+    rate, (low, high) = keys["bitrate"], BITRATES
     if not (rate.isascii() and rate.isdigit() and len(rate) < 10 and low <= int(rate) <= high):
         raise LinkError(f"--on {text}: bitrate is {rate}; expected {low} to {high} bit/s")
-    return CanAddress(channel, given.get("interface", CanAddress.interface), int(rate))
+    return CanAddress(channel, keys["interface"], int(rate))
 
 
 # --- bus load ---

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 from runtime.documents.plans import DrivesEntry
 
@@ -122,19 +122,27 @@ class SerialLink:
         self._port.close()
 
 
-def serial_address(url: str) -> tuple[str, int, bool]:
-    """Device, baud and DTR of `serial:///dev/ttyACM0?baud=1000000&dtr=0`. Raises LinkError."""
+def parse_address(url: str, scheme: str, defaults: Mapping[str, str], example: str) -> tuple[str, dict[str, str]]:
+    """What follows the scheme, and the query's values beside the defaults of its keys. Raises LinkError."""
     try:
         parts = urlsplit(url)
-        query = parse_qs(parts.query, keep_blank_values=True)
+        given = dict(parse_qsl(parts.query, keep_blank_values=True))
     except ValueError as error:  # brackets that are not closed, too many fields
-        raise LinkError(f"--on {url}: {error}; expected {_SERIAL_EXAMPLE}") from None
-    device = parts.netloc + parts.path
-    words = query.pop("baud", [str(BAUD)])[-1]
-    dtr = query.pop("dtr", ["1"])[-1]
-    if not device or query or not _BAUD_DIGITS.fullmatch(words) or dtr not in ("0", "1"):
+        raise LinkError(f"--on {url}: {error}; expected {example}") from None
+    place = unquote(parts.netloc + parts.path)
+    if parts.scheme != scheme or not place:
+        raise LinkError(f"--on {url}: expected {example}")
+    if unknown := sorted(given.keys() - defaults.keys()):
+        raise LinkError(f'--on {url}: unknown key "{unknown[0]}"; expected {" and ".join(defaults)}: {example}')
+    return place, {**defaults, **given}
+
+
+def serial_address(url: str) -> tuple[str, int, bool]:
+    """Device, baud and DTR of `serial:///dev/ttyACM0?baud=1000000&dtr=0`. Raises LinkError."""
+    device, keys = parse_address(url, SERIAL_SCHEME, {"baud": str(BAUD), "dtr": "1"}, _SERIAL_EXAMPLE)
+    if not _BAUD_DIGITS.fullmatch(keys["baud"]) or keys["dtr"] not in ("0", "1"):
         raise LinkError(f"--on {url}: expected {_SERIAL_EXAMPLE}")
-    return device, int(words), dtr == "1"
+    return device, int(keys["baud"]), keys["dtr"] == "1"
 
 
 def _open_failure(device: str, baud: int, error: Exception) -> str:

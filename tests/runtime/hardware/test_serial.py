@@ -312,7 +312,7 @@ def test_no_real_arm_moves_without_limits(called: Any, here: Path, key: str) -> 
         (["--on", "serial:///dev/nowhere"], "/dev/nowhere: there is no such port; is the board plugged in?"),
         (["--on", "serial://"], "expected serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"),
         (["--on", "serial:///dev/nowhere?baud=fast"], "expected serial:///dev/ttyACM0"),
-        (["--on", "serial:///dev/nowhere?speed=1"], "expected serial:///dev/ttyACM0"),
+        (["--on", "serial:///dev/nowhere?speed=1"], 'unknown key "speed"; expected baud and dtr: serial:///dev/tty'),
         (["--on", "serial:///dev/nowhere?dtr=no"], "expected serial:///dev/ttyACM0"),
         (["--on", "/dev/ttyACM0"], "canopen://can0; did you mean serial:///dev/ttyACM0?"),
         (["--on", "serial:///dev/nowhere", "--hide", "offset@1:torque=1"], "--hide is for the simulated arm"),
