@@ -77,6 +77,11 @@ def test_the_document_of_one_effect(capsys: pytest.CaptureFixture[str]) -> None:
     assert plain(msgspec.convert(document, verbs.OR_ELSE["effects"])) == document
 
 
+def test_an_effects_units_are_those_of_either_kind_of_joint(capsys: pytest.CaptureFixture[str]) -> None:
+    assert output.run(app, ["effects", "stribeck"]) == 0
+    assert "rad/s or m/s" in capsys.readouterr().out
+
+
 def test_a_document_of_another_kind_does_not_validate() -> None:
     validator = jsonschema.Draft202012Validator(verbs.schema("simulate"))
     right: dict[str, Any] = {"out": "run.csv", "samples": 1, "seconds": 0.1, "seed": 0, "effects": []}
