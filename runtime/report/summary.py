@@ -209,8 +209,8 @@ class ResultSummary:
         return numbered(joint + 1, self.first.joints[joint].name)
 
     @cached_property
-    def telling(self) -> list[int]:
-        """Joints (0-based) in the order in which a page shows them: with findings, with more than noise, the others."""
+    def joint_order(self) -> list[int]:
+        """Joints (0-based) in the order of a page: those with findings, those above their noise floor, the others."""
         joints = range(len(self.first.joints))
         return sorted(joints, key=lambda i: (i not in self._found_at, self.at_floor(i), i))
 

@@ -24,13 +24,13 @@ Whole = NDArray[np.int64]
 MOST_FRAMES = 400
 """Frames of a picture; the script interpolates between them."""
 LEVELS = (MORE_THAN_NOISE, 2 * MORE_THAN_NOISE)
-"""Residuals, in noise floors, above which a mark has its second and its third colour."""
+"""Residuals, in noise floors, above which a mark changes its colour."""
 _POINTER = 0.3
 """Drawn length of a last link that has none, relative to the arm's reach, so that its rotation is visible."""
 _TURNED = 80
 """Arc of a spring at the largest torque of spring or motor, per cent of a turn."""
 _DIGITS, _MOST_DECIMALS = 4, 6
-"""Of a figure beside the picture: digits of its largest value; decimals at most."""
+"""Digits of the largest value of a reading; most decimals."""
 _AXES = 0.18
 """Part of how far the arm is seen to reach; length of the base's axes, and by how much a plate is longer than what is
 pressed of it."""
@@ -38,7 +38,7 @@ pressed of it."""
 
 @dataclass(frozen=True)
 class Course:
-    """A motion that is drawn: its name, and the joints' positions at the frames (n, F), rad or m."""
+    """A motion by name: the joints' positions (n, F) at the frames, rad or m."""
 
     name: str
     q: Array
@@ -107,38 +107,38 @@ def picture(motion: ArmMotion, what: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Picture:
-    """A motion on a drawing."""
+    """A motion as drawn."""
 
     motion: ArmMotion
 
     @cached_property
     def corners(self) -> list[list[tuple[Array, bool]]]:
-        """Of each course's arm."""
+        """Corners of the arm in each course."""
         return [_corners(self.motion.model, course.q) for course in self.motion.courses]
 
     @property
     def paths(self) -> list[list[Array]]:
-        """Places of the corners, (3, F) each."""
+        """Positions of the corners, (3, F) each."""
         return [[place for place, _ in path] for path in self.corners]
 
     @property
     def joints(self) -> list[int]:
-        """Which of the corners the joints are."""
+        """Indices of the corners with a joint."""
         return [k for k, (_, joint) in enumerate(self.corners[-1]) if joint]
 
     @property
     def tip(self) -> Array:
-        """(3, F) of the last course."""
+        """Position (3, F) of the tip in the last course."""
         return self.paths[-1][-1]
 
     @property
     def shadow(self) -> Array:
-        """(3, F) below the tip, on the base's plane."""
+        """Projection (3, F) of the tip on the base's plane."""
         return self.tip * np.array([[1.0], [1.0], [0.0]])
 
     @cached_property
     def aside(self) -> float:
-        """m; a length that is seen and does not count beside the arm."""
+        """A visible length that is small beside the arm, m."""
         return _AXES * (max(float(np.abs(place).max()) for path in self.paths for place in path) or 1.0)
 
     @cached_property
@@ -162,12 +162,12 @@ class _Picture:
 
     @cached_property
     def bodies(self) -> list[Whole]:
-        """Of each course its corners on the drawing, (F, corners, 2)."""
+        """Corners on the drawing (F, corners, 2), for each course."""
         return [self.board.points(np.stack(path, axis=1)).transpose(2, 1, 0) for path in self.paths]
 
     @cached_property
     def feet(self) -> Whole:
-        """Of the shadow, at every frame (F, 2): it says how far away the tip is. None of a planar arm."""
+        """The tip's projection on the drawing (F, 2), which shows its distance; empty for a planar arm."""
         if not self.motion.model.spatial:
             return np.empty((0, 2), dtype=np.int64)
         return self.board.points(self.shadow).T
@@ -204,7 +204,7 @@ class _Picture:
         }
 
     def data(self) -> Markup:
-        """What the script shows, frame by frame. Numbers alone: no text of a user's is in it."""
+        """Data of the script for every frame: numbers alone, without text of a user."""
         motion = self.motion
         document = {
             "t": np.rint(1000 * (motion.t - motion.t[0])).astype(int).tolist(),
@@ -240,7 +240,7 @@ class _Picture:
         return {"left": left, "right": right, "untouched": untouched}
 
     def _plate_heights(self) -> list[int]:
-        """Of the plate at every frame: untouched, or where the tip holds it down; empty without one."""
+        """Height of the plate at every frame: untouched, or where the tip presses it; empty without a plate."""
         if self.motion.surface is None:
             return []
         held = np.array([self.tip[0], np.minimum(self.tip[1], self.motion.surface), self.tip[2]])
@@ -254,7 +254,7 @@ class _Picture:
 def _corners(model: Model, q: Array) -> list[tuple[Array, bool]]:
     """Corners of the arm from its base to its tip, (3, F) each, and whether a joint is there.
 
-    A joint that slides is where what it moves begins.
+    A prismatic joint is drawn where the moved part begins.
     """
     corners = [(np.zeros((3, q.shape[1])), False)]
     for base, moved in joint_places(model, q):
@@ -263,7 +263,7 @@ def _corners(model: Model, q: Array) -> list[tuple[Array, bool]]:
 
 
 def _end(model: Model, q: Array) -> Array:
-    """(3, F) the tip; of a last link without length a point that turns with it."""
+    """Position (3, F) of the tip; of a last link without length, a point that turns with it."""
     home = tip_place(model, np.zeros((model.n, 1)))[:, 0]
     last = np.zeros(3)
     last[: len(model.places[-1])] = model.places[-1]
@@ -273,13 +273,13 @@ def _end(model: Model, q: Array) -> Array:
 
 
 def _reach(model: Model) -> float:
-    """m; of the arm where all positions are 0, 1 for one without any length."""
+    """Reach of the arm at zero positions, m; 1 for an arm without lengths."""
     home = tip_place(model, np.zeros((model.n, 1)))[:, 0]
     return max([float(np.linalg.norm(home)), *(float(np.linalg.norm(p)) for p in model.places)]) or 1.0
 
 
 def _plate(surface: float, tip: Array, beyond: float) -> Array:
-    """(3, 3): both ends of a plate below the tip's way, and its lowest point, a column each."""
+    """Both ends of a plate below the path of the tip, and its lowest point: (3, 3), a column each."""
     near = tip[0, tip[1] <= surface] if np.any(tip[1] <= surface) else tip[0]
     low, high = float(near.min()) - beyond, float(near.max()) + beyond
     return np.array([[low, high, low], [surface, surface, min(surface, float(tip[1].min()))], [0.0, 0.0, 0.0]])
@@ -289,20 +289,20 @@ def _plate(surface: float, tip: Array, beyond: float) -> Array:
 
 
 def _tenths(ratio: Array) -> list[list[int]]:
-    """(F, n) tenths of a noise floor; −1 where nothing is said."""
+    """Tenths of a noise floor (F, n); −1 where unknown."""
     whole = np.where(np.isnan(ratio), -1, np.rint(10 * np.nan_to_num(ratio)))
     found: list[list[int]] = np.minimum(whole, 10**6).astype(int).T.tolist()
     return found
 
 
 def _levels(ratio: Array) -> list[str]:
-    """A digit for every joint, a text for every frame: 0 nothing is said, 1 noise, 2 and 3 more."""
+    """A text for every frame with a digit for every joint: 0 unknown, 1 noise, 2 and 3 above it."""
     level = np.where(np.isnan(ratio), 0, 1 + sum((ratio > limit).astype(int) for limit in LEVELS))
     return ["".join(map(str, row)) for row in level.T]
 
 
 def _column(readings: JointReadings, joint: int) -> dict[str, Any]:
-    """Of one joint its values (F,) as whole numbers of the last digit that is shown, null where there is none."""
+    """Values (F,) of a joint as integers in units of the last digit shown; null where unknown."""
     values = readings.values[joint]
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     digits = int(np.clip(_DIGITS - 1 - np.floor(np.log10(largest)), 0, _MOST_DECIMALS)) if largest else 0
@@ -311,14 +311,14 @@ def _column(readings: JointReadings, joint: int) -> dict[str, Any]:
 
 
 def _arcs(spring: SpringTorque) -> list[int]:
-    """Per cent of a turn, counter-clockwise where the spring pushes forward."""
+    """Arcs (F,) in per cent of a turn, counter-clockwise where the spring pushes forward."""
     most = max(float(np.abs(spring.torque).max()), spring.motor) or 1.0
     found: list[int] = np.rint(_TURNED * spring.torque / most).astype(int).tolist()
     return found
 
 
 def _text(points: Whole) -> str:
-    """Of (N, 2) points, as an SVG polyline has them; what does not move on is left out."""
+    """Points (N, 2) as text of an SVG polyline, without repeated ones."""
     moved = np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))
     return " ".join(f"{x},{y}" for x, y in points[moved])
 
@@ -326,11 +326,11 @@ def _text(points: Whole) -> str:
 # --- from metres to a drawing ---
 
 WIDTH, LOWEST, HIGHEST = 1000, 420, 760
-"""Of a drawing: its units across, and between which heights it is chosen."""
+"""Width of a drawing, and the range of its height, in its units."""
 _MARGIN = 70
 _ELEVATION, _ASIDE = np.radians(24.0), np.radians(35.0)
 _FLAT = 1e-9
-"""Part of an extent below which there is none."""
+"""Relative extent that counts as zero."""
 
 
 @dataclass(frozen=True)
@@ -341,7 +341,7 @@ class View:
     v: Array
 
     def seen(self, p: Array) -> Array:
-        """(2, ...) m of places (3, ...)."""
+        """Coordinates (2, ...) in the view, m, of positions (3, ...)."""
         return np.tensordot(np.array([self.u, self.v]), p, axes=1)
 
 
@@ -364,7 +364,7 @@ def in_space(p: Array) -> View:
 
 @dataclass(frozen=True)
 class DrawingBoard:
-    """A view at a scale: units per m, and the m at the drawing's middle."""
+    """A view with a scale, units per m, and the point at the middle of the drawing, m."""
 
     view: View
     scale: float
@@ -372,7 +372,7 @@ class DrawingBoard:
     height: int
 
     def points(self, p: Array) -> Whole:
-        """(2, ...) units from the upper left corner, of places (3, ...)."""
+        """Coordinates (2, ...) from the upper left corner, in the drawing's units, of positions (3, ...)."""
         apart = self.view.seen(p) - self.middle.reshape(2, *[1] * (p.ndim - 1))
         flipped = apart * np.array([self.scale, -self.scale]).reshape(2, *[1] * (p.ndim - 1))
         corner = np.array([WIDTH, self.height]).reshape(2, *[1] * (p.ndim - 1)) / 2
@@ -380,7 +380,7 @@ class DrawingBoard:
 
 
 def fitted(view: View, places: Sequence[Array]) -> DrawingBoard:
-    """The board that shows all places, (3, N) each."""
+    """The board that shows all positions, (3, N) each."""
     seen = np.concatenate([view.seen(p).reshape(2, -1) for p in places], axis=1)
     low, high = seen.min(axis=1), seen.max(axis=1)
     extent = np.maximum(high - low, _FLAT * max(1.0, float(np.abs(seen).max())))

@@ -22,14 +22,14 @@ from runtime.report.sections import Group, Section
 from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
 
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
-"""What is run; a script with a type is data."""
+"""Scripts that are run; one with a type is data."""
 
 
 @dataclass(frozen=True)
 class ReportPage:
-    """A page of its own: its head, its groups of sections, and the figures that they name.
+    """A report: its head, its groups of sections, and the figures that these name.
 
-    kind, tag   colour and words of the badge          short      what stands at the head
+    kind, tag   colour and words of the badge          short      sections at the head
     drawings    elements of figures by name            document   the result as JSON, embedded for other programs
     """
 
@@ -46,7 +46,8 @@ class ReportPage:
     def html(self) -> str:
         """The page; the same bytes for the same content."""
         drawn = "".join(self.drawings.values())
-        scripts = ([script()] if "<arm-motion" in drawn else []) + ([looking()] if "<tendon-signals" in drawn else [])
+        sources = {"<arm-motion": script, "<tendon-signals": signal_scripts}
+        scripts = [source() for element, source in sources.items() if element in drawn]
         template = _environment().get_template("page.html.j2")
         made = template.render(page=self, scripts=map(Markup, scripts), document=embedded(self.document), **_style())
         first = '<meta charset="utf-8">'
@@ -63,7 +64,7 @@ class ReportPage:
 
 
 def fragment(sections: Sequence[Section], level: int = 3) -> Markup:
-    """Sections as HTML for the middle of another page, without figures; level: of the headings."""
+    """Sections as HTML to embed in a page, without figures; level: of the headings."""
     return part("sections.html.j2", "shown", sections, {}, level)
 
 
@@ -74,9 +75,9 @@ def figure(drawn: Drawn) -> Markup:
 
 
 def part(template: str, macro: str, *holes: Any) -> Markup:
-    """What a macro of a template of this room makes of its arguments, for the middle of another page.
+    """The output of a template's macro for its arguments, to embed in a page.
 
-    Raises ValueError where something that it shows is not among them.
+    Raises ValueError if a value that it shows is missing.
     """
     try:
         made: Markup = getattr(_environment().get_template(template).module, macro)(*holes)
@@ -91,17 +92,17 @@ def stylesheet() -> str:
 
 
 def script() -> str:
-    """What sets the arm's picture in motion."""
+    """The script that animates the arm."""
     return _environment().get_template("arm_motion.js.j2").render()
 
 
-def looking() -> Markup:
-    """What draws signals whose numbers are in the page."""
+def signal_scripts() -> Markup:
+    """The scripts that draw embedded signals."""
     return Markup("\n".join((STATIC / name).read_text(encoding="utf-8") for name in EMBEDDED_SCRIPTS))
 
 
 def _style() -> dict[str, Markup]:
-    """What the report's style takes from that of the signals."""
+    """Styles of the signals, which the report's style includes."""
     texts = {"colours": "colours.css", "signals_style": "signals.css"}
     return {name: Markup((STATIC / file).read_text(encoding="utf-8")) for name, file in texts.items()}
 
@@ -118,11 +119,13 @@ def _environment() -> Environment:
 
 
 def policy(page: str) -> str:
-    """What a browser may do with a page: show it and run its own scripts, known by what they say; load nothing, send
-    nothing. Source: W3C, Content Security Policy Level 3."""
+    """Content security policy: a browser runs the page's own scripts, known by their hashes, and loads nothing.
+
+    Source: W3C, Content Security Policy Level 3.
+    """
     scripts = [hashlib.sha256(text.encode()).digest() for text in _SCRIPT.findall(page)]
     known = " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in scripts) or "'none'"
-    # Figures are drawn with styles of their own.
+    # SVG figures have inline styles.
     return (
         f"default-src 'none'; script-src {known}; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; "
         "form-action 'none'"
@@ -130,5 +133,5 @@ def policy(page: str) -> str:
 
 
 def embedded(document: Mapping[str, Any]) -> str:
-    """JSON for a script element: `<` would let a text of the user's end it."""
+    """JSON for a script element; `<` is escaped, so that no text ends the element."""
     return json.dumps(document, indent=1, allow_nan=False).replace("<", "\\u003c")

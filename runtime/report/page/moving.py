@@ -1,4 +1,4 @@
-"""What moves in the pages' picture of the arm: the most informative seconds of a recording, a plan, an execution."""
+"""Motions for the animation of the arm: the seconds of a recording with the largest residual, a plan, an execution."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Rows = NDArray[np.intp]
 _STEP = 0.01
 """Time from one frame of a plan to the next, s, unless that makes too many frames."""
 LONGEST = 12.0
-"""Length of the part of a recording that is shown, s; frames are then at most 0.05 s apart."""
+"""Longest part of a recording that is shown, s; frames are then at most 0.05 s apart."""
 
 
 def of_result(summary: ResultSummary) -> dict[str, Any] | None:
@@ -49,7 +49,7 @@ def of_result(summary: ResultSummary) -> dict[str, Any] | None:
     """
     if summary.first.identification.motion.rigid_given:
         return None
-    window = _telling(summary.first)
+    window = _largest_residual(summary.first)
     shown = window[frames(len(window))]
     motion = summary.last.identification.motion
     t = motion.row_time(_clock(motion))[shown]
@@ -105,12 +105,12 @@ def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
 
 
 def _clock(motion: Motion) -> int:
-    """The joint (0-based) whose equation's rows are the frames: one with the narrowest band."""
+    """The joint (0-based) whose rows are the frames: one with the narrowest band."""
     return motion.views[0].joints[0]
 
 
 def _samples(motion: Motion, shown: Rows) -> tuple[Piece, Rows]:
-    """The piece in which rows stand, and its samples there."""
+    """The piece that holds the rows, and their samples in it."""
     of = motion.row_piece(_clock(motion))
     number = int(of[shown[0]])
     piece = motion.pieces[number]
@@ -133,9 +133,8 @@ def _springs(step: Step, shown: Rows) -> tuple[SpringTorque, ...]:
     )
 
 
-def _telling(step: Step) -> Rows:
-    """Rows of the stretch of one piece, LONGEST at most, in which the squared residuals, in noise floors, sum up to
-    most."""
+def _largest_residual(step: Step) -> Rows:
+    """Rows of the interval, at most LONGEST in one piece, with the largest sum of squared residuals in noise floors."""
     motion = step.identification.motion
     weight = np.sum([_squares(step, step, i) for i in range(motion.n)], axis=0)
     total = np.concatenate([[0.0], np.cumsum(weight)])
@@ -143,13 +142,13 @@ def _telling(step: Step) -> Rows:
     starts = np.searchsorted(of, np.arange(len(motion.pieces) + 1))
     ends = np.minimum(np.arange(len(weight)) + count, starts[of + 1])
     start = int(np.argmax(total[ends] - total[:-1]))
-    # One that is cut short by its piece's end begins earlier.
+    # An interval that the end of its piece cuts short begins earlier.
     first = max(int(starts[of[start]]), int(ends[start]) - count)
     return np.arange(first, ends[start])
 
 
 def _squares(step: Step, floors: Step, joint: int) -> Array:
-    """(M,) squared residual of a joint in squared noise floors, at the frames' rows; 0 where it is not compared."""
+    """Squared residual (M,) of a joint in squared noise floors, at the frames' rows; 0 where it is not compared."""
     found = step.identification
     at = found.motion.beside(joint, _clock(found.motion))
     floor = floors.joints[joint].floor.value
@@ -157,9 +156,9 @@ def _squares(step: Step, floors: Step, joint: int) -> Array:
 
 
 def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
-    """(n, F) noise floors that the residual has between a frame and the next; NaN where the joint is at rest.
+    """Rms residual (n, F) between a frame and the next, in noise floors; NaN where the joint is at rest.
 
-    floors   the step whose noise floors count: a wrong model leaves its error in the repeats
+    floors   the step whose noise floors are used: the error of a wrong model raises the floor from repeats
     """
     motion = step.identification.motion
     starts = shown - window[0]
@@ -174,7 +173,7 @@ def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
 
 
 def _of_which(summary: ResultSummary, row: int) -> str:
-    """Of several recordings and runs, which."""
+    """Number of the recording and of the run, if there are several."""
     motion = summary.last.identification.motion
     piece = motion.pieces[motion.row_piece(_clock(motion))[row]]
     text = ""
@@ -216,14 +215,13 @@ def planned(model: Model, trajectory: Trajectory) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class ExecutedCycles:
-    """The cycles that count, one over the other, at the samples of the first; where an execution was stopped before the
-    first was through, the last seconds before that."""
+    """The cycles after the run-in, at the samples of the first; without any, the last seconds before a stop."""
 
     result: Execution
 
     @cached_property
     def whole(self) -> list[tuple[Trial, float]]:
-        """Trials and the s at which a cycle begins in them."""
+        """Trials, each with the time at which a cycle begins, s."""
         plan = self.result.plan.trajectory
         first, most = (RUN_IN, None) if plan.periodic else (0, 1)
         found = []
@@ -234,7 +232,7 @@ class ExecutedCycles:
 
     @cached_property
     def _shown(self) -> tuple[Trial, NDArray[np.intp]]:
-        """The cycle that is shown: its trial, and the samples of its frames."""
+        """Trial of the cycle that is shown, and the samples of its frames."""
         dt, duration = self.result.dt, self.result.plan.trajectory.duration
         count = max(1, round(duration / dt))
         if self.whole:
@@ -247,16 +245,16 @@ class ExecutedCycles:
 
     @cached_property
     def t(self) -> Array:
-        """(F,) s since the trajectory began, over and over."""
+        """Time (F,) since the trial began, s."""
         return np.asarray(self._shown[1] * self.result.dt, dtype=np.float64)
 
     @cached_property
     def planned(self) -> Effort:
-        """At the frames, with everything that the model knows."""
+        """The plan at the frames, with every effect of the model."""
         return at_times(self.result.plan.model, self.result.plan.trajectory, self.t, friction=True)
 
     def over_each_other(self, name: str) -> Array:
-        """(n, K, F): `q` or `tau` of the cycles at the frames' places in them."""
+        """`q` or `tau` of the cycles (n, K, F) at the frames."""
         trial, at = self._shown
         if not self.whole:
             return np.asarray(getattr(trial, name)[:, at][:, None])
@@ -269,16 +267,16 @@ class ExecutedCycles:
 
     @cached_property
     def _springs(self) -> dict[int, Array]:
-        """By joint (1-based), along the plan."""
+        """Torques of the springs along the plan, by joint (1-based)."""
         return {joint: self.planned.spring[joint - 1] for joint in sorted(self.result.plan.trajectory.springs)}
 
     def motion(self) -> ArmMotion:
-        """The first cycle that counts."""
+        """The first cycle after the run-in."""
         plan, (trial, at) = self.result.plan, self._shown
         tau = self.over_each_other("tau")
         marks: tuple[JointMarks, ...] = ()
         if tau.shape[1] > 1:
-            # What differs from cycle to cycle is the floor, as repeated motion gives it.
+            # The differences between cycles are the noise floor, as from repeated motion.
             scatter = np.sqrt(np.mean(np.var(tau, axis=1, ddof=1), axis=1, keepdims=True))
             apart = np.abs(tau.mean(axis=1) - self.planned.tau)
             marks = (JointMarks("executed less planned", apart / np.maximum(scatter, 1e-12)),)

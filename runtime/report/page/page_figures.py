@@ -32,9 +32,9 @@ _LONGEST_NAME = 34
 
 @dataclass(frozen=True)
 class Drawn:
-    """A figure of a result: the SVG element for a page, in words what it shows, and the figure itself.
+    """A figure of a result: its SVG element for a page, its caption, and the Matplotlib figure.
 
-    In a notebook it draws itself, on white, without a magic line.
+    A notebook shows it on white.
     """
 
     svg: Markup
@@ -42,7 +42,7 @@ class Drawn:
     figure: Figure = field(repr=False, compare=False)
 
     def save(self, path: Path | str) -> None:
-        """The figure as a file: .svg, .png or .pdf. Raises OSError."""
+        """Write the figure to a file: .svg, .png or .pdf. Raises OSError."""
         style.save(self.figure, Path(path))
 
     def _repr_html_(self) -> str:
@@ -54,7 +54,7 @@ class Drawn:
 
 
 def drawn(figure: Figure, name: str, caption: str) -> Drawn:
-    """An SVG element for the middle of a page, whose colours the page sets; `name` is unique on the page."""
+    """An SVG element to embed in a page, which sets its colours; `name` is unique on the page."""
     text = style.svg(figure, name)
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -77,9 +77,9 @@ def label(step: Step) -> str:
 
 
 def error(steps: Sequence[Step], joint: int, held_out_floor: float | None = None) -> Figure:
-    """The error of a joint (0-based) falling from step to step; the held-out recording's floor relative to its torque.
+    """Error of a joint (0-based) after each step; held_out_floor: relative to the torque.
 
-    The floor is the last step's: a wrong model leaves its error in the repeats.
+    The noise floor is that of the last step: the error of a wrong model raises the floor from repeats.
     """
     held = [s.held_out.relative[joint] for s in steps if s.held_out is not None]
     series = steps[-1].joints[joint]
@@ -95,7 +95,7 @@ def error(steps: Sequence[Step], joint: int, held_out_floor: float | None = None
 
 
 def of_result(summary: ResultSummary) -> list[Drawn]:
-    """Of every joint the error from step to step, then its torque and residual."""
+    """For every joint its error after each step, then its torque and residual."""
     found = []
     for i in range(len(summary.first.joints)):
         caption = f"Error of joint {i + 1} after each step; the marks across the bars are the noise floor."
@@ -105,8 +105,10 @@ def of_result(summary: ResultSummary) -> list[Drawn]:
 
 
 def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -> list[Drawn]:
-    """Torque over time, whole and zoomed in, then the residual over every signal, the most telling first; none of a
-    joint that never moves."""
+    """Torque over time, whole and in detail, then the residual over every signal, the largest share first.
+
+    No figures of a joint that never moves.
+    """
     before = first.joints[joint]
     if len(before.t) < 2:
         return []
@@ -121,7 +123,7 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
             f"{caption}{', recordings end to end' if end_to_end else ''}.",
         )
     ]
-    zoom = trace.cut(*_telling(trace))
+    zoom = trace.cut(*_largest_change(trace))
     if len(zoom.t) > 1:
         seconds = f"{zoom.t[-1] - zoom.t[0]:.1f} s"
         why = "where the improvement is largest" if after is not None else "where the residual is largest"
@@ -143,14 +145,14 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
                 before, after, signal, curve=curve, label=name, name=f"residual{number}{signal}", share=share[signal]
             )
         )
-    # What follows no signal may be a disturbance, and then its frequency says more.
+    # A residual that follows no signal may be a disturbance, which the spectrum shows.
     place = len(found) if max(share.values()) > _FOLLOWS else 2
     found.insert(place, _spectrum(first, last, joint))
     return found
 
 
 def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
-    """The residual over the frequency: a line is a disturbance, or a motor's ripple at constant speed."""
+    """Spectrum of the residual: a line is a disturbance, or a motor's ripple at constant speed."""
     motion, before = first.identification.motion, first.joints[joint]
     left, cutoff = last.identification.fit.residual[joint], motion.cutoff(joint)
     frequency, before_density = density(first, joint)
@@ -188,14 +190,16 @@ def amplitudes(residual: Array, rate: float) -> tuple[Array, Array]:
 
 
 def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> list[Drawn]:
-    """What a finding explains: in the seconds where it acts most if it has a memory, and over the signal that shows
-    most of it unless it is alone at its joint, whose own figures show that then."""
+    """Figures of a finding: over the signal that shows most of it, and over time if the effect has a memory.
+
+    alone   whether it is the only finding at its joint, whose own figures show the first already
+    """
     joint = finding.joint_index
     before, after = finding.before.joints[joint], finding.after.joints[joint]
     curve, effect = after.predicted - before.predicted, finding.term.effect
     found = []
     if not alone:
-        signal = most_telling(before, curve)
+        signal = strongest_signal(before, curve)
         found.append(
             _residual(
                 before,
@@ -217,7 +221,7 @@ def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> li
     return found
 
 
-def most_telling(series: JointSeries, curve: Array) -> str:
+def strongest_signal(series: JointSeries, curve: Array) -> str:
     """The signal over which the running mean of a torque (M,) varies most."""
     size = {}
     for signal in signals(series):
@@ -256,7 +260,7 @@ def _residual(
 
 
 def signals(series: JointSeries) -> list[str]:
-    """Signals that vary at all, of those that have a panel."""
+    """Signals with a panel that vary."""
     values = series.signals()
     return [s for s in ORDER if s in values and float(np.ptp(values[s])) > 1e-9 * max(1.0, np.abs(values[s]).max())]
 
@@ -297,12 +301,12 @@ def _trace(before: JointSeries, after: JointSeries | None) -> tuple[joint_plots.
 
 
 def clock(series: JointSeries) -> tuple[Array, bool]:
-    """Time (M,) of a joint's rows that always runs forwards, as `running_clock`."""
+    """`running_clock` of a joint's rows."""
     return running_clock(series.t, series.piece)
 
 
 def running_clock(t: Array, piece: NDArray[np.integer[Any]]) -> tuple[Array, bool]:
-    """Time (M,) that always runs forwards, and whether recordings or runs were put end to end for it."""
+    """Time (M,) that never falls, and whether recordings or runs were placed end to end for that."""
     t = t.copy()
     moved = False
     for start in np.flatnonzero(np.diff(piece)) + 1:
@@ -312,7 +316,7 @@ def running_clock(t: Array, piece: NDArray[np.integer[Any]]) -> tuple[Array, boo
     return t, moved
 
 
-def _telling(trace: joint_plots.Trace) -> tuple[float, float, int]:
+def _largest_change(trace: joint_plots.Trace) -> tuple[float, float, int]:
     """Start, end and piece of the seconds in which the squared residual falls most, or is largest."""
     weight = (trace.tau - trace.before) ** 2
     if trace.after is not None:
@@ -331,7 +335,7 @@ def _most(trace: joint_plots.Trace, weight: Array) -> tuple[float, float, int]:
 
 
 def structure(first: Step, last: Step, joint: int) -> Drawn | None:
-    """What the residual of a joint follows, before and after; None if it follows nothing."""
+    """Shares of the signals that the residual of a joint follows, before and after; None if it follows none."""
     before = structure_shares(first.joints[joint])
     after: dict[str, Any] = structure_shares(last.joints[joint]) if last is not first else {}
     names = sorted((s for s in before if max(before[s], after.get(s, 0.0)) > _NOTHING), key=lambda s: -before[s])

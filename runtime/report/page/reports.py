@@ -68,7 +68,7 @@ def report(result: Result | ResultSummary) -> ReportPage:
     if moving is not None:
         drawings["moving"] = part("arm_motion.html.j2", "arm_motion", moving)
         groups.append(Group("The arm in motion", (Plots(("moving",)),), "motion"))
-    groups += [_joint(summary, i, drawings) for i in summary.telling]
+    groups += [_joint(summary, i, drawings) for i in summary.joint_order]
     groups += [
         *_findings(summary, drawings),
         *diagnosis_groups(summary),
@@ -215,12 +215,14 @@ def _errors(summary: ResultSummary, drawings: dict[str, Markup]) -> Group:
         "note",
     )
     blocks: list[Section] = []
-    for i in summary.telling:
+    for i in summary.joint_order:
         inside = tuple(_error_of(summary, i, drawings))
         aside = _said_of_quiet(summary, i)
         title = f"Joint {summary.called(i)}"
         blocks += (
-            [Group(title, inside, folded=True if aside else None, aside=aside)] if len(summary.telling) > 1 else inside
+            [Group(title, inside, folded=True if aside else None, aside=aside)]
+            if len(summary.joint_order) > 1
+            else inside
         )
     return Group("Error against the noise floor", (about, fits.residuals(_entries(summary.last)), *blocks), "error")
 

@@ -7,8 +7,8 @@ page) and in the studio.
 from pathlib import Path
 
 STATIC = Path(__file__).parent / "static"
-EMBEDDED_SCRIPTS = ("scales.js", "sources.js", "drawing.js", "telling.js", "gestures.js", "signals.js")
+EMBEDDED_SCRIPTS = ("scales.js", "sources.js", "drawing.js", "toolbar.js", "gestures.js", "signals.js")
 """Scripts of a page with embedded signals, in order: each uses those before it."""
-SCRIPTS = ("scales.js", "sources.js", "served.js", "drawing.js", "telling.js", "gestures.js", "signals.js")
+SCRIPTS = ("scales.js", "sources.js", "served.js", "drawing.js", "toolbar.js", "gestures.js", "signals.js")
 """Scripts of a page that asks a server for signals."""
 STYLES = ("colours.css", "signals.css")

@@ -1,7 +1,7 @@
 "use strict";
 /* <tendon-signals src="…">, or with a script of data inside: panels that zoom one by one and share a selection. */
 (() => {
-  const { plain, logarithmic, stretched, colours, Served, Embedded, draw, make, bar, tell, listen } = globalThis.TendonSignals;
+  const { plain, logarithmic, stretched, colours, Served, Embedded, draw, make, bar, showStatistics, listen } = globalThis.TendonSignals;
   const MARGIN = 1, OVERVIEW = 2048, MOST_ZOOM = 1e6, FRAMES = 600;
   const HELP = "Arrow keys move the view, plus and minus zoom, 0 shows all, S selects what is in view, Escape clears the selection.";
 
@@ -59,7 +59,7 @@
       this.panels.forEach((panel) => panel.canvas.setAttribute("aria-describedby", help.id));
       this.replaceChildren(...(data ? [data] : []), bar(this), this.said, this.group, help);
       this.readColours();
-      tell(this);
+      showStatistics(this);
       this.panels.forEach((panel) => this.sizes.observe(panel.canvas));
       this.fit();
     }
@@ -166,7 +166,7 @@
         this.lit = rows;
         this.touch();
       }
-      tell(this);
+      showStatistics(this);
       this.dispatchEvent(new CustomEvent("selected", { bubbles: true, detail: ranges }));
     }
 

@@ -59,7 +59,7 @@ Object.assign(globalThis.TendonSignals, (() => {
   }
 
   /* Shows the statistics of the selection. */
-  function tell(signals) {
+  function showStatistics(signals) {
     const { spec } = signals, some = signals.lit ?? signals.rows, found = statistics(some, signals.rows, spec);
     const percent = (x) => `${number(100 * x)}\u00a0%`;
     const facts = [
@@ -76,5 +76,5 @@ Object.assign(globalThis.TendonSignals, (() => {
     signals.said.replaceChildren(list, ...(found.estimated ? [make("p", {}, `Mean and rms of ${some.count.toLocaleString("en")} of them, picked at random.`)] : []));
   }
 
-  return { make, bar, tell, ZOOM };
+  return { make, bar, showStatistics, ZOOM };
 })());
