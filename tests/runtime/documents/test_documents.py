@@ -70,11 +70,16 @@ def test_a_document_is_as_its_schema_says(verb: str, folder: Path, monkeypatch: 
     assert plain(msgspec.convert(document, verbs.BY_VERB[verb])) == document
 
 
-def test_the_document_of_one_effect(capsys: pytest.CaptureFixture[str]) -> None:
-    assert output.run(app, ["effects", "lugre", "--json", "-"]) == 0
+@pytest.mark.parametrize(
+    ("verb", "line", "status"),
+    [("effects", ["lugre"], 0), ("optimize", ["scenario1", "--cycle-time", "0.3"], 1)],
+    ids=["one effect", "no plan"],
+)
+def test_a_verbs_other_document(verb: str, line: list[str], status: int, capsys: pytest.CaptureFixture[str]) -> None:
+    assert output.run(app, [verb, *line, "--json", "-"]) == status
     document = json.loads(capsys.readouterr().out)
-    jsonschema.Draft202012Validator(verbs.schema("effects")).validate(document)
-    assert plain(msgspec.convert(document, verbs.OR_ELSE["effects"])) == document
+    jsonschema.Draft202012Validator(verbs.schema(verb)).validate(document)
+    assert plain(msgspec.convert(document, verbs.OR_ELSE[verb])) == document
 
 
 def test_an_effects_units_are_those_of_either_kind_of_joint(capsys: pytest.CaptureFixture[str]) -> None:
