@@ -42,9 +42,9 @@ class BoardLink(Protocol):
     fault   what failed, if this computer drives the arm itself; None: nothing, or the board drives it
     """
 
-    baud: int | None
-    late: float | None
-    fault: str | None
+    baud: int | None = None
+    late: float | None = None
+    fault: str | None = None
 
     def write(self, data: bytes) -> None:
         """Sends bytes."""
@@ -57,6 +57,7 @@ class BoardLink(Protocol):
 
     def figures(self) -> DrivesEntry | None:
         """Statistics of the drives, if this computer drives the arm itself."""
+        return None
 
     def close(self) -> None:
         """Closes the link; may be called twice."""
@@ -68,7 +69,7 @@ _BAUD_DIGITS = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
 _SERIAL_EXAMPLE = "serial:///dev/ttyACM0 or serial:///dev/ttyUSB0?baud=1000000"
 
 
-class SerialLink:
+class SerialLink(BoardLink):
     """A serial port, opened exclusively. dtr: state of DTR and RTS, which reset some boards. Raises LinkError."""
 
     def __init__(self, device: str, baud: int = BAUD, dtr: bool = True) -> None:
@@ -77,9 +78,7 @@ class SerialLink:
         except ImportError as error:
             raise LinkError("a serial port needs pyserial: pip install pyserial") from error
         self.device = device
-        self.baud: int | None = baud
-        self.late: float | None = None
-        self.fault: str | None = None
+        self.baud = baud
         self._errors = (serial.SerialException, OSError)
         try:
             self._port: Any = serial.Serial(None, baud, timeout=0, write_timeout=1.0, exclusive=True)
@@ -114,9 +113,6 @@ class SerialLink:
 
     def now(self) -> float:
         return time.monotonic()
-
-    def figures(self) -> None:
-        return None
 
     def close(self) -> None:
         self._port.close()

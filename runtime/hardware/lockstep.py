@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.documents.plans import DrivesEntry
+from runtime.hardware.link import BoardLink
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int32]
@@ -92,7 +92,7 @@ class Counted:
         return self._ticks * self._period
 
 
-class Lockstep:
+class Lockstep(BoardLink):
     """A BoardLink to a board that drives an arm in lockstep.
 
     period   control period, s
@@ -101,9 +101,6 @@ class Lockstep:
 
     def __init__(self, board: Board, arm: SteppedArm, period: float, clock: Clock | None = None) -> None:
         self.board, self.arm, self.period = board, arm, period
-        self.baud: int | None = None
-        self.late: float | None = None
-        self.fault: str | None = None
         self._clock = Counted(period) if clock is None else clock
         self._counts: Counts | None = None
         self._enabled = False
@@ -128,9 +125,6 @@ class Lockstep:
 
     def now(self) -> float:
         return self._clock.now()
-
-    def figures(self) -> DrivesEntry | None:
-        return None
 
     def close(self) -> None:
         self._switch(False)
