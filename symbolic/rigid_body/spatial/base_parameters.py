@@ -77,7 +77,8 @@ def merging(g: Geometry) -> Merging:
     chain = g.residues(PRIME)
 
     def torques_of(q: list[Any], qd: list[int], qdd: list[int], notes: Notes) -> dict[Column, list[Any]]:
-        return columns(chain, order, motion(chain, range(g.n), q, qd=qd, qdd=qdd, notes=notes), qdd, notes)
+        moving = motion(chain, range(g.n), q, qd=qd, qdd=qdd, notes=notes)
+        return columns(chain, order, moving, qdd=qdd, notes=notes)
 
     points = -(-len(order) // g.n) + 2
     dependent = dependencies([link.revolute for link in g.links], points, torques_of)
