@@ -78,7 +78,7 @@ def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) ->
         demanded = rows[:, samples]
         courses.insert(0, Course("demanded", np.where(np.isnan(demanded), courses[0].q, demanded)))
         units = [joint.position_unit for joint in model.joints]
-        readings = (*readings, JointReadings("off what was demanded", courses[-1].q - demanded, units))
+        readings = (*readings, JointReadings("tracking error", courses[-1].q - demanded, units))
     return ArmMotion(
         model=model,
         t=t,

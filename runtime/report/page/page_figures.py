@@ -115,7 +115,7 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -
     after = last.joints[joint] if last is not first else None
     number = joint + 1
     trace, end_to_end = _trace(before, after)
-    caption = "Measured and predicted torque, and what is left"
+    caption = "Measured and predicted torque, and the residual"
     found = [
         drawn(
             joint_plots.torque_over_time(trace, "All of the recording"),

@@ -339,7 +339,7 @@ def torque_over_time(trace: Trace, title: str = "") -> Figure:
         low.plot(*_running_rms(trace, trace.tau - torque), color=colour, lw=1.4)
     low.axhspan(0, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
     low.set_ylim(0, None)
-    low.set_ylabel(f"rms left, {trace.unit}")
+    low.set_ylabel(f"residual\nrms, {trace.unit}")
     low.set_xlabel("time, s")
     for ax in (measured, predicted, low):
         ax.yaxis.set_major_locator(MaxNLocator(4))
