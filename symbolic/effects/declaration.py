@@ -236,12 +236,12 @@ def _symbols(effect: Effect) -> set[sp.Symbol]:
 def _union(expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
     """The symbols of the expressions; unlike free_symbols, shared parts are visited once."""
     seen: set[sp.Basic] = set()
-    ahead: list[sp.Basic] = list(map(sp.sympify, expressions))
-    while ahead:
-        e = ahead.pop()
+    todo: list[sp.Basic] = list(map(sp.sympify, expressions))
+    while todo:
+        e = todo.pop()
         if e not in seen:
             seen.add(e)
-            ahead += e.args
+            todo += e.args
     return {e for e in seen if isinstance(e, sp.Symbol)}
 
 

@@ -47,7 +47,7 @@ _THERE = step(ELAPSED - _TIME, WIDTH_TIME)
 _TIP_LOADS = {part: SIGNAL[f"tip_load_{part}"].symbol for part in OFF_TIP}
 _OFF_TIP = {part: sp.Mul(*(_CENTRE[axis] for axis in part)) for part in OFF_TIP}
 _MOMENTS = {part: parameter(f"moment_{part}") for part in OFF_TIP}
-# No mass has no centre, and none far away: far below any mass that a recording tells, in kg.
+# kg, far below any identifiable mass: keeps the centre finite where the mass is zero.
 _WEIGHTLESS = sp.Rational(1, 10**9)
 
 

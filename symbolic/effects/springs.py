@@ -49,7 +49,7 @@ LINEAR_SPRING = _spring(
     trace="Over the position, a straight line, the same in both directions and at every speed.",
     experiment="Slow motion in both directions over two radians of range or more.",
     source="Khalil & Dombre 2002, Modeling, Identification and Control of Robots",
-    # A constant torque cannot be told from the rest position.
+    # A constant torque and a shift of the rest position are the same law.
     generalises=("offset",),
     carried=True,
     sits_at="link",
@@ -148,7 +148,7 @@ END_STOP = _spring(
     torque=parameter("stiffness") * _SIDE * ramp(_DEPTH, WIDTH_POSITION)
     + parameter("damping") * QD * step(_DEPTH, WIDTH_POSITION),
     parameters=(
-        # Nearer to the middle of the range it would be a spring on one side, which the law cannot tell from it.
+        # Nearer to the middle of the range, the law is that of a one-sided spring.
         Parameter(
             "position",
             u.POSITION,

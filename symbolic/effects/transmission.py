@@ -59,8 +59,7 @@ _NEXT = _stepped(DT, _DEFLECTION, _RATE, LOAD + _SLOPE / 3, _AHEAD)
 
 
 def _missed(acceleration: sp.Expr) -> sp.Expr:
-    """By how much less the link side asks of a joint where the own joint's link is behind its motor by the deflection,
-    of first order in it: the link is elsewhere, moves and accelerates by less, and takes the other links along."""
+    """The torque that a joint lacks because the own joint's link lags its motor by the deflection, to first order."""
     return -(COUPLING * acceleration + COUPLING_RATE * _RATE + COUPLING_SLOPE * _DEFLECTION)
 
 
@@ -128,8 +127,8 @@ def _pressed(side: int) -> sp.Expr:
 
 def _met(side: int) -> sp.Expr:
     """1 if the free deflection passes the flank on this side within the step."""
-    ahead = _DEFLECTION + _RATE * DT + _FREE * DT**2 / 2
-    return _outside(ahead, side) * (1 - _outside(_DEFLECTION, side))
+    reached = _DEFLECTION + _RATE * DT + _FREE * DT**2 / 2
+    return _outside(reached, side) * (1 - _outside(_DEFLECTION, side))
 
 
 def _until(side: int) -> sp.Expr:

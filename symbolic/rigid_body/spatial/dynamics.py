@@ -155,7 +155,7 @@ class _Motion:
 
     w, al   angular velocity of the previous link, and its derivative; adding t (0, 0, 1) to w and subtracting t z × w
             from al does not change their field's moment about z
-    ahead   the z component half way through the joint, minus that of w
+    extra   the z component half way through the joint, minus that of w
     twice   twice the joint's rate
     a       acceleration of the joint's origin, minus gravity
     U       of the previous link
@@ -163,7 +163,7 @@ class _Motion:
 
     w: Vector
     al: Vector
-    ahead: Any
+    extra: Any
     twice: Any
     a: Vector
     U: Matrix
@@ -238,8 +238,8 @@ def _at_revolute(step: JointStep, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
     (x, y, z), (hx, hy, _) = m.w, b.first
     X, Y = step.named(("X", "Y"), (b.xx * x + b.xy * y + b.xz * z, b.xy * x + b.yy * y + b.yz * z))
     moment = y * X - x * Y + m.al[2] * b.spin - m.al[0] * b.xz - m.al[1] * b.yz + hx * m.a[1] - hy * m.a[0]
-    (t,) = step.named(("t",), (m.twice * (z + m.ahead),))
-    X, Y = X + b.xz * m.ahead, Y + b.yz * m.ahead
+    (t,) = step.named(("t",), (m.twice * (z + m.extra),))
+    X, Y = X + b.xz * m.extra, Y + b.yz * m.extra
     return moment, ((-t * hx, -t * hy, m.twice * (x * hx + y * hy)), (m.twice * Y, -m.twice * X, 0))
 
 
