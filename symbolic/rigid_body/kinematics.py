@@ -184,8 +184,14 @@ def contact_functions(author: Author, chain: Chain) -> list[SymbolicFunction]:
     """contact_coordinates, _jacobian, _bias, _inverse, _acceleration. chain: lengths in m."""
     recorder = author.recorder()
     made = partial(author.function, recorder=recorder, notation=CONTACT_NOTATION)
-    angles, x, y = _links(author, chain.lengths, recorder)
-    q = author.coordinates.symbols("q")
+    q, angle = author.coordinates.symbols("q"), sp.Integer(0)
+    angles, x, y = [], [], []  # absolute angles, and the links' extents along x and y
+    for i, length in enumerate(chain.lengths):
+        angle = recorder.let(f"theta{i + 1}", angle + q[i])
+        c, s = recorder.sincos(angle)
+        angles.append(angle)
+        x.append(recorder.let(f"x{i + 1}", length * c))
+        y.append(recorder.let(f"y{i + 1}", length * s))
     w = [sum(x), y[0] + y[1], angles[2], q[3]]
     r4 = recorder.let("r4", y[3])
     r3 = recorder.let("r3", r4 + y[2])
@@ -235,19 +241,6 @@ def _w(name: str, unit: str, meaning: str) -> Argument:
     return Argument(
         name, tuple(sp.Symbol(f"{name}{i}", real=True) for i in range(1, 5)), (4,), unit=unit, meaning=meaning
     )
-
-
-def _links(author: Author, lengths: tuple[Any, ...], recorder: Recorder) -> tuple[list[Any], list[Any], list[Any]]:
-    """Absolute angles, and the links' extents along x and y."""
-    angle: Any = 0
-    angles, x, y = [], [], []
-    for i, q in enumerate(author.coordinates.symbols("q")):
-        angle = recorder.let(f"theta{i + 1}", angle + q)
-        c, s = recorder.sincos(angle)
-        angles.append(angle)
-        x.append(recorder.let(f"x{i + 1}", lengths[i] * c))
-        y.append(recorder.let(f"y{i + 1}", lengths[i] * s))
-    return angles, x, y
 
 
 def _inverse(author: Author, lengths: tuple[Any, ...]) -> SymbolicFunction:

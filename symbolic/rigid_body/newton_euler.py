@@ -127,7 +127,18 @@ def motion(chain: Chain, frame: int, q: list[Any], qd: list[Any], qdd: list[Any]
     """Absolute rates and accelerations, from the base outwards; gravity is an acceleration of the base."""
     let = notes.let
     direction, orientation = _directions(chain, frame, q, notes)
-    start = _base_acceleration(chain.gravity, orientation, notes)
+    # The base is accelerated against gravity, in a frame rotated by `orientation` (an int: not rotated).
+    start: tuple[Any, Any] = (0, 0)
+    gravity = chain.gravity
+    if gravity is not None and isinstance(orientation, int):
+        start = gravity.x, -gravity.y
+    elif gravity is not None:
+        inclined = gravity.x != 0 and gravity.y != 0
+        turned = let("a_gravity", orientation - gravity.angle) if inclined else orientation
+        size, (c, s) = gravity.strength if inclined else gravity.x, notes.sincos(turned)
+        if gravity.x == 0:
+            size, (c, s) = gravity.y, (s, -c)
+        start = let("b0", size * c), let("y0", size * s)
     found: list[LinkMotion] = []
     w: Any = 0
     al: Any = 0
@@ -190,18 +201,3 @@ def _directions(chain: Chain, frame: int, q: list[Any], notes: Notes) -> tuple[d
         c, s = notes.sincos(angle)
         directions[j] = (c, -s)
     return directions, angle
-
-
-def _base_acceleration(gravity: Gravity | None, orientation: Any, notes: Notes) -> tuple[Any, Any]:
-    """(b, y) of the base, accelerated against gravity, in a frame rotated by `orientation` (an int: not rotated)."""
-    if gravity is None:
-        return 0, 0
-    if isinstance(orientation, int):
-        return gravity.x, -gravity.y
-    if gravity.x != 0 and gravity.y != 0:
-        c, s = notes.sincos(notes.let("a_gravity", orientation - gravity.angle))
-        return notes.let("b0", gravity.strength * c), notes.let("y0", gravity.strength * s)
-    c, s = notes.sincos(orientation)
-    if gravity.y == 0:
-        return notes.let("b0", gravity.x * c), notes.let("y0", gravity.x * s)
-    return notes.let("b0", gravity.y * s), notes.let("y0", -gravity.y * c)
