@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -18,7 +20,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests.runtime.studio.waiting import PATIENCE
+from tests.runtime.studio.waiting import PATIENCE, until
 
 ROOT = Path(__file__).resolve().parents[3]
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -51,6 +53,20 @@ class Server:
     @property
     def token(self) -> str:
         return urlsplit(self.address).query.removeprefix("token=")
+
+    def hold_task(self) -> None:
+        """Stop the process that works, so that its task cannot end; cancelling the task kills it."""
+        until(lambda: self._worker() is not None)
+        os.kill(self._worker(), signal.SIGSTOP)
+
+    def _worker(self) -> int | None:
+        """The process that works for this server; None if there is none yet."""
+        for place in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                command = (place / "cmdline").read_bytes().split(b"\0")
+                if b"runtime.studio.worker" in command and any(str(self.folder).encode() in part for part in command):
+                    return int(place.name)
+        return None
 
     @cached_property
     def cookie(self) -> str:

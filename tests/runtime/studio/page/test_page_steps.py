@@ -49,6 +49,7 @@ def files(folder: Path) -> dict[Path, int]:
 def test_a_cancelled_diagnosis_leaves_the_session_as_it_was(fitted: Watched, fitted_server: Server) -> None:
     page, before = fitted.page, files(fitted_server.folder)
     page.click("[data-do=diagnose]:not([disabled])")
+    fitted_server.hold_task()
     page.wait_for_selector("progress")
     page.click("[data-do=cancel]")
     page.wait_for_selector("[role=alert]:has-text('Cancelled')")
