@@ -122,6 +122,7 @@ def agree(c: Controller, truth: Composition, positions: Array) -> None:
     """Step along measured positions (n, N) and compare every torque that is not at a change of phase."""
     counts = np.array([c.counts(q) for q in positions.T]).T
     found, (expected, tolerance) = run(c, counts), truth.torques(counts)
+    expected = np.clip(expected, -c.torque_limit[:, None], c.torque_limit[:, None])
     t = np.arange(counts.shape[1]) * c.dt
     apart = np.abs(truth.plan.starts[:, None] - np.mod(t, truth.plan.duration)).min(axis=0) > 1e-6
     worst = np.unravel_index(np.argmax(np.abs(found - expected) * apart / tolerance), found.shape)

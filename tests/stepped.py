@@ -37,6 +37,7 @@ class Controller:
         self.name, self.n = model.name, model.n
         self.uncompensated, self.dt = settings.uncompensated, settings.dt
         self.position_per_count: NDArray[np.float64] = np.array(settings.drive["position_per_count"])
+        self.torque_limit: NDArray[np.float64] = np.array(settings.drive["torque_limit"])
         self._types = structures(self._data["records"])
         self._library = ctypes.CDLL(str(self.directory / "lib.so"))
         self._check_sizes()

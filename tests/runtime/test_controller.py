@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from compositions import PLATE, POSTURE, Array, Composition, agree, near, run, still, there_and_back, trajectory
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from random_arms import MIXED
 from stepped import Controller
@@ -64,6 +64,7 @@ def test_free_motion(make: Callable[..., Controller], model: Model, seed: int) -
 
 @quick
 @given(seed=seeds)
+@example(seed=472)  # near the stretched arm, where torques are limited
 def test_contact(make: Callable[..., Controller], model: Model, seed: int) -> None:
     """Coordinates of the contact, and the plate where the end-effector is below it and above it."""
     rng = np.random.default_rng(seed)
