@@ -342,8 +342,8 @@ class DrivesEntry(Document, frozen=True, kw_only=True):
     """Drives on a CAN bus; lists have a number per joint."""
 
     channel: Annotated[str, key("name of the bus")]
-    bitrate: Annotated[int | None, key("bit rate; null if unknown", "bit/s")]
-    load: Annotated[float | None, key("part of the bus that the frames fill", "1")]
+    bitrate: Annotated[int, key("bit rate", "bit/s")]
+    load: Annotated[float, key("part of the bus that the frames fill", "1")]
     late_rms: Annotated[float, key("rms delay of the control periods", "s")]
     late_worst: Annotated[float, key("largest delay", "s")]
     overruns: Annotated[int, key("number of periods left out", "1")]

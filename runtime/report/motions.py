@@ -285,9 +285,8 @@ def uncompensated(document: ExecuteDocument) -> list[str]:
 
 def _drives(document: ExecuteDocument, drives: DrivesEntry) -> list[str]:
     """How punctual the control loop was, and what the drives made of its torques."""
-    load = "" if drives.load is None else f"The drives' frames fill {percent(drives.load)} of {drives.channel}. "
     lines = [
-        f"{load}Periods began late by "
+        f"The drives' frames fill {percent(drives.load)} of {drives.channel}. Periods began late by "
         f"{1e3 * drives.late_rms:.2g} ms rms, {1e3 * drives.late_worst:.2g} ms at worst; "
         f"{drives.overruns} left out, {drives.missed_answers} answers late or missing."
     ]
