@@ -35,7 +35,7 @@ def paper(
 ) -> None:
     """Reproduce the tables and figures of the paper. Shows its numbers beside ours; exit status 1 if an expected
     claim does not hold."""
-    from runtime.documents.plans import PaperDocument
+    from runtime.documents.paper import PaperDocument
     from runtime.report import terminal
     from runtime.report.plots.style import save
     from runtime.study import figures, study

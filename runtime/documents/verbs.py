@@ -15,12 +15,12 @@ from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import EffectDocument, EffectsDocument, ExportDocument, ImportDocument, InitDocument
+from runtime.documents.paper import PaperDocument
 from runtime.documents.parts import Document
 from runtime.documents.plans import (
     ExecuteDocument,
     InfeasibleDocument,
     OptimizeDocument,
-    PaperDocument,
     SweepDocument,
 )
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
-from runtime.documents.plans import (
+from runtime.documents.paper import (
     ClaimEntry,
     CosineEntry,
     RecoveredEntry,

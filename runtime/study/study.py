@@ -13,18 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from runtime import files
-from runtime.documents.parts import given
-from runtime.documents.plans import (
+from runtime.documents.paper import (
     BesideEntry,
     CaseEntry,
     CaseExecution,
     CasesEntry,
     ClaimEntry,
-    CycleEntry,
-    ExecuteDocument,
     PaperDocument,
     StiffnessEntry,
 )
+from runtime.documents.parts import given
+from runtime.documents.plans import CycleEntry, ExecuteDocument
 from runtime.execution.execute import Execution, execute
 from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model

@@ -11,7 +11,7 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.documents.plans import ClaimEntry
+from runtime.documents.paper import ClaimEntry
 from runtime.model.loader import Model
 from runtime.study import figures, published
 from runtime.study.identification import Table1
