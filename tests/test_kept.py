@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from runtime.diagnosis.diagnose import diagnose
-from runtime.estimation.identify import Identification, identify
+from runtime.identification.identify import Identification, identify
 from runtime.model.loader import Model
 from tests import bank, kept, plants, sources
 from tests.kept import key

@@ -37,7 +37,8 @@ runtime.model
 runtime.exchange
 runtime.recordings
 runtime.motion
-runtime.estimation
+runtime.regression
+runtime.identification
 runtime.diagnosis
 runtime.inspection
 runtime.simulation
@@ -116,7 +117,14 @@ def test_data_flows_one_way(package: str) -> None:
 
 
 def test_a_recording_never_climbs_on_its_way_to_a_verdict() -> None:
-    way = ["runtime.recordings", "runtime.motion", "runtime.estimation", "runtime.diagnosis", "runtime.report"]
+    way = [
+        "runtime.recordings",
+        "runtime.motion",
+        "runtime.regression",
+        "runtime.identification",
+        "runtime.diagnosis",
+        "runtime.report",
+    ]
     assert [ORDER.index(r) for r in way] == sorted(ORDER.index(r) for r in way)
 
 

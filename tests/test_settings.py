@@ -11,7 +11,7 @@ import pytest
 
 pytestmark = pytest.mark.cheap
 ROOT = Path(__file__).resolve().parent.parent
-ROOMS = ("motion", "estimation", "diagnosis", "inspection", "loop", "experiments", "simulation")
+ROOMS = ("motion", "regression", "identification", "diagnosis", "inspection", "loop", "experiments", "simulation")
 """Rooms of `runtime` whose numbers decide what a recording is said to show."""
 
 SMALL = 1e-8
@@ -27,7 +27,7 @@ ELSEWHERE = {
     "experiments/options.py": "likewise",
     "experiments/pieces.py": "motions, written down as numbers: what is chosen among them is in the settings",
     "experiments/selection.py: WIDER": "factors that stand in words beside themselves",
-    "estimation/covariance.py: estimate": "digits of a number on a page",
+    "identification/covariance.py: estimate": "digits of a number on a page",
     "simulation/simulate.py": "the excitation, a motion written down as numbers",
     "simulation/demo.py": "the arm, the motion and the seeds of the demo, which stand for a user's",
 }

@@ -11,7 +11,7 @@ from runtime.cli.inputs import TypedInputs, check_own
 from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report
 from runtime.cli.output import NO, emit, write_page
 from runtime.documents.fits import IdentifyDocument, JudgedFitDocument
-from runtime.estimation.settings import SKEW_RANGE
+from runtime.identification.settings import SKEW_RANGE
 from symbolic.model_file.arm import ROTOR
 
 app = typer.Typer()
@@ -45,7 +45,7 @@ def identify(
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
     from runtime.diagnosis.credibility import judged
-    from runtime.estimation.identify import identify as fit
+    from runtime.identification.identify import identify as fit
 
     with terminal.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
@@ -93,7 +93,7 @@ def compare(
 
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
-    from runtime.estimation.compare import compare as compared
+    from runtime.identification.compare import compare as compared
 
     with terminal.working("comparing"):
         result = compared(loaded, data)

@@ -26,12 +26,12 @@ from runtime.diagnosis.settings import (
     REFINE_STEPS,
     TRIED_SHAPES,
 )
-from runtime.estimation import grids
-from runtime.estimation.bias import smoothing_change
-from runtime.estimation.covariance import shape_derivative, shape_steps
-from runtime.estimation.problem import Fit, Problem
-from runtime.estimation.regressors import LINK_LOAD, Regressors
-from runtime.estimation.torque_lines import motor_angle
+from runtime.identification import grids
+from runtime.identification.bias import smoothing_change
+from runtime.identification.covariance import shape_derivative, shape_steps
+from runtime.identification.problem import Fit, Problem
+from runtime.identification.regressors import LINK_LOAD, Regressors
+from runtime.identification.torque_lines import motor_angle
 from runtime.model.terms import Term, Values, joints_of, reads_arm
 
 Array = NDArray[np.float64]

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import CONTRADICTS, MATERIAL, ONLY_NOISE
 from runtime.documents.fits import ContradictionEntry, RecordingFit
-from runtime.estimation.covariance import Inference, infer
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.identify import Identification
-from runtime.estimation.problem import Fit, Problem, Skew
-from runtime.estimation.settings import INTERVAL_SIGMAS
+from runtime.identification.covariance import Inference, infer
+from runtime.identification.estimate import Estimate
+from runtime.identification.identify import Identification
+from runtime.identification.problem import Fit, Problem, Skew
+from runtime.identification.settings import INTERVAL_SIGMAS
 from runtime.model.terms import Term
 from runtime.wording import quantity, times_floor
 

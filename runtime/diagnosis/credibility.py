@@ -10,10 +10,10 @@ from runtime.diagnosis import consistency
 from runtime.diagnosis.settings import FAR_ABOVE_NOISE, LEAST_MOVING_S
 from runtime.diagnosis.steps import seconds_moving
 from runtime.documents.fits import JudgedFitDocument
-from runtime.estimation.compare import JointSeries, improper_inertia, series, warnings
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.identify import Identification
-from runtime.estimation.suspicions import Suspicion, suspicions
+from runtime.identification.compare import JointSeries, improper_inertia, series, warnings
+from runtime.identification.estimate import Estimate
+from runtime.identification.identify import Identification
+from runtime.identification.suspicions import Suspicion, suspicions
 from runtime.recordings.recording import Recording
 from symbolic.model_file.arm import ROTOR
 

@@ -32,7 +32,7 @@ from runtime.diagnosis.settings import (
     NO_TORQUE,
 )
 from runtime.documents.diagnosis import LimitEntry
-from runtime.estimation import grids
+from runtime.identification import grids
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of

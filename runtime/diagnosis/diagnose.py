@@ -25,12 +25,12 @@ from runtime.documents.diagnosis import (
     RankedCandidate,
 )
 from runtime.documents.parts import EffectAt, EncoderSkewEntry
-from runtime.estimation.compare import warnings
-from runtime.estimation.covariance import Inference
-from runtime.estimation.identify import prepared, refuse_copies, without_tip_rests
-from runtime.estimation.suspicions import suspicions
-from runtime.estimation.torque_lines import per_turn
-from runtime.estimation.twist import fit_twist
+from runtime.identification.compare import warnings
+from runtime.identification.covariance import Inference
+from runtime.identification.identify import prepared, refuse_copies, without_tip_rests
+from runtime.identification.suspicions import suspicions
+from runtime.identification.torque_lines import per_turn
+from runtime.identification.twist import fit_twist
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion.motion import Motion

@@ -20,13 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from runtime.diagnosis.settings import LARGEST_COLUMN, LEAN, LEAST_OWN
-from runtime.estimation.alike import Alike, Sides
-from runtime.estimation.folds import Grams, NormalEquations
-from runtime.estimation.least_squares import inverse, solve
-from runtime.estimation.robust import lag_by_lag
-from runtime.estimation.settings import FOLDS
-from runtime.estimation.whitening import Whitening, autoregression
+from runtime.regression.alike import Alike, Sides
+from runtime.regression.folds import Grams, NormalEquations
+from runtime.regression.least_squares import inverse, solve
+from runtime.regression.robust import lag_by_lag
+from runtime.regression.settings import FOLDS, LARGEST_COLUMN, LEAN, LEAST_OWN
+from runtime.regression.whitening import Whitening, autoregression
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

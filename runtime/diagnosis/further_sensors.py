@@ -17,20 +17,15 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, Ground
-from runtime.diagnosis.settings import (
-    HALF_OF_TORQUE,
-    LEAST_LAG,
-    LEAST_OWN,
-    OF_TWIST,
-    SENSOR_SIGMAS,
-)
-from runtime.estimation.regressors import Regressors, Signals
-from runtime.estimation.robust import over_stretches
-from runtime.estimation.settings import FOLDS, LARGEST_QUANTILE, LOADED
-from runtime.estimation.twist import late
+from runtime.diagnosis.settings import HALF_OF_TORQUE, LEAST_LAG, OF_TWIST, SENSOR_SIGMAS
+from runtime.identification.regressors import Regressors, Signals
+from runtime.identification.settings import LARGEST_QUANTILE, LOADED
+from runtime.identification.twist import late
 from runtime.model.terms import Term, joints_of
 from runtime.motion.piece import Piece
 from runtime.motion.sensors import Sensors
+from runtime.regression.robust import over_stretches
+from runtime.regression.settings import FOLDS, LEAST_OWN
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,6 @@ from runtime.diagnosis.settings import (
     LEAST_EFFECT,
     LEAST_ERROR_FALL,
     LEAST_LIKELIHOOD_GAIN,
-    LEAST_OWN,
     LEAST_SHARE,
     LEAST_SHARE_OF_ONE,
     MOST_NOISE,
@@ -36,11 +35,12 @@ from runtime.diagnosis.settings import (
     WORTH_A_LOOK,
 )
 from runtime.documents.diagnosis import EvidenceEntry, TwistEvidence
-from runtime.estimation.folds import Grams, NormalEquations
-from runtime.estimation.whitening import Whitening
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
+from runtime.regression.folds import Grams, NormalEquations
+from runtime.regression.settings import LEAST_OWN
+from runtime.regression.whitening import Whitening
 from runtime.wording import times_floor, told_apart, whole_apart
 
 Array = NDArray[np.float64]

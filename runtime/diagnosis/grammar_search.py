@@ -16,8 +16,8 @@ from runtime.diagnosis.settings import GUESS_FINALISTS, GUESS_REACH
 from runtime.diagnosis.steps import Finding, Step
 from runtime.documents.diagnosis import DraftBase
 from runtime.documents.parts import EffectAt
-from runtime.estimation.identify import identify_motion
-from runtime.estimation.problem import Problem
+from runtime.identification.identify import identify_motion
+from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, steps
 

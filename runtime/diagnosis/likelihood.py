@@ -10,9 +10,9 @@ from runtime.diagnosis.evidence import Ground
 from runtime.diagnosis.settings import ABOVE_NOISE, BIC_APART, LEAST_ERROR_FALL
 from runtime.diagnosis.steps import Step
 from runtime.diagnosis.worth import refuted
-from runtime.estimation.folds import bic
-from runtime.estimation.problem import Problem
+from runtime.identification.problem import Problem
 from runtime.model.terms import Term, Values
+from runtime.regression.folds import bic
 
 
 def whitened_bic(ground: Ground, steps: Sequence[Step]) -> list[float]:

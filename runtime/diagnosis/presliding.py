@@ -12,7 +12,7 @@ import numpy as np
 
 from runtime.diagnosis.settings import TAKEN_OVER
 from runtime.diagnosis.steps import Finding, Step
-from runtime.estimation.regressors import Regressors
+from runtime.identification.regressors import Regressors
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 

@@ -18,8 +18,8 @@ from runtime.diagnosis.settings import (
     TIMES_SAID,
 )
 from runtime.diagnosis.steps import Step
-from runtime.estimation.compare import structure_shares
-from runtime.estimation.torque_lines import per_turn
+from runtime.identification.compare import structure_shares
+from runtime.identification.torque_lines import per_turn
 from runtime.model.loader import EffectInfo
 from runtime.motion import spectrum
 

@@ -47,15 +47,6 @@ GAP_OVER_NOISE: Final = 7.0
 """standard deviations of the encoder's noise; a gap that is no wider is crossed where the noise says: two of an
 encoder's steps; the rounding of a step is uniform, and either flank may be a step off."""
 
-LEAN: Final = 0.01
-"""part of what all rows tell of an effect's coefficient; so much speaks for zero where a stretch is left out: where the
-rest tells a hundredth, as of a stop that is only brushed there, its noise does not decide; where it tells nine tenths,
-the coefficient moves by a hundredth; a choice, and simulated recordings of a stop touched once and brushed once."""
-
-LEAST_OWN: Final = 1e-4
-"""part of a column's square; so much the base must leave of it for the column to count as the candidate's own: a
-hundredth of its size; development recordings."""
-
 OF_WHAT_IS_LEFT: Final = 0.3
 """part of what is left; where an error, after the noise that is compensated for, is less, noise is most of it, and
 nothing is known of the rest; development recordings with coarse encoders."""
@@ -271,11 +262,6 @@ recordings with laws that the library lacks."""
 GUESS_REACH: Final = 0.95
 """part of the best guess's fall of BIC; a simpler one within it is preferred; development recordings with laws that the
 library lacks."""
-
-# columns ------------------------------------------------------------------------------------------------------------
-
-LARGEST_COLUMN: Final = 1e100
-"""unit of the column; beyond it a simulation has overflown, and squares soon do; double precision."""
 
 # detection limits ---------------------------------------------------------------------------------------------------
 

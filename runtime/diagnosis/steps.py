@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.gates import Evidence, Verdict
-from runtime.estimation.compare import JointSeries, errors, series
-from runtime.estimation.identify import Identification
-from runtime.estimation.problem import Problem
+from runtime.identification.compare import JointSeries, errors, series
+from runtime.identification.identify import Identification
+from runtime.identification.problem import Problem
 from runtime.model.terms import Term, Values
 from runtime.motion.motion import Motion
 

@@ -12,8 +12,8 @@ from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.gates import Evidence
 from runtime.diagnosis.steps import Finding, Step, errors_elsewhere
 from runtime.diagnosis.worth import needless, same_signals
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.identify import Identification, identify_motion
+from runtime.identification.estimate import Estimate
+from runtime.identification.identify import Identification, identify_motion
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, Values
 from runtime.motion.motion import Motion

@@ -1,6 +1,6 @@
 """Elasticity and backlash as a link-side encoder shows them, also where the motor torque does not.
 
-The twist equation (runtime/estimation/twist.py) is a regression of its own, on rows of an angle: the gates that a
+The twist equation (runtime/identification/twist.py) is a regression of its own, on rows of an angle: the gates that a
 candidate must pass on the torque are asked on those rows, with the encoders' noise in the place of the torque's.
 """
 
@@ -16,8 +16,8 @@ from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.further_sensors import FailedGate
 from runtime.diagnosis.gates import Evidence, Figures, Shown
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.twist import TwistEquation, TwistFit, TwistRows, fit_twist
+from runtime.identification.estimate import Estimate
+from runtime.identification.twist import TwistEquation, TwistFit, TwistRows, fit_twist
 from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term
 

@@ -22,9 +22,9 @@ from runtime.diagnosis.settings import (
     UNRESOLVED_ORDER,
 )
 from runtime.diagnosis.steps import Errors, Step
-from runtime.estimation.covariance import given_shape
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.settings import INTERVAL_SIGMAS
+from runtime.identification.covariance import given_shape
+from runtime.identification.estimate import Estimate
+from runtime.identification.settings import INTERVAL_SIGMAS
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure

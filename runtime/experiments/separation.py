@@ -17,13 +17,12 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.estimation import grids
-from runtime.estimation.identify import prepared
-from runtime.estimation.least_squares import bounded
-from runtime.estimation.problem import Problem
-from runtime.estimation.regressors import Signals
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
+from runtime.identification import grids
+from runtime.identification.identify import prepared
+from runtime.identification.problem import Problem
+from runtime.identification.regressors import Signals
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of
 from runtime.motion.band import Band
@@ -32,6 +31,7 @@ from runtime.motion.piece import Piece
 from runtime.motion.prepare import prepare
 from runtime.progress import of_each
 from runtime.recordings.recording import Recording
+from runtime.regression.least_squares import bounded
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, led, simulate
 

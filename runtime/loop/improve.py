@@ -15,9 +15,9 @@ from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_entry
 from runtime.diagnosis.steps import Finding, Step, residuals_elsewhere
 from runtime.documents.diagnosis import FitsEntry, HistoryEntry, ImprovementBase
 from runtime.documents.fits import FitDocument
-from runtime.estimation.compare import JointSeries, laid_open
-from runtime.estimation.identify import Identification, without_tip_rests
-from runtime.estimation.problem import Problem
+from runtime.identification.compare import JointSeries, laid_open
+from runtime.identification.identify import Identification, without_tip_rests
+from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.motion import repeats

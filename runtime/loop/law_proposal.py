@@ -13,7 +13,7 @@ from runtime.diagnosis.grammar_search import Draft, best
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.steps import Step
 from runtime.documents.diagnosis import DiagnosisBase
-from runtime.estimation.compare import structure_entries
+from runtime.identification.compare import structure_entries
 from runtime.model.loader import Model
 
 

@@ -16,7 +16,7 @@ from runtime.diagnosis.diagnose import Diagnosis
 from runtime.documents.fits import JudgedFitDocument
 from runtime.documents.models import ExportDocument
 from runtime.documents.plans import OptimizeDocument
-from runtime.estimation.compare import Comparison
+from runtime.identification.compare import Comparison
 from runtime.loop.improve import Improvement
 from runtime.model.loader import Model
 from runtime.model.terms import structure

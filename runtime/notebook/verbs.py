@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis import diagnose as diagnosis
 from runtime.diagnosis.credibility import judged
-from runtime.estimation import compare as comparison
-from runtime.estimation import identify as identification
+from runtime.identification import compare as comparison
+from runtime.identification import identify as identification
 from runtime.loop import improve as loop
 from runtime.notebook.results import (
     ComparisonResult,

@@ -19,8 +19,8 @@ from runtime.documents.fits import (
     StructureShare,
 )
 from runtime.documents.parts import BandEntry, DelayEntry, EstimateEntry, SkewEntry, given
-from runtime.estimation.covariance import estimate
-from runtime.estimation.estimate import Estimate
+from runtime.identification.covariance import estimate
+from runtime.identification.estimate import Estimate
 from runtime.report.sections import Cell, Group, Paragraph, Section, TableColumn, TableSection, table, texts, words
 from runtime.wording import (
     MORE_THAN_NOISE,

@@ -15,7 +15,7 @@ from runtime.diagnosis.remainder import physics
 from runtime.diagnosis.steps import Finding, Step
 from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEntry, ImprovementDocument, PeaksEntry
 from runtime.documents.fits import CompareDocument
-from runtime.estimation.compare import Comparison, JointSeries
+from runtime.identification.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described
 from runtime.model.terms import Term, at, joints_of

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from runtime.estimation.grids import points
-from runtime.estimation.regressors import Regressors, Signals
+from runtime.identification.grids import points
+from runtime.identification.regressors import Regressors, Signals
 from runtime.model.loader import Library, Model
 from runtime.model.terms import OF_OTHERS, Prediction, Structure, Term, Values, check_complete, joints_of, structure
 from runtime.motion.band import Band

@@ -25,9 +25,9 @@ from runtime.diagnosis.diagnose import conclude, judged
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Step
 from runtime.documents.parts import Document
-from runtime.estimation.compare import Comparison, JointSeries, as_written
-from runtime.estimation.regressors import Signals
 from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
+from runtime.identification.compare import Comparison, JointSeries, as_written
+from runtime.identification.regressors import Signals
 from runtime.inspection.inspection import Inspection, inspect
 from runtime.loop.improve import HeldOut, left
 from runtime.model.loader import Model

@@ -26,12 +26,12 @@ from runtime.documents.paper import (
     Table1JointEntry,
     Table1Published,
 )
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.identify import Identification, identify_motion, prepared
-from runtime.estimation.regressors import Regressors
-from runtime.estimation.settings import NOMINAL_SKEW
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
+from runtime.identification.estimate import Estimate
+from runtime.identification.identify import Identification, identify_motion, prepared
+from runtime.identification.regressors import Regressors
+from runtime.identification.settings import NOMINAL_SKEW
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term
 from runtime.motion.band import choose_band

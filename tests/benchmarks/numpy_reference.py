@@ -10,7 +10,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from codegen import effect_functions
-from runtime.estimation.problem import Problem
+from runtime.identification.problem import Problem
 from runtime.model.terms import Term, Values, joints_of
 from runtime.motion.piece import Piece
 from symbolic import primitives

@@ -13,9 +13,9 @@ from numpy_reference import NumPyFit
 
 from runtime.diagnosis import diagnose
 from runtime.diagnosis.gates import rank
-from runtime.estimation import compare, identify
-from runtime.estimation.identify import Identification
-from runtime.estimation.problem import Problem, Skew
+from runtime.identification import compare, identify
+from runtime.identification.identify import Identification
+from runtime.identification.problem import Problem, Skew
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.recordings import recording

@@ -21,7 +21,7 @@ from harness import SHORT, show, sized
 from runtime.diagnosis import diagnose as whole
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.settings import MOST_FINDINGS
-from runtime.estimation.identify import prepared
+from runtime.identification.identify import prepared
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.motion.motion import Motion
@@ -31,7 +31,7 @@ from runtime.simulation.simulate import parse_hidden, simulate
 from tests.judge import cases
 from tests.judge.line import code, opened
 
-ROOMS = ("diagnosis", "estimation", "motion")
+ROOMS = ("diagnosis", "identification", "regression", "motion")
 BUDGET = float(os.environ.get("TENDON_BENCHMARK_BUDGET", "1500"))
 """Seconds after which nothing is begun; the table goes on where it ended, unless the code has changed."""
 TABLES = Path.home() / ".cache" / "tendon" / "benchmarks"

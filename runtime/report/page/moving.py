@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.steps import Step
-from runtime.estimation.regressors import Signals
 from runtime.execution.execute import Execution
 from runtime.execution.trial import RUN_IN, Trial
+from runtime.identification.regressors import Signals
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, given
 from runtime.motion.motion import Motion

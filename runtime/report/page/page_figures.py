@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from runtime.diagnosis.steps import Finding, Step
-from runtime.estimation.compare import JointSeries, structure_shares
+from runtime.identification.compare import JointSeries, structure_shares
 from runtime.model.catalogue import EffectInfo
 from runtime.motion import spectrum
 from runtime.report.plots import joint_plots, style

@@ -17,8 +17,8 @@ from runtime.documents.diagnosis import CommandEntry, HistoryEntry, RankedCandid
 from runtime.documents.fits import CompareDocument, JointEntry
 from runtime.documents.parts import given
 from runtime.documents.plans import ExecuteDocument, MotionDocument, OptimizeDocument
-from runtime.estimation.compare import as_written, structure_entries, structure_shares
 from runtime.execution.execute import Execution
+from runtime.identification.compare import as_written, structure_entries, structure_shares
 from runtime.loop.improve import Improvement
 from runtime.model.loader import Model
 from runtime.model.terms import Term

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.steps import Step
-from runtime.estimation.compare import JointSeries, structure_shares
+from runtime.identification.compare import JointSeries, structure_shares
 from runtime.loop.improve import HeldOut
 from runtime.motion import spectrum
 from runtime.motion.motion import Motion

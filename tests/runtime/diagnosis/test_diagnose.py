@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
-from runtime.estimation.identify import prepared
+from runtime.identification.identify import prepared
 from runtime.loop.improve import improve
 from runtime.model.loader import Model
 from runtime.motion import repeats

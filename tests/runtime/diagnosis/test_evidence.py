@@ -16,9 +16,9 @@ from scipy.signal import lfilter
 from runtime.diagnosis import gates
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows, vuong
-from runtime.estimation.settings import FOLDS, WHITE_LEAST
-from runtime.estimation.whitening import Whitening, autoregression
 from runtime.model.terms import Term
+from runtime.regression.settings import FOLDS, WHITE_LEAST
+from runtime.regression.whitening import Whitening, autoregression
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.estimation.identify import identify_motion, prepared
+from runtime.identification.identify import identify_motion, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion.filters import low_pass

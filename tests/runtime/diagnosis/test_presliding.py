@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from runtime.diagnosis.diagnose import diagnose
-from runtime.estimation.identify import identify, identify_motion
+from runtime.identification.identify import identify, identify_motion
 from runtime.model.terms import Term, structure
 from runtime.workspace.source import Source
 from tests.judge.cases import Setting, cases, make

@@ -16,7 +16,7 @@ from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.diagnosis.further_sensors import FurtherSensors, echo
 from runtime.diagnosis.telling_signals import missing
-from runtime.estimation.identify import identify
+from runtime.identification.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.band import rigid_inertia

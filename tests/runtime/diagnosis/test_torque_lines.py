@@ -12,8 +12,8 @@ import pytest
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.diagnosis.remainder import above_band
 from runtime.diagnosis.search import Step
-from runtime.estimation.identify import identify, prepared
-from runtime.estimation.torque_lines import per_turn
+from runtime.identification.identify import identify, prepared
+from runtime.identification.torque_lines import per_turn
 from runtime.loop.improve import improve
 from runtime.motion.angle_spectrum import angle_spectrum, lines
 from runtime.workspace.source import Source

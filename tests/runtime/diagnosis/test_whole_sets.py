@@ -11,7 +11,7 @@ from runtime.diagnosis.diagnose import Diagnosis, diagnose, finding_entry
 from runtime.diagnosis.gates import weigh
 from runtime.diagnosis.search import Search
 from runtime.diagnosis.steps import Finding, Step
-from runtime.estimation.identify import identify, identify_motion
+from runtime.identification.identify import identify, identify_motion
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.workspace.source import Source

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from codegen.prepare import prepare_arm
-from runtime.estimation.regressors import Signals
+from runtime.identification.regressors import Signals
 from runtime.model import terms
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Structure, Term

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from codegen.prepare import prepare_arm
 from runtime.diagnosis.diagnose import diagnose
-from runtime.estimation.identify import Identification, identify_motion, prepared
-from runtime.estimation.regressors import Regressors
+from runtime.identification.identify import Identification, identify_motion, prepared
+from runtime.identification.regressors import Regressors
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Term, structure
 from runtime.motion.band import choose_band, coupled

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime.diagnosis.diagnose import diagnose
-from runtime.estimation.identify import identify, prepared
+from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.clock import grid

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter, savgol_filter
 
-from runtime.estimation.identify import Identification, identify
+from runtime.identification.identify import Identification, identify
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings

@@ -17,7 +17,7 @@ from runtime.cli import output
 from runtime.cli.main import app
 from runtime.diagnosis.diagnose import begin
 from runtime.diagnosis.remainder import outside
-from runtime.estimation.identify import prepared
+from runtime.identification.identify import prepared
 from runtime.model.loader import Model
 from runtime.motion import clock, rates, spectrum
 from runtime.motion.inertia import believable

@@ -30,10 +30,10 @@ from runtime.diagnosis.sensor_worth import SensorWorth
 from runtime.diagnosis.steps import Errors, Finding, Step
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
-from runtime.estimation import covariance
-from runtime.estimation.compare import Comparison, as_written, compare, series, structure_shares
-from runtime.estimation.estimate import Estimate
-from runtime.estimation.identify import identify_motion, prepared
+from runtime.identification import covariance
+from runtime.identification.compare import Comparison, as_written, compare, series, structure_shares
+from runtime.identification.estimate import Estimate
+from runtime.identification.identify import identify_motion, prepared
 from runtime.loop.improve import Improvement, floors
 from runtime.model.terms import Term, structure
 from runtime.motion import spectrum

@@ -15,8 +15,8 @@ from runtime.cli.main import app
 from runtime.diagnosis.candidates import Candidate, CandidateField
 from runtime.diagnosis.diagnose import diagnose
 from runtime.diagnosis.further_sensors import FurtherSensors
-from runtime.estimation.identify import identify
-from runtime.estimation.regressors import Signals
+from runtime.identification.identify import identify
+from runtime.identification.regressors import Signals
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, structure
 from runtime.recordings.recording import Recording

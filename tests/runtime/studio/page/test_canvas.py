@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.estimation.compare import JointSeries
+from runtime.identification.compare import JointSeries
 from runtime.motion.noise_floor import Floor
 from runtime.report.page import html
 from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC

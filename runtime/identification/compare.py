@@ -1,0 +1,379 @@
+"""Where does the model fail? The residual of every joint, its share of the torque, and where it sits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec import UNSET
+from numpy.typing import NDArray
+
+from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, StructureShare, WrittenError
+from runtime.identification.identify import Identification, identify
+from runtime.identification.left_out import untold
+from runtime.identification.problem import least_inertia
+from runtime.identification.regressors import Regressors, Signals
+from runtime.identification.settings import (
+    FRICTION_RANGE,
+    FRICTION_SPEEDS,
+    HARDLY_POSITIVE,
+    STRUCTURE_BINS,
+    STRUCTURE_LEAST_SHARE,
+)
+from runtime.identification.suspicions import doubts, suspicions
+from runtime.model.loader import Model
+from runtime.model.terms import Prediction, joints_of, structure
+from runtime.motion import repeats
+from runtime.motion.inertia import asked
+from runtime.motion.motion import Motion
+from runtime.motion.noise_floor import Floor, floor
+from runtime.recordings.recording import Recording
+from runtime.wording import quantity
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointSeries:
+    """One joint (1-based) in the band, for figures: rows that count only, each array (M,).
+
+    residual = tau − predicted; load and temperature's rise are None where there is none.
+    """
+
+    joint: int
+    force_unit: str
+    position_unit: str
+    t: Array
+    piece: NDArray[np.intp]
+    q: Array
+    qd: Array
+    qdd: Array
+    load: Array
+    warmth: Array | None
+    tau: Array
+    predicted: Array
+    floor: Floor
+    name: str | None = None
+
+    @property
+    def residual(self) -> Array:
+        """(M,) measured less predicted torque."""
+        return self.tau - self.predicted
+
+    @property
+    def rms(self) -> float:
+        """Of the residual, in the unit of the joint's torque."""
+        return errors(self.residual, self.tau)[0]
+
+    @property
+    def relative(self) -> float:
+        """‖τ − τ̂‖ / ‖τ‖."""
+        return errors(self.residual, self.tau)[1]
+
+    def signals(self) -> dict[str, Array]:
+        """What a residual may be structured over, by the names that `compare --json` uses."""
+        found = {
+            "position": self.q,
+            "velocity": self.qd,
+            "direction": np.sign(self.qd),
+            "acceleration": self.qdd,
+            "load": self.load,
+            "time": self.t,
+        }
+        if self.warmth is not None:
+            found["temperature"] = self.warmth
+        return found
+
+    def document(self) -> JointEntry:
+        """A joint's part of every document of a fit."""
+        return JointEntry(
+            joint=self.joint,
+            name=UNSET if self.name is None else self.name,
+            unit=self.force_unit,
+            rms=self.rms,
+            relative=self.relative,
+            floor=self.floor.value,
+            floor_source=self.floor.source,
+            repeatable=self.floor.repeatable(self.rms),
+        )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model's structure, fitted, against recordings; `written`: (rms, relative) with the file's own values."""
+
+    identification: Identification
+    joints: tuple[JointSeries, ...]
+    written: tuple[tuple[float, float], ...] | None
+
+    def document(self) -> CompareDocument:
+        """As `tendon compare --json`."""
+        errors = [None] * len(self.joints) if self.written is None else self.written
+        written = [None if e is None else WrittenError(rms=e[0], relative=e[1]) for e in errors]
+        joints = [
+            series.document().as_part_of(ComparedJoint, structure=structure_entries(series), as_written=error)
+            for series, error in zip(self.joints, written, strict=True)
+        ]
+        return CompareDocument(
+            band=self.identification.motion.band.document(),
+            skew=self.identification.inference.skew_entry(),
+            joints=joints,
+            warnings=warnings(self.identification),
+        )
+
+
+def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
+    """Fit the model file's structure to the recordings and lay its residual open."""
+    identification = identify(model, recordings)
+    return Comparison(identification, series(identification), as_written(identification))
+
+
+def series(identification: Identification) -> tuple[JointSeries, ...]:
+    """Every joint's torque and prediction on the rows that count."""
+    motion, fit, found = identification.motion, identification.fit, repeats.find(identification.motion)
+    floors = []
+    for i, residual in enumerate(fit.residual):
+        noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
+        floors.append(floor(motion, found[i], i, residual=residual, read=fit.coefficients @ noise + fixed_noise))
+    return laid_open(identification, motion, fit.residual, floors)
+
+
+def laid_open(
+    identification: Identification, motion: Motion, residuals: Sequence[Array], floors: Sequence[Floor]
+) -> tuple[JointSeries, ...]:
+    """Every joint's torque and prediction on a motion, that of the fit or another one, on the rows that count.
+
+    residuals   per joint (M,) what the fit leaves of the torque on it     floors   of every joint there
+    """
+    model, fit = identification.model, identification.fit
+    regressors = Regressors(model, motion, fit.prediction)
+    out = []
+    for i, joint in enumerate(model.joints):
+        use = motion.moving(i)
+        tau = motion.recorded(i, fit.skew)
+        load = np.concatenate([np.asarray(s.at("load", i))[s.piece.centres] for s in regressors.signals(i)])
+        warm = all(bool(p.measured[i]) for p in motion.pieces)
+        out.append(
+            JointSeries(
+                i + 1,
+                joint.force_unit,
+                joint.position_unit,
+                t=motion.row_time(i)[use],
+                piece=motion.row_piece(i)[use],
+                q=motion.rows("q", i)[i, use],
+                qd=motion.rows("qd", i)[i, use],
+                qdd=motion.rows("qdd", i)[i, use],
+                load=load[use],
+                warmth=motion.rows("warmth", i)[i, use] if warm else None,
+                tau=tau[use],
+                predicted=(tau - residuals[i])[use],
+                floor=floors[i],
+                name=joint.name,
+            )
+        )
+    return tuple(out)
+
+
+def structure_entries(series: JointSeries) -> list[StructureShare]:
+    """Signals over which the residual is structured, the largest share first."""
+    shares = sorted(structure_shares(series).items(), key=lambda item: -item[1])
+    found = [entry for entry in shares if entry[1] > STRUCTURE_LEAST_SHARE]
+    return [StructureShare(signal=signal, share=share) for signal, share in found]
+
+
+def structure_shares(series: JointSeries) -> dict[str, float]:
+    """Share of the residual's variance that curves over each signal explain, one for each direction of motion.
+
+    Friction leaves opposite residuals in the two directions, which a single curve would miss; so the
+    difference between the directions counts as "direction" and in every other signal.
+    """
+    r = series.residual
+    total = float(np.sum((r - r.mean()) ** 2)) if len(r) else 0.0
+    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > 2 * STRUCTURE_BINS]
+    if total == 0 or not sides:
+        return dict.fromkeys(series.signals(), 0.0)
+    between = sum(float(use.sum() * (r[use].mean() - r.mean()) ** 2) for use in sides) / total
+    found = dict.fromkeys(series.signals(), between)
+    for use in sides:
+        part = r[use] - r[use].mean()
+        for name, values in series.signals().items():
+            if name != "direction" and part.any():
+                found[name] += float(part @ part) / total * _share(part, values[use])
+    return {name: min(share, 1.0) for name, share in found.items()}
+
+
+def _share(r: Array, values: Array) -> float:
+    """Share of the variance of r (N,) that its means over quantile bins explain, less what chance would.
+
+    What the means leave tells how much of their squares is chance: if it hangs together from row to row, so many rows
+    are one. r itself does not tell that: a function of a slow signal is as slow.
+    """
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, STRUCTURE_BINS + 1)[1:-1]))
+    index = np.searchsorted(edges, values)
+    count = np.bincount(index)
+    means = np.bincount(index, weights=r) / np.maximum(count, 1)
+    left = r - means[index]
+    bins, power = int(np.count_nonzero(count)), float(left @ left)
+    lag = float(np.clip((left[1:] @ left[:-1]) / power, 0.0, 1.0)) if power else 0.0
+    # Rows that are as good as one, of which some must be over once every bin has had its mean.
+    alike = (1 + lag) / max(1 - lag, 1e-12)
+    over = len(r) - bins * alike
+    if over <= 0:
+        return 0.0
+    chance = (bins - 1) * alike * power / over
+    return float(np.clip(1 - (power + chance) / float(r @ r), 0.0, 1.0))
+
+
+def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:
+    """(rms, relative) a joint with the file's own values; None where the file leaves values open."""
+    model, motion = identification.model, identification.motion
+    if not model.lumps_known and not motion.rigid_given:
+        return None
+    known = structure(model)
+    for term, values in known.items():
+        info = model.library.effects[term.effect]
+        if any(p.name not in values and p.role != "given" for p in info.parameters):
+            return None
+    prediction = Prediction(identification.problem.layout.stated[: len(model.lumps)], known)
+    out = []
+    for i in range(model.n):
+        predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces_of(i)])
+        use = motion.moving(i)
+        left = motion.torque(i, identification.fit.skew)[use] - predicted[use]
+        out.append(errors(left, motion.recorded(i, identification.fit.skew)[use]))
+    return tuple(out)
+
+
+def errors(residual: Array, tau: Array) -> tuple[float, float]:
+    """RMS and ‖τ − τ̂‖/‖τ‖ of a joint's rows; zeros where there are none."""
+    total = float(np.linalg.norm(tau))
+    if not total:
+        return 0.0, 0.0
+    with np.errstate(over="ignore"):  # what is simulated along another motion may have no end
+        size = float(np.linalg.norm(residual))
+    return size / float(np.sqrt(len(residual))), size / total
+
+
+def _torque(signals: Signals, joint: int) -> Array:
+    total = signals.rigid[joint].copy()
+    if signals.prediction is not None:
+        for term in signals.prediction.values:
+            if joint in joints_of(signals.model, term):
+                total += signals.torque(term, joint)
+    return signals.piece.equation(signals.piece.in_band(total), joint)
+
+
+def warnings(identification: Identification) -> list[str]:
+    """What a user should know before trusting the fitted model."""
+    wrong = suspicions(identification)
+    if wrong:  # whatever else is odd follows from it
+        return [f"the data look wrong: {suspicion}" for suspicion in wrong]
+    return [
+        *(f"the data may be wrong: {doubt}" for doubt in doubts(identification)),
+        *left_out(identification),
+        *early_torques(identification),
+        *idle_terms(identification),
+        *improper_inertia(identification),
+        *range_warnings(identification),
+        *untold(identification.model, identification.fit.prediction.values),
+    ]
+
+
+def left_out(identification: Identification) -> list[str]:
+    """Joints of which nothing is fitted, and why."""
+    motion, found = identification.motion, []
+    for i in np.flatnonzero(np.isinf(motion.standstill)):
+        passive = all(float(np.ptp(p.tau[i])) == 0 for p in motion.pieces)
+        why = f"tau{i + 1} is constant, as of a joint without a motor" if passive else "it is held"
+        found.append(f"joint {i + 1}: left out of the fit: {why}")
+    return found
+
+
+def early_torques(identification: Identification) -> list[str]:
+    """Joints whose torque leads the motion by more than a hold explains, and that no effect of the structure delays."""
+    model, fit = identification.model, identification.fit
+    if fit.ahead is None:
+        return []
+    delayed = {t.joint for t in fit.shapes if model.library.effects[t.effect].of_kind("lead")}
+    return [
+        f"joint {joint}: the recorded torque is {quantity(abs(time), 's', 3)} {'ahead of' if time > 0 else 'behind'} "
+        "its motion, beyond half a sample of a hold; that is left in the error: tendon diagnose says by which effect"
+        for joint, time in enumerate(fit.ahead.times, start=1)
+        if time and joint not in delayed
+    ]
+
+
+def idle_terms(identification: Identification) -> list[str]:
+    """Effects whose coefficients have all come to zero, at the bound of what is physical."""
+    problem, fit = identification.problem, identification.fit
+    own = {term: fit.coefficients[problem.layout.slices[term]] for term in problem.layout.terms}
+    idle = [str(term) for term, solved in own.items() if len(solved) and not solved.any()]
+    if not idle:
+        return []
+    has, it = ("has", "it") if len(idle) == 1 else ("have", "them")
+    return [f"{', '.join(idle)} {has} come to 0: the other effects do without {it}; leave {it} out if you agree"]
+
+
+def improper_inertia(identification: Identification) -> list[str]:
+    """That the fit wants an inertia that no arm has, and stopped at the bound of what is physical."""
+    model, motion = identification.model, identification.motion
+    if motion.rigid_given:
+        return []
+    lumps = identification.fit.coefficients[identification.problem.layout.lumps]
+    fitted = least_inertia(model, motion, lumps)[0]
+    given = least_inertia(model, motion, model.lump_values)[0] if model.lumps_known else _least_apparent(motion)
+    if fitted > HARDLY_POSITIVE * given:
+        return []
+    return [
+        "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
+        "or the data is wrong"
+    ]
+
+
+def _least_apparent(motion: Motion) -> float:
+    """The least inertia that the torque of a joint which moves asks for, kg m² (kg); 0 if none asks for any."""
+    found = []
+    for i in range(motion.n):
+        use = motion.moving(i)
+        if use.any():
+            q, qd, qdd = (motion.rows(name, i)[:, use] for name in ("q", "qd", "qdd"))
+            found.append(asked(i, q, qd, qdd=qdd, tau=motion.torque(i, 0.0)[use]))
+    return min((x for x in found if np.isfinite(x)), default=0.0)
+
+
+def range_warnings(identification: Identification) -> list[str]:
+    """Speeds within a joint's limits at which its identified friction would drive it: outside the data's range."""
+    model, motion = identification.model, identification.motion
+    found = []
+    for i, joint in enumerate(model.joints):
+        fastest = _fastest(motion, i)
+        turn = active_from(identification, i, FRICTION_RANGE * fastest)
+        if turn is not None:
+            found.append(
+                f"joint {i + 1}: the friction found drives the joint from {turn:.3g} {joint.position_unit}/s on; "
+                f"the data reach {fastest:.3g}: use the model within them only"
+            )
+    return found
+
+
+def _fastest(motion: Motion, joint: int) -> float:
+    return max(float(np.abs(p.qd[joint]).max()) for p in motion.pieces_of(joint))
+
+
+def active_from(identification: Identification, joint: int, up_to: float) -> float | None:
+    """Smallest speed up to which the joint's summed static friction stops dissipating; None if it never does."""
+    model, prediction = identification.model, identification.fit.prediction
+    speeds = np.linspace(up_to / FRICTION_SPEEDS, up_to, FRICTION_SPEEDS)
+    worst: float | None = None
+    for direction in (1.0, -1.0):
+        total = np.zeros_like(speeds)
+        for term, values in prediction.values.items():
+            info = model.library.effects[term.effect]
+            if term.joint == joint + 1 and info.rubs and set(info.signals) <= {"q", "qd"}:
+                signals = {"qd": direction * speeds, "q": np.zeros_like(speeds)}
+                total += model.library.torque(term.effect, signals, values, 1.0)
+        driving = np.flatnonzero(direction * total < 0)
+        if len(driving):
+            worst = float(speeds[driving[0]]) if worst is None else min(worst, float(speeds[driving[0]]))
+    return worst

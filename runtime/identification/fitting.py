@@ -1,0 +1,308 @@
+"""One fit of all parameters of a structure, to a motion that is prepared.
+
+Linear coefficients are solved exactly for every trial of the shape parameters and of the skew between
+torque and encoder (variable projection, Golub & Pereyra 1973). The inertia matrix stays positive
+definite over the recorded motion, and effects stay within their physical bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.identification import delays, gaps, grids, onset_places
+from runtime.identification.left_out import open_rotors
+from runtime.identification.problem import Fit, Problem, Skew, first_least
+from runtime.identification.regressors import Ahead, Regressors
+from runtime.identification.settings import (
+    HOLD,
+    NOMINAL_SKEW,
+    PREDICTION_PASSES,
+    ROTOR_ASSUMED,
+    ROTOR_SHARES,
+    SAME_PREDICTION,
+    SAME_RESIDUAL,
+    SEARCH_EVALUATIONS,
+    SEARCH_FALL,
+    SEARCH_INSIDE,
+    SEARCH_STEP,
+    SKEW_RANGE,
+    SKEW_SIGMAS,
+    SKEWS_APART,
+    SOFT_SKEW_PASSES,
+)
+from runtime.identification.torque_lines import motor_angle
+from runtime.model.loader import Model
+from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
+from runtime.motion.motion import Motion
+from runtime.recordings.recording import RecordingError
+from runtime.regression.least_squares import inverse
+
+Array = NDArray[np.float64]
+
+
+def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]:
+    """Shape values from the file where it states them, else the best of the grid, one term after another."""
+    shapes: dict[Term, Values] = {}
+    open_terms: list[tuple[Term, list[Values]]] = []
+    lines: list[Term] = []
+    for term in problem.layout.terms:
+        line = problem.model.library.effects[term.effect].line
+        if line is not None and line.name not in known.get(term, {}):
+            lines.append(term)
+        names = [p.name for p in problem.model.library.effects[term.effect].shape]
+        given = {k: v for k, v in known.get(term, {}).items() if k in names}
+        choices = grids.points(problem.regressors, term)
+        choices = list({tuple({**c, **given}.items()): {**c, **given} for c in choices}.values())
+        if not choices and len(given) < len(names):
+            raise RecordingError(
+                f"{term} cannot be placed: these recordings give its {' and '.join(names)} no scale (a link without "
+                "inertia, a joint without dry friction); state them in the model file, or leave the effect out"
+            )
+        choices = choices or [given]
+        shapes[term] = choices[len(choices) // 2]
+        if len(choices) > 1:
+            open_terms.append((term, choices))
+    for term, choices in open_terms:
+        problem.foresee(term, choices, shapes)
+        errors = problem.errors([{**shapes, term: c} for c in choices], skew)
+        shapes[term] = choices[first_least(errors)]
+    for k, term in enumerate(lines):
+        shapes[term] = _on_strongest_line(problem, shapes, skew, lines[k:])
+    return shapes
+
+
+def _on_strongest_line(problem: Problem, shapes: dict[Term, Values], skew: Skew, open_lines: Sequence[Term]) -> Values:
+    """Shape of the first of these terms with its order on the strongest line of what the others of the structure leave
+    over its motor's angle; as it was if none stands out."""
+    term = open_lines[0]
+    line, joint = problem.model.library.effects[term.effect].line, joints_of(problem.model, term)[0]
+    terms = [t for t in problem.layout.terms if t not in open_lines]
+    others = Problem(problem.model, problem.motion, terms, problem.regressors.prediction)
+    left, use = others.solve(shapes, skew).residual[joint], problem.motion.moving(joint)
+    base = others.rows(joint, shapes)[0][:, use]
+    base = base[np.any(base != 0, axis=1)]
+    orders, _ = motor_angle(problem.model, problem.motion, joint).lines(left[use], base, inverse(base @ base.T))
+    return {**shapes[term], line.name: float(orders[0])} if line and len(orders) else shapes[term]
+
+
+def solve(
+    model: Model, motion: Motion, known: Structure, skew: float | None, start: Fit | None = None
+) -> tuple[Problem, Fit]:
+    """Fit all of a structure's parameters.
+
+    known   active terms with the values from which the search starts (shapes; linear ones need none)
+    skew    samples, or None to estimate it
+    start   an earlier fit with at least some of the terms, for its shapes and prediction
+    """
+    terms = tuple(known)
+    needs = [t for t in terms if _needs_prediction(model, t)]
+    prediction = start.prediction if start else None
+    shapes: dict[Term, Values] = dict(start.shapes) if start else {}
+    if prediction is None and needs:
+        _, plain = solve(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
+        prediction, shapes = plain.prediction, dict(plain.shapes)
+        start = plain
+    if prediction is not None and not drivable(model, motion, needs, prediction):
+        # What an ill-posed fit leaves without inertia cannot be simulated; what the file says of it can.
+        prediction = replace(prediction, lumps=model.lumps_or(prediction.lumps))
+    at = skew if skew is not None else (start.skew if start else NOMINAL_SKEW)
+    free = skew is None
+    if free and any("torque_rate" in model.library.needs[t.effect] for t in terms):
+        # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
+        free = False
+        at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
+    ahead = start.ahead if start else None
+    problem, fit = _refine(
+        model, motion, known, shapes=shapes, skew=at, free_skew=free, prediction=prediction, ahead=ahead
+    )
+    for _ in range(PREDICTION_PASSES - 1 if needs else 0):
+        before = fit
+        if not drivable(model, motion, needs, fit.prediction):
+            break
+        problem, fit = _refine(
+            model,
+            motion,
+            known,
+            shapes=fit.shapes,
+            skew=fit.skew,
+            free_skew=free,
+            prediction=fit.prediction,
+            ahead=_delayed(model, motion, fit),
+        )
+        if np.allclose(before.coefficients, fit.coefficients, rtol=SAME_PREDICTION, atol=0.0) or _settles(before, fit):
+            break
+    return problem, fit
+
+
+def _settles(before: Fit, after: Fit) -> bool:
+    """Whether what is left of no joint's torque moves by more than noise does: what the data hardly tell, a place that
+    few rows pass, may go on wandering."""
+    both = zip(before.residual, after.residual, strict=True)
+    return all(np.linalg.norm(b - a) <= SAME_RESIDUAL * np.linalg.norm(b) for a, b in both)
+
+
+def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:
+    """Where delays are exact, moved to the delays that were found."""
+    if fit.ahead is None:
+        return None
+    times = list(fit.ahead.times)
+    for term, values in fit.prediction.values.items():
+        lead = model.library.effects[term.effect].of_kind("lead")
+        if lead is not None and term.joint is not None:
+            times[term.joint - 1] = values[lead.name]
+    return delays.large(motion, fit.skew, times)
+
+
+def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
+    """Whether what hangs on every transmission has an inertia, without which its motion has no meaning."""
+    regressors = Regressors(model, motion, prediction)
+    own = [t.joint - 1 for t in terms if t.joint and model.library.effects[t.effect].gives_way]
+    return all(float(np.min(s.link_inertia(i))) > 0 for i in own for s in regressors.signals(i))
+
+
+def _needs_prediction(model: Model, term: Term) -> bool:
+    return bool(model.library.needs[term.effect] & IDENTIFIED)
+
+
+def _refine(
+    model: Model,
+    motion: Motion,
+    known: Structure,
+    shapes: dict[Term, Values],
+    skew: float,
+    free_skew: bool,
+    prediction: Prediction | None,
+    ahead: Ahead | None = None,
+) -> tuple[Problem, Fit]:
+    # What gives way delays, too: beside it a time cannot be measured by itself.
+    soft = any(model.library.effects[t.effect].gives_way for t in known)
+    ahead = None if soft else ahead
+    problem = Problem(model, motion, tuple(known), prediction=prediction, ahead=ahead)
+    missing = {t: v for t, v in known.items() if t not in shapes}
+    at = Skew(skew, "shared" if free_skew else "no")
+    found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, at) if missing else shapes
+    shapes = {t: found[t] for t in known}
+    hold = free_skew
+    for _ in range(2):
+        problem, shapes = _search(problem, shapes, at)
+        if free_skew:
+            at, hold = _settled(problem, shapes, at)
+        solved = problem.solve(shapes, at)
+        count = np.array([max(1, motion.moving(i).sum()) for i in range(model.n)])
+        rms = np.sqrt([r @ r for r in solved.residual] / count)
+        problem.weights = 1 / np.maximum(rms, 1e-12)
+        if model.n == 1:
+            break
+    solved = problem.solve(shapes, Skew(at.at))
+    theta = solved.coefficients
+    if free_skew and not hold and not soft:
+        ahead = delays.ahead(problem, shapes, at.at)
+    prediction = problem.prediction(theta, shapes)
+    return problem, Fit(
+        prediction,
+        theta,
+        shapes,
+        skew=at.at,
+        skew_free=hold,
+        residual=solved.residual,
+        weights=problem.weights,
+        ahead=ahead,
+    )
+
+
+def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Skew, bool]:
+    """The shift that all joints share, and whether a hold explains it.
+
+    Torque and encoders of all joints are sampled together. Where their shifts differ, or no hold explains them,
+    something delays a torque: then the shift stays as near to that of a hold as a joint's is, and the delays
+    are left to be found.
+
+    Source: a delay as one more unknown, linear after Gauss and Newton: Ljung, System Identification, 1999; a hold
+    delays by half a sample: Åström & Wittenmark, Computer-Controlled Systems, 1997. That joints are sampled alike
+    where the intervals of all their shifts meet is a union-intersection test, Roy 1953.
+    """
+    effects = problem.model.library.effects
+    soft = {
+        joint for t in problem.layout.terms if effects[t.effect].gives_way for joint in joints_of(problem.model, t)[:1]
+    }
+    common = skew
+    # Noise in the torque that is shifted shortens the steps; beside what gives way they are no short ones.
+    for _ in range(SOFT_SKEW_PASSES if soft else 2):
+        shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
+        common = Skew(float(np.clip(common.at + shift, *SKEW_RANGE)), "shared")
+    solved = problem.solve(shapes, Skew(common.at, "each"))
+    spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
+    # What gives way delays, too: beside it a time cannot be measured by itself.
+    seen = (spread > 0) & ~np.isin(np.arange(problem.model.n), list(soft))
+    own, margin = (common.at + solved.shifts)[seen], SKEW_SIGMAS * spread[seen]
+    low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
+    if not seen.any() or (low - high < SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]):
+        return replace(common, at=float(np.clip(common.at, *HOLD))), True
+    nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
+    held = problem.model.n > 1 and HOLD[0] <= nearest <= HOLD[1]
+    return Skew(nearest if held else NOMINAL_SKEW), False
+
+
+def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Problem, dict[Term, Values]]:
+    """Shape parameters that minimise the weighted residual, from a start that a grid gave, and with them the parts that
+    rotors have in the inertia of their joints, where the model file leaves them out and a term tells them."""
+    names, x0, lower, upper = [], [], [], []
+    for term, shape in shapes.items():
+        info = problem.model.library.effects[term.effect]
+        for parameter in () if info.has_gap else info.shape:
+            if parameter.grid is not None and parameter.grid.continuous:
+                values = grids.axis(problem.regressors, term, parameter, shape)
+                low, high = float(values[0]), float(values[-1])
+                if not grids.searchable(parameter, values):
+                    continue
+                names.append((term, parameter.name))
+                lower.append(low)
+                upper.append(high)
+                x0.append(float(np.clip(shape[parameter.name], low, high)))
+    rotors = _open_rotors(problem)
+    for joint, (share, both) in rotors.items():
+        lower.append(ROTOR_SHARES[0] * both)
+        upper.append(ROTOR_SHARES[1] * both)
+        x0.append(float(np.clip(problem.rotors.get(joint, share * both), lower[-1], upper[-1])))
+    if not x0:
+        return problem, gaps.found(problem, shapes, skew)
+    from scipy.optimize import least_squares  # where it is used: it takes longer to load than a fit
+
+    lo, scale = np.array(lower), np.array(upper) - np.array(lower)
+
+    @lru_cache(maxsize=2)  # a step of a rotor, and its place
+    def with_rotors(*found: float) -> Problem:
+        return problem.with_rotors(dict(zip(rotors, found, strict=True))) if found else problem
+
+    def unpack(z: Array) -> tuple[Problem, dict[Term, Values]]:
+        changed, values = {t: dict(s) for t, s in shapes.items()}, lo + z * scale
+        for (term, name), value in zip(names, values, strict=False):
+            changed[term][name] = float(value)
+        return with_rotors(*map(float, values[len(names) :])), changed
+
+    def residual(z: Array) -> Array:
+        there, changed = unpack(z)
+        parts = there.solve(changed, skew).residual
+        return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
+
+    z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
+    ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
+    best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
+    return best, gaps.found(best, onset_places.found(best, changed, skew), skew)
+
+
+def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
+    """By joint (0-based) of a rotor that only a term tells: the part that is assumed, and of what inertia."""
+    if problem.regressors.prediction is None or problem.motion.rigid_given:
+        return {}
+    found = {}
+    for joint in open_rotors(problem.model, problem.layout.terms):
+        assumed = problem.regressors.signals(joint)[0].assumed_rotor(joint)
+        if assumed > 0:
+            found[joint] = (ROTOR_ASSUMED, assumed / ROTOR_ASSUMED)
+    return found

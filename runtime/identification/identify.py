@@ -1,0 +1,169 @@
+"""Identification: base inertial parameters and effects of all joints at once, from recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.documents.fits import FitDocument
+from runtime.documents.parts import DelayEntry
+from runtime.identification import delays, soundness, tip_rests
+from runtime.identification.covariance import Inference, infer
+from runtime.identification.fitting import drivable, solve
+from runtime.identification.problem import Fit, Problem, weighted
+from runtime.identification.settings import INERTIA_CONFIGURATIONS, LOWERED_TO, LOWERINGS, MOST_COMPENSATED
+from runtime.model.loader import Model
+from runtime.model.terms import Structure, structure
+from runtime.motion.band import choose_band, coupled, lowered, rigid_inertia
+from runtime.motion.clock import grid
+from runtime.motion.inertia import believable
+from runtime.motion.lines_above import raised
+from runtime.motion.motion import Motion
+from runtime.motion.prepare import prepare
+from runtime.recordings.contents import fast_clock, given_twice
+from runtime.recordings.recording import Recording, RecordingError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A fit with its uncertainty."""
+
+    model: Model
+    motion: Motion
+    problem: Problem
+    fit: Fit
+
+    @cached_property
+    def inference(self) -> Inference:
+        return infer(self.problem, self.fit)
+
+    @cached_property
+    def unsound(self) -> str | None:
+        """Why the fit cannot be believed; None where nothing speaks against it."""
+        return soundness.reason(self.problem, self.fit)
+
+    @cached_property
+    def uncorrected(self) -> Inference | None:
+        """The same fit with no skew correction and no row left out; None where no skew was estimated, or where the fit
+        leaves a transmission nothing to drive."""
+        if not self.fit.skew_free or not drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction):
+            return None
+        every = self.motion.with_standstill
+        return infer(
+            *solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, skew=0.0, start=self.fit)
+        )
+
+    def delay_entries(self) -> list[DelayEntry]:
+        """The whole delay from torque to motion of every joint."""
+        return delays.entries(self.model, self.inference, self.motion.pieces[0].dt)
+
+    def document(self) -> FitDocument:
+        """Every figure of the fit; intervals are 95 %."""
+        return self.inference.document(self.model).as_part_of(
+            FitDocument,
+            band=self.motion.band.document(),
+            skew=self.inference.skew_entry(),
+            delay=self.delay_entries(),
+            uncorrected=None if self.uncorrected is None else self.uncorrected.document(self.model),
+        )
+
+
+def identify(model: Model, recordings: Sequence[Recording], skew: float | None = None) -> Identification:
+    """Fit the model file's structure to recordings; `skew` in samples, None to estimate it."""
+    return identify_motion(model, prepared(model, recordings), structure(model), skew)
+
+
+def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
+    """Recordings in the band that suits their noise and the model's inertia, less torques of rests of the end-effector.
+
+    Raises RecordingError.
+    """
+    return without_tip_rests(model, _as_it_acts(model, recordings, _in_its_band(model, recordings)))
+
+
+def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -> Motion:
+    """The motion with torques at uneven instants as signals that go on between them, or as commands that are each held
+    until the next: as what the model's motion explains them better.
+
+    A controller whose periods waver holds each command for its own period. Interpolated, it counts for half of the
+    periods to either side instead; that is no mere noise, as a period follows on the one over which the controller had
+    measured the rate, and takes from friction and inertia.
+    """
+    if motion.rigid_given or not any(grid(r).wavers for r in recordings):
+        return motion
+    held = prepare(recordings, replace(motion.band, held=True), model)
+    signal, command = (solve(model, m, structure(model), None)[1] for m in (motion, held))
+    return held if weighted(command.residual, signal.weights) < weighted(signal.residual, signal.weights) else motion
+
+
+def without_tip_rests(model: Model, motion: Motion) -> Motion:
+    """The motion with what the model file has rub at the end-effector as unknown as a joint's own where it rests."""
+    known = structure(model)
+    if not tip_rests.rubbing(model, known):
+        return motion
+    return tip_rests.eliminated(model, motion, solve(model, motion, known, None)[1].prediction)
+
+
+def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
+    """Recordings in the band that suits their noise and the model's inertia.
+
+    An inertia of the file that is far too small makes it too wide: then the first lower one in which the encoders'
+    noise is no more of an inertial column than can be compensated. Raises RecordingError.
+    """
+    refuse_copies(recordings)
+    refuse_fast_clocks(recordings)
+    given = rigid_inertia(recordings)
+    inertia = _inertia(model, recordings) if given is None else np.diag(given)
+    ratios = [joint.gear_ratio for joint in model.joints]
+    band = raised(recordings, choose_band(recordings, inertia), inertia, ratios)
+    first = motion = prepare(recordings, band, model)
+    for _ in range(LOWERINGS):
+        if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:
+            return motion
+        lower = lowered(motion.band, LOWERED_TO)
+        if lower is None:
+            break
+        motion = prepare(recordings, lower, model)
+    # A joint that hardly moves has nothing but noise in any band, and the others shall not pay for it.
+    return first
+
+
+def refuse_copies(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where two recordings hold the same samples: they would count twice, or judge themselves."""
+    same = given_twice([(r.q, r.tau) for r in recordings])
+    if same is not None:
+        one, other = (str(recordings[k].path) for k in same)
+        what = "is given twice" if one == other else f"holds the same samples as {one}"
+        raise RecordingError(f"{other}: {what}; expected every recording once, fitted or held out; leave one out")
+
+
+def refuse_fast_clocks(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where a clock cannot be meant in seconds: its filters would be as long as it is fast."""
+    for recording in recordings:
+        cell = recording.cells.get("t", "t").split(" [")[0]
+        if wrong := fast_clock(recording.dt, cell):
+            raise RecordingError(f"{recording.path}: {wrong}")
+
+
+def identify_motion(
+    model: Model, motion: Motion, known: Structure, skew: float | None = None, start: Fit | None = None
+) -> Identification:
+    """As `identify`, on a motion that is already prepared and for any structure."""
+    return Identification(model, motion, *solve(model, motion, known, skew=skew, start=start))
+
+
+def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:
+    """(n, n) kg m² (kg), what each joint's torque asks for each joint's acceleration: as the model file has it all over
+    the recordings' configurations, as far as it is believed."""
+    n = model.n
+    if not model.lumps_known:
+        return coupled(np.full((n, n), np.nan), believable(np.full(n, np.nan), recordings))
+    own = np.diagonal(model.inertia(np.zeros((n, 1)))[:, :, 0]).copy()
+    q = np.concatenate([r.q[:, :: max(1, r.q.shape[1] // INERTIA_CONFIGURATIONS)] for r in recordings], axis=1)
+    return coupled(np.sqrt(np.mean(model.inertia(q) ** 2, axis=2)), believable(own, recordings))

@@ -1,0 +1,379 @@
+"""What effects read along a motion, and the regressors that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.identification.settings import SLOPE_STEP
+from runtime.model.loader import Model
+from runtime.model.terms import IDENTIFIED, OF_DRIVE, Prediction, SignalContext, Structure, Term, given, joints_of
+from runtime.motion.motion import Motion
+from runtime.motion.piece import Piece
+
+Array = NDArray[np.float64]
+
+LINK_LOAD = "link_load"
+"""The arm's function whose value a recording may know better."""
+LINK_SIDE = "link_inertia"
+"""The arm's function of the inertias without the rotors."""
+NOTHING_GIVEN: Final[Mapping[str, float]] = {}
+
+
+@dataclass
+class Signals(SignalContext):
+    """The signals that effects read, along one piece, computed when first asked for.
+
+    `prediction` is None as long as nothing is identified: then signals that need it are not there.
+    """
+
+    model: Model
+    piece: Piece
+    prediction: Prediction | None
+    _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
+    _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
+    _read: dict[tuple[str, int | None, int], dict[str, Array | float]] = field(default_factory=dict)
+
+    def where(self, values: Structure) -> Signals:
+        """The same where other effects act: what the arm's functions gave along this piece is read, not computed
+        again."""
+        made = Signals(self.model, self.piece, replace(self._known, values=values), _slopes=self._slopes)
+        made._outputs = self._outputs
+        return made
+
+    def signal(self, name: str, joint: int, own: int | None) -> Array | float:
+        key = (name, joint, own)
+        if key not in self._cache:
+            if self.prediction is None and self.model.library.signal[name].needs in IDENTIFIED:
+                raise RuntimeError(f"{name} needs an identified model")
+            self._cache[key] = super().signal(name, joint, own)
+        return self._cache[key]
+
+    def at(self, name: str, joint: int) -> Array | float:
+        """A signal at a joint (0-based), for an effect that sits there."""
+        return self.signal(name, joint, joint)
+
+    def of(self, term: Term, joint: int) -> Mapping[str, Array | float]:
+        """What a term reads for its torque at a joint (0-based), and the time, which tells how many samples there
+        are."""
+        key = (term.effect, term.joint, joint)
+        if key not in self._read:
+            read, names = self.reader(term, joint), self.model.library.effects[term.effect].signals
+            self._read[key] = {"t": self.piece.t, **{name: read(name) for name in names}}
+        return self._read[key]
+
+    def lacks(self, term: Term) -> bool:
+        """Whether the term reads of another effect that is not there: of a joint's dry friction, of a parameter."""
+        read = [self.model.library.signal[name] for name in self.model.library.effects[term.effect].signals]
+        if any(info.needs == "effect" and self.given(info.name) is None for info in read):
+            return True
+        rubbing = [info.name for info in read if info.needs == "friction" and term.joint is not None]
+        return not all(np.any(self.at(name, (term.joint or 1) - 1)) for name in rubbing)
+
+    def coordinate(self, name: str) -> Array:
+        return getattr(self.piece, name)
+
+    def evaluate(self, function: str) -> Array:
+        if function == LINK_LOAD:
+            return self._link_load
+        inputs = self.model.metadata["functions"][function]["inputs"]
+        lumps = None if self.prediction is None else self.prediction.lumps
+        output = self.model.call(function, {name: self.coordinate(name) for name, _ in inputs}, lumps)
+        if function == LINK_SIDE:
+            for joint, change in self._moved_to_link.items():
+                output[joint, joint] += change
+        return output
+
+    def growth(self, function: str, by: str, own: int) -> Array:
+        """(n, N), by central differences: exact to rounding for rates, in which torques are quadratic."""
+        if (function, by, own) not in self._slopes:
+            ends = [self._shifted(function, by, own, step) for step in (SLOPE_STEP, -SLOPE_STEP)]
+            self._slopes[function, by, own] = (ends[0] - ends[1]) / (2 * SLOPE_STEP)
+        return self._slopes[function, by, own]
+
+    def _shifted(self, function: str, by: str, own: int, step: float) -> Array:
+        moved = {"q": self.piece.q, "qd": self.piece.qd, "qdd": self.piece.slow}
+        moved[by] = moved[by] + step * (np.arange(self.model.n) == own)[:, None]
+        inputs = self.model.metadata["functions"][function]["inputs"]
+        return self.model.call(function, {name: moved[name] for name, _ in inputs}, self._known.lumps)
+
+    def given(self, name: str) -> float | None:
+        return given(self.model.library, self._known.values, name)
+
+    def time(self) -> Array:
+        return self.piece.t
+
+    def elapsed(self) -> Array:
+        return self.piece.began + self.piece.t
+
+    def warmth(self, joint: int) -> Array | None:
+        return self.piece.warmth[joint] if self.piece.measured[joint] else None
+
+    def terms(self) -> Collection[Term]:
+        return self._known.values.keys()
+
+    @cached_property
+    def measured(self) -> Array | None:
+        """(n, N) the part of the rigid arm's torque that needs no inertial parameter: all of it where the user's own
+        model gives it, else that which holds a measured force f (in space: and moment) at the end-effector, −Jᵀ f;
+        None without either."""
+        sensors = self.piece.sensors
+        if sensors.tau_rigid is not None:
+            return sensors.tau_rigid
+        if sensors.force is not None:
+            acting = sensors.force
+            return -np.einsum("cjt,ct->jt", self.arm("tip_jacobian")[: len(acting)], acting)
+        return None
+
+    @cached_property
+    def rigid(self) -> Array:
+        """(n, N) D qdd + C qd + g with the identified inertial parameters, less Jᵀ f of a measured force; or the
+        user's own model's."""
+        p = self.piece
+        if p.sensors.tau_rigid is not None:
+            return p.sensors.tau_rigid
+        rigid = self.model.inverse_dynamics(p.q, p.qd, p.qdd, self._known.lumps)
+        return rigid if self.measured is None else rigid + self.measured
+
+    @cached_property
+    def _link_load(self) -> Array:
+        """(n, N) the same without the rotors, of accelerations that are motion and not noise.
+
+        What is simulated under a load amplifies noise at its resonance, and magnitudes do not average it.
+        """
+        p = self.piece
+        if p.sensors.tau_rigid is not None:
+            rotors = np.array([[joint.rotor_inertia or 0.0] for joint in self.model.joints])
+            whole = np.array([smooth(row) for smooth, row in zip(p.excited, p.sensors.tau_rigid, strict=True)])
+            return whole - rotors * p.slow
+        loads = self.model.call(LINK_LOAD, {"q": p.q, "qd": p.qd, "qdd": p.slow}, self._known.lumps)
+        for joint, change in self._moved_to_link.items():
+            loads[joint] += change * p.slow[joint]
+        return loads if self.measured is None else loads + self.measured
+
+    def assumed_rotor(self, joint: int) -> float:
+        """What the generated functions take for the rotor's inertia at a joint (0-based): all that it moves less what
+        its link side does."""
+        at, lumps = self.piece.q[:, :1], self._known.lumps
+        link = self.model.call(LINK_SIDE, {"q": at}, lumps)
+        return float(self.model.inertia(at, lumps)[joint, joint, 0] - link[joint, joint, 0])
+
+    @cached_property
+    def _moved_to_link(self) -> dict[int, float]:
+        """By how much the inertia on the link side of a joint (0-based) is larger, where its rotor is known from a
+        fit alone."""
+        rotors = {} if self.prediction is None else self.prediction.rotors
+        return {joint: self.assumed_rotor(joint) - rotor for joint, rotor in rotors.items()}
+
+    @property
+    def _known(self) -> Prediction:
+        if self.prediction is None:
+            raise RuntimeError("this signal needs an identified model")
+        return self.prediction
+
+    @property
+    def loads(self) -> Array:
+        """(n, N) torque that every joint transmits to its link."""
+        return np.array([self.at("load", i) for i in range(self.model.n)])
+
+    def link_inertia(self, joint: int) -> Array:
+        """(N,) inertia of the link side as a joint (0-based) sees it."""
+        return self.coupling(joint, joint)
+
+    def coupling(self, joint: int, own: int) -> Array:
+        """(N,) inertia between two joints (0-based), link side."""
+        return self.arm("link_inertia")[joint, own]
+
+    def predicted(self, joint: int) -> Array:
+        total = self.rigid[joint].copy()
+        for term in self._known.values:
+            if joint in joints_of(self.model, term) and not self.model.library.needs[term.effect] & OF_DRIVE:
+                total += self.torque(term, joint)
+        return total
+
+    def predicted_rate(self, joint: int) -> Array:
+        return np.gradient(np.asarray(self.at("predicted", joint)), self.piece.dt)
+
+    def torque(self, term: Term, joint: int) -> Array:
+        """(N,) torque of a term of the prediction at a joint (0-based)."""
+        values = self._known.values[term]
+        return self.model.library.torque(term.effect, self.of(term, joint), values, self.piece.dt)
+
+    def deflection(self, term: Term, shape: Mapping[str, float]) -> Array | None:
+        """(N,) by which a term's link lags behind its motor; None for a term without such a state."""
+        name = self.model.library.effects[term.effect].deflection
+        if term.joint is None or name is None:
+            return None
+        read = self.of(term, term.joint - 1)
+        return self.model.library.states(term.effect, read, shape, self.piece.dt)[name]
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """By how much the recorded torques lead the motion: of all joints `skew` samples, and of each (n,) `times` s more.
+
+    At that time the column of a delay is exact: to first order, a delay of a sample would be one of a small angle at
+    every frequency, and of three samples at none.
+    """
+
+    skew: float
+    times: Array
+
+
+@dataclass
+class Regressors:
+    """In-band regressors of one model along one motion; asked for again, they are not computed again.
+
+    ahead: where delays are exact; None: they are small
+    extents: offset and scale of quantities over the motion, as `grids` has found them.
+    """
+
+    model: Model
+    motion: Motion
+    prediction: Prediction | None = None
+    ahead: Ahead | None = None
+    extents: dict[tuple[str, tuple[int, ...]], tuple[float, float]] = field(default_factory=dict)
+    _columns: dict[tuple[Hashable, ...], Array] = field(default_factory=dict, init=False)
+    _signals: dict[tuple[int, ...], tuple[Signals, ...]] = field(default_factory=dict, init=False)
+
+    def signals(self, joint: int) -> tuple[Signals, ...]:
+        """Along every piece, in the band of a joint's equation (0-based)."""
+        view = self.motion.view(joint)
+        if view.joints not in self._signals:
+            self._signals[view.joints] = tuple(Signals(self.model, piece, self.prediction) for piece in view.pieces)
+        return self._signals[view.joints]
+
+    @cached_property
+    def perturbed(self) -> Regressors:
+        """The same along the motion with a further realisation of the encoders' noise on it."""
+        return Regressors(self.model, self.motion.perturbed, self.prediction, self.ahead)
+
+    def rigid(self, joint: int) -> Array:
+        """(p, M) derivative of the joint's torque (0-based) by the base inertial parameters; zero where the user's own
+        model gives it whole."""
+
+        if self.motion.rigid_given:
+            return np.zeros((len(self.model.lumps), len(self.motion.row_piece(joint))))
+
+        def rows(p: Piece, joints: tuple[int, ...]) -> dict[int, Array]:
+            return p.equations_in_blocks(lambda at: self.model.regressor(p.q[:, at], p.qd[:, at], p.qdd[:, at]), joints)
+
+        return self._of_all("rigid", joint, lambda s, joints: rows(s.piece, joints))
+
+    def measured(self, joint: int) -> Array:
+        """(M,) the part of the joint's torque (0-based) that measured signals give, whatever the parameters."""
+
+        def torque(s: Signals) -> Array:
+            return np.zeros(s.piece.q.shape) if s.measured is None else s.measured
+
+        return self._of_all("measured", joint, lambda s, joints: s.piece.equations(torque(s), joints))
+
+    def _of_all(self, what: str, joint: int, make: Callable[[Signals, tuple[int, ...]], Mapping[int, Array]]) -> Array:
+        """(..., M) in-band rows of a joint (0-based) of what is computed at once for some joints along a piece; kept
+        for this motion."""
+        store, key = self.motion.columns, (what, self.model.directory)
+        if (*key, joint) not in store:
+            joints = self.motion.view(joint).joints
+            parts = [make(s, joints) for s in self.signals(joint)]
+            store.update({(*key, i): np.concatenate([part[i] for part in parts], axis=-1) for i in joints})
+        return store[*key, joint]
+
+    def acceleration(self, joint: int) -> Array:
+        """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
+
+        return self._of_all("acceleration", joint, lambda s, joints: s.piece.equations(s.piece.qdd, joints))
+
+    def columns(
+        self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN
+    ) -> Array:
+        """(1 + k, M): the part without free coefficient, then one row a linear coefficient.
+
+        given   signals that are parameters of other effects, where these have other values than predicted
+        """
+        return self._stored(term, joint, [shape], given)[0]
+
+    def columns_each(self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]]) -> Array:
+        """(S, 1 + k, M) `columns` for many shapes of a term."""
+        return np.array(self._stored(term, joint, shapes, NOTHING_GIVEN))
+
+    def foresee(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> None:
+        """Compute at once, which takes a part of the time, what `columns` will be asked for one after another."""
+        self._stored(term, joint, shapes, given)
+
+    def _stored(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> list[Array]:
+        library = self.model.library
+        store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
+        where = (library.directory, self.model.directory, term, *given.items())
+        keys = [(*where, *shape.values()) for shape in shapes]
+        absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if (joint, *key) not in store}
+        if absent:
+            for i, columns in self._in_band(term, joint, list(absent.values()), given).items():
+                store.update(zip(((i, *key) for key in absent), columns, strict=True))
+        return [store[joint, *key] for key in keys]
+
+    def _in_band(
+        self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
+    ) -> dict[int, Array]:
+        """(S, 1 + k, M) at the joint, and at all that feel the same and share its band: it is simulated once."""
+        if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
+            return {joint: np.array([self._late(joint, self.ahead)] * len(shapes))}
+        library, felt = self.model.library, joints_of(self.model, term)
+        joints = [i for i in self.motion.view(joint).joints if i in felt] if joint in felt else [joint]
+        parts, told = [], self._told(term)
+        for s in self.signals(joint):
+            read = [{**s.of(term, i), **given} for i in joints]
+            columns = s.piece.low_pass.columns(library, term.effect, read, shapes, dt=s.piece.dt)
+            if told < s.piece.low_pass.cutoff:
+                columns = s.piece.low_pass.narrowed(columns, told)
+            parts.append([s.piece.equation(columns[:, k], i) for k, i in enumerate(joints)])
+        return {i: np.concatenate([part[k] for part in parts], axis=2) for k, i in enumerate(joints)}
+
+    def _told(self, term: Term) -> float:
+        """Hz, up to which the motion tells what a term does.
+
+        A link behind a spring is simulated from the motion of its own motor. Above that joint's band this is the
+        encoder's noise, and a resonance there multiplies it: in the wider bands of lighter joints it would be all
+        there is.
+        """
+        if term.joint is None or not self.model.library.effects[term.effect].gives_way:
+            return np.inf
+        return float(self.motion.band.cutoffs[term.joint - 1])
+
+    def raw_columns(self, signals: Signals, term: Term, joint: int, shape: Mapping[str, float]) -> Array:
+        """(1 + k, N) at full rate along one piece."""
+        library = self.model.library
+        return library.columns(term.effect, signals.of(term, joint), shape, signals.piece.dt)
+
+    def _delays(self, term: Term) -> bool:
+        """Whether a term's only coefficient is the time by which the recorded torque is ahead."""
+        info = self.model.library.effects[term.effect]
+        return [p.kind for p in info.parameters] == ["lead"]
+
+    def _late(self, joint: int, ahead: Ahead) -> Array:
+        """(2, M) as `columns`: what the recorded torque has beside what it is a time later, to first order about the
+        time at which it was found.
+
+        The slope is a central difference there: with what lies between the two torques in its place, a time between
+        them would average their noise, and seem to fit better.
+        """
+        time, motion = float(ahead.times[joint]), self.motion
+        half = motion.pieces[0].dt / 2
+        slope = motion.torque_ahead(joint, ahead.skew, time + half) - motion.torque_ahead(
+            joint, ahead.skew, time - half
+        )
+        slope /= 2 * half
+        later = motion.torque_ahead(joint, ahead.skew, time)
+        return np.stack([motion.torque(joint, ahead.skew) - later + time * slope, -slope])
+
+    def skew(self, joint: int) -> Array:
+        """(M,) change of the in-band torque when it is taken one sample later."""
+        return self.motion.torque(joint, 0.5) - self.motion.torque(joint, -0.5)

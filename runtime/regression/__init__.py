@@ -1,0 +1,1 @@
+"""Linear systems: bounded least squares, cross-validation, whitening."""
