@@ -158,7 +158,7 @@ def gains(model: Model, recordings: Sequence[Recording]) -> dict[Term, float]:
     """By how much of the squared error each candidate lowers it."""
     field = begin(model, recordings).ground()
     found = {term: field.search(term) for term in field.terms()}
-    whole = field.excerpt[1].equations().sse
+    whole = field.excerpt[1].solution.sse
     return {term: candidate.gain / whole for term, candidate in found.items() if candidate is not None}
 
 

@@ -9,14 +9,13 @@ motion and judged on the whole.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.settings import (
     EXCERPT_SAMPLES,
     MOST_OF_ONE,
@@ -29,10 +28,11 @@ from runtime.diagnosis.settings import (
 from runtime.identification import grids
 from runtime.identification.bias import smoothing_change
 from runtime.identification.covariance import shape_derivative, shape_steps
-from runtime.identification.problem import Fit, Problem
+from runtime.identification.problem import Fit, Problem, Skew
 from runtime.identification.regressors import LINK_LOAD, Regressors
 from runtime.identification.torque_lines import motor_angle
 from runtime.model.terms import Term, Values, joints_of, reads_arm
+from runtime.regression.system import Block, Columns, JointRows, LinearSystem
 
 Array = NDArray[np.float64]
 
@@ -102,48 +102,32 @@ class CandidateField:
         return not self.regressors.signals((term.joint or 1) - 1)[0].lacks(term)
 
     @cached_property
-    def ground(self) -> Ground:
-        """The fitted model's equations at all joints, each weighted by its own residual."""
-        layout = self.problem.layout
-        steps = shape_steps(self.problem, self.fit)
-        free = len(steps) + self.fit.skew_free
-        smoothed = smoothing_change(self.problem, self.fit)
-        # Between the load that is smoothed and the one that is not lies the truth.
-        lower = np.concatenate([layout.lower, np.full(free, -np.inf), np.zeros(int(bool(smoothed)))])
-        upper = np.concatenate([layout.upper, np.full(free, np.inf), np.ones(int(bool(smoothed)))])
-        rows = tuple(self._rows(i, steps, smoothed) for i in range(self.model.n))
-        return Ground.levelled(rows, lower, upper, tuple(range(layout.size, layout.size + len(steps))))
+    def ground(self) -> LinearSystem:
+        """The fitted model's equations at all joints, each weighted by its own residual.
 
-    def _rows(self, joint: int, steps: list[tuple[Term, str, float]], smoothed: Mapping[int, Array]) -> Rows:
-        x, fixed = self.problem.rows(joint, self.fit.shapes)
-        x_noise, fixed_noise = self.problem.noise_rows(joint, self.fit.shapes)
-        index = np.flatnonzero(np.any(x != 0, axis=1))
-        base, noise, size = [x[index]], [x_noise[index]], self.problem.layout.size
-        for k, (term, name, step) in enumerate(steps):
-            if joint in joints_of(self.model, term):
-                base.append(shape_derivative(self.problem, self.fit, term, name=name, step=step, joint=joint)[None])
-                index = np.append(index, size + k)
-        if self.fit.skew_free:
-            base.append(-self.problem.regressors.skew(joint)[None])
-            index = np.append(index, size + len(steps))
-        if joint in smoothed:
-            base.append(smoothed[joint][None])
-            index = np.append(index, size + len(steps) + self.fit.skew_free)
-        columns = np.vstack(base)
-        silent = np.zeros((len(columns) - len(noise[0]), columns.shape[1]))
-        rms, use = self.rms(joint), self.motion.moving(joint)
-        return Rows(
-            y=self.motion.torque(joint, self.fit.skew) - fixed,
-            base=columns,
-            noise=np.vstack([*noise, silent, -fixed_noise[None]]),
-            index=index,
-            use=use,
-            piece=self.motion.row_piece(joint),
-            weight=1 / rms if rms else 0.0,
-            directions=self.motion.eliminated(joint),
-            clear=self.motion.untouched(joint),
-            dependent=self.motion.dependent(joint, use),
-        )
+        Beside what is linear, its shapes may change to first order, and the skew and the smoothing of a load.
+        """
+        fit, n = self.fit, self.model.n
+        free = np.full(1, np.inf)
+        system = self.problem.system(fit.shapes, Skew(fit.skew))
+        for term, name, step in shape_steps(self.problem, fit):
+            change = {
+                i: shape_derivative(self.problem, fit, term, name=name, step=step, joint=i)
+                for i in joints_of(self.model, term)
+            }
+            system = system.with_block(_alone((term, name), change, -free, free, change=True))
+        if fit.skew_free:
+            late = {i: -self.problem.regressors.skew(i) for i in range(n)}
+            system = system.with_block(_alone("skew", late, -free, free))
+        smoothed = smoothing_change(self.problem, fit)
+        if smoothed:
+            # Between the load that is smoothed and the one that is not lies the truth.
+            system = system.with_block(_alone("smoothing", smoothed, np.zeros(1), np.ones(1)))
+        return system.over([self._rows(i, rows) for i, rows in enumerate(system.joints)])
+
+    def _rows(self, joint: int, rows: JointRows) -> JointRows:
+        rms = self.rms(joint)
+        return replace(rows, weight=1 / rms if rms else 0.0)
 
     def rms(self, joint: int) -> float:
         """Of the fitted model's residual at a joint (0-based)."""
@@ -156,62 +140,57 @@ class CandidateField:
 
     def gain_of(self, joint: int, torque: float) -> float:
         """Fall of the squared error on the excerpt that goes with a torque of this RMS at a joint (0-based)."""
-        return self.excerpt[1].rows[joint].count * (torque / max(self.rms(joint), 1e-300)) ** 2
+        return self.excerpt[1].joints[joint].count * (torque / max(self.rms(joint), 1e-300)) ** 2
 
     @property
     def _excerpt_samples(self) -> int:
         return round(EXCERPT_SAMPLES / self.model.n**0.5)
 
     @cached_property
-    def excerpt(self) -> tuple[Regressors, Ground]:
-        """Regressors and ground on the excerpt on which shapes are searched."""
-        motion, rows = self.motion.excerpt(self._excerpt_samples)
+    def excerpt(self) -> tuple[Regressors, LinearSystem]:
+        """Regressors and equations on the excerpt on which shapes are searched."""
+        motion, places = self.motion.excerpt(self._excerpt_samples)
         if motion is self.motion:
             return self.regressors, self.ground
-        parts = tuple(
-            replace(
-                r,
-                y=r.y[at],
-                base=r.base[:, at],
-                noise=r.noise[:, at],
-                use=r.use[at] & motion.moving(i),
-                piece=motion.row_piece(i),
-                directions=motion.eliminated(i),
-                clear=r.use[at] & motion.untouched(i),
-                dependent=motion.dependent(i, r.use[at] & motion.moving(i)),
+        joints = []
+        for i, (rows, at) in enumerate(zip(self.ground.joints, places, strict=True)):
+            use = rows.use[at] & motion.moving(i)
+            joints.append(
+                JointRows(
+                    rows.tau[at],
+                    use,
+                    motion.row_piece(i),
+                    weight=rows.weight,
+                    eliminated=motion.eliminated(i),
+                    unaffected=rows.use[at] & motion.untouched(i),
+                    dependent=motion.dependent(i, use),
+                )
             )
-            for i, (r, at) in enumerate(zip(self.ground.rows, rows, strict=True))
-        )
         regressors = Regressors(self.model, motion, self.fit.prediction, self.fit.ahead)
-        return regressors, Ground.levelled(parts, self.ground.lower, self.ground.upper, self.ground.changes)
+        return regressors, self.ground.restricted(joints, places)
 
     def replaced(self, term: Term) -> tuple[Term, ...]:
         """Active terms that the candidate contains as special cases."""
         generalises = self.model.library.effects[term.effect].generalises
         return tuple(t for t in self.problem.layout.terms if t.effect in generalises and t.joint == term.joint)
 
-    def without(self, ground: Ground, terms: tuple[Term, ...]) -> Ground:
-        """A ground of this field with all that belongs to these terms at zero."""
-        if not terms:
-            return ground
-        layout = self.problem.layout
-        gone = [k for t in terms for k in range(layout.slices[t].start, layout.slices[t].stop)]
-        steps = shape_steps(self.problem, self.fit)
-        gone += [layout.size + k for k, (t, _, __) in enumerate(steps) if t in terms]
-        return ground.without(gone)
+    def without(self, ground: LinearSystem, terms: tuple[Term, ...]) -> LinearSystem:
+        """A system of this field without all that belongs to these terms."""
+        changes = [(t, name) for t, name, _ in shape_steps(self.problem, self.fit) if t in terms]
+        return ground.without([*terms, *changes])
 
-    def block(self, term: Term, shape: Values) -> CandidateBlock:
+    def block(self, term: Term, shape: Values) -> Block:
         """The candidate's columns on all joints on which it acts, with their noise."""
         parts = {}
         for i in joints_of(self.model, term):
             columns = self.regressors.columns(term, i, shape)
-            parts[i] = CandidateRows(columns, _apart(self.regressors.perturbed.columns(term, i, shape), columns))
+            parts[i] = Columns(columns, _apart(self.regressors.perturbed.columns(term, i, shape), columns))
         return self._bounded(term, parts)
 
-    def _bounded(self, term: Term, parts: dict[int, CandidateRows]) -> CandidateBlock:
+    def _bounded(self, term: Term, parts: dict[int, Columns]) -> Block:
         coefficients = self.model.library.effects[term.effect].coefficients
         bounds = np.array([c.bounds for c in coefficients], dtype=float).reshape(-1, 2)
-        return CandidateBlock(parts, bounds[:, 0], bounds[:, 1])
+        return Block(term, parts, bounds[:, 0], bounds[:, 1])
 
     def watched(self, term: Term) -> bool:
         """Whether it is a transmission with an encoder on either side."""
@@ -219,11 +198,11 @@ class CandidateField:
             "twist", joints_of(self.model, term)[0]
         )
 
-    def trial(self, term: Term, shape: Values) -> CandidateBlock:
+    def trial(self, term: Term, shape: Values) -> Block:
         """The candidate's columns on the excerpt."""
-        return self._trials(term, [shape]).at(0)
+        return self._trials(term, [shape]).choice(0)
 
-    def _trials(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
+    def _trials(self, term: Term, shapes: Sequence[Values]) -> Block:
         """`trial` of many shapes."""
         joints = joints_of(self.model, term)
         if not self.model.library.effects[term.effect].gives_way:
@@ -241,36 +220,36 @@ class CandidateField:
         reread = self.motion.perturbed.excerpt(self._excerpt_samples)[0]
         return Regressors(self.model, reread, self.fit.prediction, self.fit.ahead)
 
-    def samples(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
+    def samples(self, term: Term, shapes: Sequence[Values]) -> Block:
         """As `block`, on the excerpt, of many shapes."""
         return self._sampled(term, shapes, joints_of(self.model, term), reread=True)
 
-    def unread(self, term: Term, shapes: Sequence[Values]) -> CandidateBlock:
+    def unread(self, term: Term, shapes: Sequence[Values]) -> Block:
         """As `samples`, without the encoders' noise."""
         return self._sampled(term, shapes, joints_of(self.model, term), reread=False)
 
-    def _sampled(self, term: Term, shapes: Sequence[Values], joints: tuple[int, ...], reread: bool) -> CandidateBlock:
+    def _sampled(self, term: Term, shapes: Sequence[Values], joints: tuple[int, ...], reread: bool) -> Block:
         parts = {}
         for i in joints:
             columns = self.excerpt[0].columns_each(term, i, shapes)
             again = self._reread.columns_each(term, i, shapes) if reread else None
-            parts[i] = CandidateRows(columns, None if again is None else _apart(again, columns))
+            parts[i] = Columns(columns, None if again is None else _apart(again, columns))
         return self._bounded(term, parts)
 
-    def _gain(self, ground: Ground, term: Term, shape: Values) -> float:
+    def _gain(self, ground: LinearSystem, term: Term, shape: Values) -> float:
         return float(self._gains(ground, term, [shape])[0])
 
-    def _gains(self, ground: Ground, term: Term, shapes: Sequence[Values]) -> Array:
+    def _gains(self, ground: LinearSystem, term: Term, shapes: Sequence[Values]) -> Array:
         """(S,) by how much the candidate lowers the squared error, quickly; minus infinity where it is no number."""
         found = np.full(len(shapes), -np.inf)
         if len(shapes):
             blocks = self._trials(term, shapes)
-            finite = blocks.finite_each
+            finite = blocks.finite
             if finite.any():
-                found[finite] = ground.gains(blocks if finite.all() else blocks.only(finite))
+                found[finite] = ground.gains(blocks if finite.all() else blocks.choice(finite))
         return found
 
-    def search(self, term: Term, beside: Ground | None = None) -> Candidate | None:
+    def search(self, term: Term, beside: LinearSystem | None = None) -> Candidate | None:
         """The candidate at the best point of its grid; None if the data give it no scale or no say.
 
         beside: another ground of this field's excerpt on which to search.
@@ -292,7 +271,7 @@ class CandidateField:
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
         edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
         # What it replaces would have explained something, too.
-        gain -= ground.equations().sse - whole.equations().sse if ground is not whole else 0.0
+        gain -= ground.solution.sse - whole.solution.sse if ground is not whole else 0.0
         return Candidate(term, shape, searched, gain=gain, at_edge=edge, among=self._lines(term)[1])
 
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
@@ -310,11 +289,11 @@ class CandidateField:
         )
         return [self.refine(c) for c in found]
 
-    def _exact(self, ground: Ground, term: Term, shape: Values) -> float:
+    def _exact(self, ground: LinearSystem, term: Term, shape: Values) -> float:
         """The fall of the squared error with every coefficient within its bounds; none of columns that are hardly more
         than their noise, whose compensated squares no error can be told from."""
         block = self.trial(term, shape)
-        return ground.equations().sse - ground.equations(block).sse if ground.gain(block) > 0 else 0.0
+        return ground.solution.sse - ground.with_block(block).solution.sse if ground.gain(block) > 0 else 0.0
 
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried; of a line over the motor's angle, where the residual has one."""
@@ -398,6 +377,12 @@ class CandidateField:
             return float(np.log(values[1] / values[0]))
         # Moments between which runs end stand closer.
         return float(np.median(np.diff(values)))
+
+
+def _alone(key: Hashable, columns: Mapping[int, Array], lower: Array, upper: Array, change: bool = False) -> Block:
+    """A single column, (M,) by joint, without noise."""
+    rows = {joint: Columns(np.stack([np.zeros_like(x), x])) for joint, x in columns.items()}
+    return Block(key, rows, lower, upper, change)
 
 
 def _apart(one: Array, other: Array) -> Array:

@@ -19,7 +19,6 @@ from msgspec import UNSET
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import CandidateField
-from runtime.diagnosis.evidence import CandidateBlock, CandidateRows
 from runtime.diagnosis.gates import Weighing, WhitenedGround
 from runtime.diagnosis.settings import (
     LEAST_EFFECT,
@@ -37,6 +36,7 @@ from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of
 from runtime.progress import of_each
+from runtime.regression.system import Block, Columns
 from runtime.wording import number, quantity, told_apart, unit
 
 Array = NDArray[np.float64]
@@ -102,9 +102,9 @@ def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
     return _of_shape(bench, term, shapes) if shape else None
 
 
-def _neutral(block: CandidateBlock) -> Array | None:
+def _neutral(block: Block) -> Array | None:
     """(k,) coefficients with which a block has no torque: 0 for most, 1 for a scale; None if it always has one."""
-    columns = np.concatenate([part.columns for part in block.parts.values()], axis=1)
+    columns = np.concatenate([part.rows for part in block.columns.values()], axis=1)
     if not columns[0].any():
         return np.zeros(len(columns) - 1)
     found = np.linalg.lstsq(columns[1:].T, -columns[0], rcond=None)[0]
@@ -128,7 +128,7 @@ def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
 def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
     """By the first of the effect's coefficients, the others as without it."""
     field, library = bench.field, bench.field.model.library
-    block = field.samples(term, [shape]).at(0)
+    block = field.samples(term, [shape]).choice(0)
     if not block.finite:
         return None
     weighing = Weighing(bench, term, len(shape) if choices > 1 else 0, block)
@@ -187,7 +187,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     weakest_first = weakest_first if rising else weakest_first[::-1]
     least = LEAST_EFFECT * bench.floors[joints_of(field.model, term)[0]]
 
-    def seen(shape: Values, block: CandidateBlock) -> bool:
+    def seen(shape: Values, block: Block) -> bool:
         if not block.finite:
             return False
         weighing = Weighing(bench, term, len(shape), block)
@@ -203,7 +203,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     if not strong:
         return None
     blocks = _along_its_own_motion(field, term, [weakest_first[k][0] for k in strong], freed)
-    place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0], blocks.at(k)))
+    place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0], blocks.choice(k)))
     if place is None:
         return None
     first = strong[place]
@@ -211,7 +211,7 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     if first > 0:
 
         def seen_between(shape: Values) -> bool:
-            return seen(shape, _along_its_own_motion(field, term, [shape], freed).at(0))
+            return seen(shape, _along_its_own_motion(field, term, [shape], freed).choice(0))
 
         shape = _between(seen_between, weakest_first[first - 1][0], shape, name)
     if len(shape) > 1 and freed * _sizes(bench, term, [shape])[0] < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
@@ -258,14 +258,14 @@ def _softened(info: EffectInfo, shape: Values, freed: float) -> Values:
     return {k: v / freed if info.parameter(k).kind in _OF_A_SPRING else v for k, v in shape.items()}
 
 
-def _along_its_own_motion(field: CandidateField, term: Term, shapes: Sequence[Values], freed: float) -> CandidateBlock:
+def _along_its_own_motion(field: CandidateField, term: Term, shapes: Sequence[Values], freed: float) -> Block:
     """What the softened effect does along the motion with it; the encoders' noise is that of its own columns."""
     if freed == 1.0:
         return field.samples(term, shapes)
     info, blocks = field.model.library.effects[term.effect], field.unread(term, shapes)
-    noisy = field.samples(term, [_softened(info, shape, freed) for shape in shapes]).parts
-    parts = {i: CandidateRows(freed * part.columns, noisy[i].noise) for i, part in blocks.parts.items()}
-    return replace(blocks, parts=parts)
+    noisy = field.samples(term, [_softened(info, shape, freed) for shape in shapes]).columns
+    parts = {i: Columns(freed * part.rows, noisy[i].noise) for i, part in blocks.columns.items()}
+    return replace(blocks, columns=parts)
 
 
 def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:
@@ -282,8 +282,8 @@ def _sizes(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Array
     field, ground = bench.field, bench.ground
     own = joints_of(field.model, term)[0]
     blocks = field.unread(term, shapes)
-    found, finite = np.full(len(shapes), np.nan), blocks.finite_each
-    parts = {i: part.columns[finite, 0] for i, part in blocks.parts.items()}
+    found, finite = np.full(len(shapes), np.nan), blocks.finite
+    parts = {i: part.rows[finite, 0] for i, part in blocks.columns.items()}
     kept, _ = field.without(ground, field.replaced(term)).own(parts)
-    found[finite] = field.rms(own) * np.sqrt(kept / max(1, ground.rows[own].count))
+    found[finite] = field.rms(own) * np.sqrt(kept / max(1, ground.joints[own].count))
     return found

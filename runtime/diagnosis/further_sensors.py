@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.evidence import CandidateBlock, Ground
 from runtime.diagnosis.settings import HALF_OF_TORQUE, LEAST_LAG, OF_TWIST, SENSOR_SIGMAS
 from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import LARGEST_QUANTILE, LOADED
@@ -24,8 +23,9 @@ from runtime.identification.twist import late
 from runtime.model.terms import Term, joints_of
 from runtime.motion.piece import Piece
 from runtime.motion.sensors import Sensors
-from runtime.regression.robust import over_stretches
+from runtime.regression.noise import over_stretches
 from runtime.regression.settings import FOLDS, LEAST_OWN
+from runtime.regression.system import Block, LinearSystem
 
 Array = NDArray[np.float64]
 
@@ -106,9 +106,7 @@ class FurtherSensors:
         """The sensors of a piece as if all encoders were read at once."""
         return piece.sensors.aligned(piece.t, piece.q, piece.qdd, self._late)
 
-    def doubts(
-        self, ground: Ground, candidate: Candidate, block: CandidateBlock, theta: Array
-    ) -> tuple[FailedGate, ...]:
+    def doubts(self, ground: LinearSystem, candidate: Candidate, block: Block, theta: Array) -> tuple[FailedGate, ...]:
         """What the sensors hold against a candidate with coefficients (1 + k,) `theta`, in words and figures."""
         term = candidate.term
         lag = self._transmission(ground, term, block, theta)
@@ -116,15 +114,15 @@ class FurtherSensors:
 
     # the link-side encoder -------------------------------------------------------------------------------------------
 
-    def _transmission(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[FailedGate, ...]:
+    def _transmission(self, ground: LinearSystem, term: Term, block: Block, theta: Array) -> tuple[FailedGate, ...]:
         model, motion = self.field.model, self.field.motion
         gives_way = model.library.effects[term.effect].gives_way
         places = joints_of(model, term)[:1] if gives_way else range(model.n)
         sensed = [i for i in places if motion.has("twist", i)]
         if not sensed:
             return ()
-        torque = ground.beyond({i: theta @ p.columns for i, p in block.parts.items()})
-        noise = ground.beyond({i: theta @ p.noise for i, p in block.parts.items() if p.noise is not None})
+        torque = ground.beyond(block.torque(theta))
+        noise = ground.beyond(block.noise(theta))
         lag, lag_noise = (ground.beyond(self._lag(sensed, noisy)) for noisy in (False, True))
         found = echo(torque, lag, (noise, lag_noise))
         if found is None:
@@ -224,18 +222,18 @@ class FurtherSensors:
 
     # the torque sensor at the output ---------------------------------------------------------------------------------
 
-    def _output(self, ground: Ground, term: Term, block: CandidateBlock, theta: Array) -> tuple[FailedGate, ...]:
+    def _output(self, ground: LinearSystem, term: Term, block: Block, theta: Array) -> tuple[FailedGate, ...]:
         side = self.field.model.library.effects[term.effect].side
-        sensed = [i for i in block.parts if self.field.motion.has("tau_link", i)]
+        sensed = [i for i in block.columns if self.field.motion.has("tau_link", i)]
         if side is None or not sensed:
             return ()
         torques, seen = [], []
         for i in sensed:
             base, measured = self._sensed(i)
-            use = ground.rows[i].use
+            use = ground.joints[i].use
             # What the model of the motor torque takes over of the candidate says nothing of it here either.
-            base = np.vstack([ground.rows[i].base, base])[:, use]
-            torque = (theta @ block.parts[i].columns)[use]
+            base = np.vstack([ground.columns(i), base[:, use]])
+            torque = (theta @ block.columns[i].rows)[use]
             own = _beyond(base, torque)
             if float(own @ own) > LEAST_OWN * float(torque @ torque):
                 torques.append(own)

@@ -16,7 +16,6 @@ from msgspec import UNSET
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.evidence import CandidateBlock, Ground, vuong
 from runtime.diagnosis.further_sensors import FailedGate, FurtherSensors, Gate
 from runtime.diagnosis.settings import (
     BIC_APART,
@@ -38,9 +37,9 @@ from runtime.documents.diagnosis import EvidenceEntry, TwistEvidence
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
-from runtime.regression.folds import Grams, NormalEquations
+from runtime.regression.noise import Whitening, vuong
 from runtime.regression.settings import LEAST_OWN
-from runtime.regression.whitening import Whitening
+from runtime.regression.system import Block, LinearSystem, Solution
 from runtime.wording import times_floor, told_apart, whole_apart
 
 Array = NDArray[np.float64]
@@ -140,10 +139,10 @@ class Figures:
     count      rows of the own joint
     """
 
-    before: NormalEquations
-    after: NormalEquations
-    white_before: NormalEquations
-    white_after: NormalEquations
+    before: Solution
+    after: Solution
+    white_before: Solution
+    white_after: Solution
     searched: int
     among: int
     unit: float
@@ -166,7 +165,7 @@ class Figures:
     def delta_bic(self) -> float:
         """By how much BIC falls once the noise is white, the search through shapes and candidates charged."""
         # The largest of many chances is larger by twice the logarithm of their number.
-        searched = self.searched * float(np.log(self.white_after.count)) + 2 * float(np.log(self.among))
+        searched = self.searched * float(np.log(self.white_after.system.count)) + 2 * float(np.log(self.among))
         return self.white_before.bic - self.white_after.bic - searched
 
     @property
@@ -210,9 +209,9 @@ class WhitenedGround:
     """
 
     field: CandidateField
-    ground: Ground
+    ground: LinearSystem
     floors: Sequence[float]
-    best: CandidateBlock | None
+    best: Block | None
 
     @cached_property
     def witness(self) -> FurtherSensors:
@@ -221,29 +220,30 @@ class WhitenedGround:
     @cached_property
     def _residual(self) -> tuple[Array, ...]:
         """Per joint (M,) what the best candidate leaves."""
-        return self.ground.solve(self.best).residual
+        best = self.ground if self.best is None else self.ground.with_block(self.best)
+        return best.solution.residual
 
     @cached_property
     def whitening(self) -> list[Whitening]:
         """Of each joint, by what makes the best candidate's residual white."""
-        return [row.whitening(r) for row, r in zip(self.ground.rows, self._residual, strict=True)]
+        return [row.whitening(r) for row, r in zip(self.ground.joints, self._residual, strict=True)]
 
     @cached_property
-    def white(self) -> Ground:
+    def white(self) -> LinearSystem:
         return self.ground.whitened(self.whitening, self._residual)
 
-    def weigh(self, candidate: Candidate, block: CandidateBlock) -> Evidence:
+    def weigh(self, candidate: Candidate, block: Block) -> Evidence:
         """All evidence for a candidate with its columns on the bench's ground."""
         weighing = Weighing(self, candidate.term, candidate.searched, block=block, among=candidate.among)
         figures = weighing.figures()
         several = self.field.model.library.effects[candidate.term.effect].several
         share = LEAST_SHARE_OF_ONE if several else LEAST_SHARE
         failed = tuple(figures.failed_gates(weighing.floor, candidate.at_edge, share))
-        theta = np.append(1.0, figures.after.coefficients[self.ground.size :])
+        theta = np.append(1.0, figures.after.coefficients[len(self.ground.unknown) :])
         failed += (
             self._too_narrow(candidate)
             + weighing.doubts(theta)
-            + self.witness.doubts(weighing.plain, candidate, block, theta)
+            + self.witness.doubts(weighing.plain_base, candidate, block, theta)
         )
         return Evidence(
             candidate,
@@ -253,7 +253,7 @@ class WhitenedGround:
             likelihood_gain=figures.likelihood_gain,
             cv_gain=figures.cv_gain,
             failed=failed,
-            parameters=figures.white_after.rank + candidate.searched,
+            parameters=figures.white_after.system.rank + candidate.searched,
             residual=weighing.residual(figures),
         )
 
@@ -283,67 +283,75 @@ class Weighing:
     bench: WhitenedGround
     term: Term
     searched: int
-    block: CandidateBlock
+    block: Block
     among: int = 1
 
     def __post_init__(self) -> None:
         field, ground = self.bench.field, self.bench.ground
         replaced = field.replaced(self.term)
-        self.plain, self.white = field.without(ground, replaced), field.without(self.bench.white, replaced)
+        self.plain_base = field.without(ground, replaced)
         self.whitened = self.block.whitened(self.bench.whitening)
         self.joints = joints_of(field.model, self.term)
         self.floor = self.bench.floors[self.joints[0]]
 
     @cached_property
-    def _moments(self) -> tuple[Array, Array]:
-        return self.plain.moments(self.block), self.white.moments(self.whitened)
+    def after(self) -> tuple[LinearSystem, LinearSystem]:
+        """With the block in the place of what it generalises, plain and whitened."""
+        field = self.bench.field
+        white = field.without(self.bench.white, field.replaced(self.term))
+        return self.plain_base.with_block(self.block), white.with_block(self.whitened)
 
     @cached_property
-    def _grams(self) -> tuple[Grams, Grams]:
-        plain, white = self._moments
-        return self.plain.grams(plain, self.block), self.white.grams(white, self.whitened)
+    def beside(self) -> tuple[LinearSystem, LinearSystem]:
+        """With the block beside all that the model has, plain and whitened."""
+        if not self.bench.field.replaced(self.term):
+            return self.after
+        return self.bench.ground.with_block(self.block), self.bench.white.with_block(self.whitened)
 
     def figures(self, added: Array | None = None) -> Figures:
         """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
-        bench, (plain, white) = self.bench, self._moments
-        count = max(1, bench.ground.rows[self.joints[0]].count)
+        bench, (plain, white) = self.bench, self.after
+        count = max(1, bench.ground.joints[self.joints[0]].count)
         rms = [bench.field.rms(i) for i in self.joints]
         floors = [bench.floors[i] for i in self.joints]
-        as_measured = added is None
+        before, white_before = bench.ground.solution, bench.white.solution
+        after, white_after = plain.solution, white.solution
+        if added is not None:
+            before, white_before = (system.solve_before(added) for system in self.beside)
+            after, white_after = plain.solve(added), white.solve(added)
         return Figures(
-            bench.ground.equations() if as_measured else bench.ground.posed(plain, None, added),
-            self.plain.posed(plain, self.block, added, self._grams[0]),
-            bench.white.equations() if as_measured else bench.white.posed(white, None, added),
-            white_after=self.white.posed(white, self.whitened, added, self._grams[1]),
+            before,
+            after,
+            white_before,
+            white_after=white_after,
             searched=self.searched,
             among=self.among,
             unit=rms[0] / float(np.sqrt(count)),
             excess=sum(max(1 - (f / r) ** 2, 0.0) for f, r in zip(floors, rms, strict=True) if r > 0),
-            measured=bench.ground.equations().sse,
+            measured=bench.ground.solution.sse,
             count=count,
         )
 
     def own(self, theta: Array) -> float:
         """RMS at its own joint of what the model cannot take over of a torque, (1 + k,) `theta` of the columns."""
-        kept, _ = self.bench.ground.own({i: theta @ p.columns for i, p in self.block.parts.items()})
-        row = self.bench.ground.rows[self.joints[0]]
+        kept, _ = self.bench.ground.own(self.block.torque(theta))
+        row = self.bench.ground.joints[self.joints[0]]
         return float(np.sqrt(kept / max(1, row.count))) * self.bench.field.rms(self.joints[0])
 
     def luck(self, theta: Array) -> tuple[float, float]:
         """How much of a torque, (1 + k,) `theta` of the columns, the noise alone holds, and its standard deviation."""
-        plain, white = self._moments
-        return self.bench.ground.held(plain, theta)[0], self.bench.white.held(white, theta)[1]
+        plain, white = self.beside
+        return plain.held(theta)[0], white.held(theta)[1]
 
     def residual(self, figures: Figures) -> Array:
         """Whitened, all joints' rows that count, one after another."""
-        found = self.white.residual(figures.white_after.coefficients, self.whitened)
-        return np.concatenate([row.used(r) for row, r in zip(self.white.rows, found, strict=True)])
+        found, joints = figures.white_after.residual, self.bench.white.joints
+        return np.concatenate([row.weight * row.used(r) for row, r in zip(joints, found, strict=True)])
 
     def doubts(self, theta: Array) -> tuple[FailedGate, ...]:
         """What speaks against a candidate's torque itself, (1 + k,) `theta` of its columns."""
-        parts = self.block.parts
-        own, whole = self.plain.own({i: theta @ p.columns for i, p in parts.items()})
-        noise, _ = self.plain.own({i: theta @ p.noise for i, p in parts.items() if p.noise is not None})
+        own, whole = self.plain_base.own(self.block.torque(theta))
+        noise, _ = self.plain_base.own(self.block.noise(theta))
         found = []
         if own < LEAST_OWN * whole:
             text = f"the model as it is can produce all but {100 * own / whole:.2g} % of its torque"
@@ -366,10 +374,10 @@ def weigh(field: CandidateField, candidates: Sequence[Candidate], floors: Sequen
         if not block.finite:
             continue
         ground = field.without(field.ground, field.replaced(candidate.term))
-        equations = ground.equations(block)
-        error, left = float(equations.held_out[0].sum()), ground.residual(equations.coefficients, block)
+        solution = ground.with_block(block).solution
+        error, left = float(solution.held_out[0].sum()), solution.residual
         # Where the noise that is compensated for is most of what is left, nothing is known of the rest.
-        if error > OF_WHAT_IS_LEFT * sum(r.weight**2 * float(e @ e) for r, e in zip(ground.rows, left, strict=True)):
+        if error > OF_WHAT_IS_LEFT * sum(r.weight**2 * float(e @ e) for r, e in zip(ground.joints, left, strict=True)):
             finalists.append(candidate)
             blocks.append(block)
             held.append(error)
@@ -386,11 +394,11 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     leaves least there, and every transmission that an encoder watches."""
     ground = field.excerpt[1]
 
-    def tried(term: Term) -> tuple[Candidate, NormalEquations] | None:
+    def tried(term: Term) -> tuple[Candidate, Solution] | None:
         c = field.search(term)
         if c is None:
             return None
-        return c, field.without(ground, field.replaced(term)).equations(field.trial(c.term, c.shape))
+        return c, field.without(ground, field.replaced(term)).with_block(field.trial(c.term, c.shape)).solution
 
     both = [one for one in of_each("candidates", tried, terms) if one is not None]
     found = [c for c, _ in both]
@@ -398,7 +406,7 @@ def _finalists(field: CandidateField, terms: Sequence[Term]) -> list[Candidate]:
     left = {c.term: e.sse for c, e in both}
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
-    least = (1 - WORTH_A_LOOK / field.model.n) * float(ground.equations(None).held_out[0].sum())
+    least = (1 - WORTH_A_LOOK / field.model.n) * float(ground.solution.held_out[0].sum())
     hopeful = [c for c in scored if errors[c.term] < least] or scored[:FINALISTS_OF_A_JOINT]
     chosen = hopeful[:FINALISTS]
     for joint in {c.term.joint for c in found}:

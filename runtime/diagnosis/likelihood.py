@@ -6,19 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from runtime.diagnosis.evidence import Ground
 from runtime.diagnosis.settings import ABOVE_NOISE, BIC_APART, LEAST_ERROR_FALL
 from runtime.diagnosis.steps import Step
 from runtime.diagnosis.worth import refuted
 from runtime.identification.problem import Problem
 from runtime.model.terms import Term, Values
-from runtime.regression.folds import bic
+from runtime.regression.system import LinearSystem, bic
 
 
-def whitened_bic(ground: Ground, steps: Sequence[Step]) -> list[float]:
+def whitened_bic(ground: LinearSystem, steps: Sequence[Step]) -> list[float]:
     """BIC of each step, residuals whitened by the noise of the best of them; ground: of any of them."""
     fits = [s.identification for s in steps]
-    rows = ground.rows
+    rows = ground.joints
     weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(rows, f.fit.residual, strict=True)) for f in fits]
     best = fits[int(np.argmin(weighted))].fit.residual
     by = [r.whitening(e) for r, e in zip(rows, best, strict=True)]
@@ -42,7 +41,7 @@ def ruled_out(term: Term, best: Step, joint: int) -> bool:
     return not rugged or here.rms < ABOVE_NOISE * here.floor.spectrum
 
 
-def outgrown(ground: Ground, terms: Sequence[Term], steps: Sequence[Step], best: int) -> list[Term]:
+def outgrown(ground: LinearSystem, terms: Sequence[Term], steps: Sequence[Step], best: int) -> list[Term]:
     """Terms that are special cases of the best one and clearly less likely than it: steps, one a term.
 
     Candidates are weighed under one variance for all joints, in which what a special case leaves at one or two hardly

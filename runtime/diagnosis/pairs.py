@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.evidence import CandidateBlock, Ground
 from runtime.diagnosis.settings import PAIR_BEAM, PAIR_SHIFT
 from runtime.model.terms import Term
 from runtime.progress import of_each
-
-Array = NDArray[np.float64]
+from runtime.regression.system import Block, Columns, LinearSystem
 
 
 @dataclass(frozen=True)
@@ -62,13 +59,13 @@ def _alike(field: CandidateField, a: Term, b: Term) -> bool:
     return a == b or a.effect in effects[b.effect].generalises or b.effect in effects[a.effect].generalises
 
 
-def _beside(field: CandidateField, first: Candidate) -> tuple[Ground, float]:
-    """The excerpt's ground with a candidate in its base, free to change its shape a little, and what that gains."""
+def _beside(field: CandidateField, first: Candidate) -> tuple[LinearSystem, float]:
+    """The excerpt's system with a candidate in its base, free to change its shape a little, and what that gains."""
     ground = field.without(field.excerpt[1], field.replaced(first.term))
     block = field.trial(first.term, first.shape)
-    solution = ground.solve(block)
-    theta = np.append(1.0, solution.coefficients[ground.size :])
-    moves = []
+    theta = np.append(1.0, ground.with_block(block).solution.coefficients[len(ground.unknown) :])
+    silent = {joint: Columns(part.rows) for joint, part in block.columns.items()}
+    extended, free = ground.with_block(replace(block, columns=silent)), np.full(1, np.inf)
     for name in field.moving(first.term):
         step = PAIR_SHIFT * field.grid_step(first, name)
         logarithmic = field.logarithmic(first.term)
@@ -77,25 +74,7 @@ def _beside(field: CandidateField, first: Candidate) -> tuple[Ground, float]:
         moved = field.trial(first.term, shape)
         if not moved.finite:
             continue
-        moves.append({j: theta @ (moved.parts[j].columns - p.columns) for j, p in block.parts.items()})
-    return _extended(ground, block, moves), first.gain
-
-
-def _extended(ground: Ground, block: CandidateBlock, moves: Sequence[dict[int, Array]]) -> Ground:
-    k, rows = len(block.lower), list(ground.rows)
-    index = np.arange(ground.size, ground.size + k + len(moves))
-    for joint, part in block.parts.items():
-        row = rows[joint]
-        columns = np.vstack([part.columns[1:], *(m[joint][None] for m in moves)])
-        silent = np.zeros_like(columns)
-        rows[joint] = replace(
-            row,
-            y=row.y - part.columns[0],
-            base=np.vstack([row.base, columns]),
-            noise=np.vstack([row.noise[:-1], silent, row.noise[-1:]]),
-            index=np.append(row.index, index),
-        )
-    free = np.full(len(moves), np.inf)
-    lower = np.concatenate([ground.lower, block.lower, -free])
-    upper = np.concatenate([ground.upper, block.upper, free])
-    return Ground(tuple(rows), lower, upper, level=ground.level, changes=ground.changes)
+        change = {j: theta @ (moved.columns[j].rows - part.rows) for j, part in block.columns.items()}
+        rows = {j: Columns(np.stack([np.zeros_like(x), x])) for j, x in change.items()}
+        extended = extended.with_block(Block((first.term, name), rows, -free, free))
+    return extended.merged(), first.gain

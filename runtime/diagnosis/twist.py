@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows
 from runtime.diagnosis.further_sensors import FailedGate
 from runtime.diagnosis.gates import Evidence, Figures, Shown
 from runtime.identification.estimate import Estimate
-from runtime.identification.twist import TwistEquation, TwistFit, TwistRows, fit_twist
+from runtime.identification.twist import TwistEquation, TwistFit, fit_twist
 from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term
+from runtime.regression.system import Block, Columns, LinearSystem
 
 Array = NDArray[np.float64]
 
@@ -76,21 +76,14 @@ def _weighed(
 ) -> Evidence | None:
     """The gates on the rows of a twist equation, whose cause is the candidate; None where its rows hold no more than
     the encoders' noise, so that nothing has a cause."""
-    rows, noise, motion = equation.rows, equation.noise, field.motion
-    own = len(rows.base) - equation.along
-    index, free = np.arange(own), np.full(own, np.inf)
-    heard = np.vstack([noise.base[:own], noise.twist])
-    row = Rows(rows.twist, rows.base[:own], heard, index=index, use=rows.use, piece=motion.row_piece(joint), weight=1.0)
-    square = Ground.levelled((row,), -free, free).solve().sse / row.count
+    system = equation.unexplained.levelled()
+    rows = replace(system.joints[0], piece=field.motion.row_piece(joint))
+    square = system.solution.sse / rows.count
     if square <= 0:
         return None
     before = float(np.sqrt(square))
-    row = replace(row, weight=1 / before)
-    ground = Ground.levelled((row,), -free, free)
-    columns = CandidateRows(_alone(rows, own), _alone(noise, own))
-    lower = np.append(0.0, np.full(equation.along, -np.inf))
-    block = CandidateBlock({0: columns}, lower, np.full(1 + equation.along, np.inf))
-    figures, residual = _figures(ground, block, before, _floor(field, joint))
+    system = system.over([replace(rows, weight=1 / before)])
+    figures, residual = _figures(system, equation.block, before, _floor(field, joint))
     failed = list(figures.failed_gates(_floor(field, joint), at_edge=False))
     # A finite end of the interval that is not the effect's absence: a gap above 0, however stiff its flanks; a
     # spring's compliance above 0.
@@ -104,7 +97,7 @@ def _weighed(
         and name == size.name
         and not (e.interval[0] > 0 and np.isfinite(e.interval[1]))
     ]
-    after = before * float(np.sqrt(max(figures.after.sse, 0.0) / row.count))
+    after = before * float(np.sqrt(max(figures.after.sse, 0.0) / rows.count))
     shape = {name: e.value for name, e in values.items()}
     return Evidence(
         Candidate(Term(effect, joint + 1), shape, 0, figures.before.sse - figures.after.sse, at_edge=False),
@@ -114,38 +107,32 @@ def _weighed(
         likelihood_gain=figures.likelihood_gain,
         cv_gain=figures.cv_gain,
         failed=tuple(failed),
-        parameters=figures.white_after.rank,
+        parameters=figures.white_after.system.rank,
         residual=residual,
         twist=Shown(before, after, figures.eff, field.model.joints[joint].position_unit),
     )
 
 
-def _figures(ground: Ground, block: CandidateBlock, rms: float, floor: float) -> tuple[Figures, Array]:
-    row = ground.rows[0]
-    left = ground.solve(block).residual
-    by = [row.whitening(left[0])]
+def _figures(system: LinearSystem, block: Block, rms: float, floor: float) -> tuple[Figures, Array]:
+    rows, after = system.joints[0], system.with_block(block).solution
+    by = [rows.whitening(after.residual[0])]
     # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
-    heard = Ground.levelled((replace(row, noise=np.zeros_like(row.noise)),), ground.lower, ground.upper)
-    own = replace(block, parts={0: CandidateRows(block.parts[0].columns)})
-    white, whitened = heard.whitened(by, left), own.whitened(by)
+    own = replace(block, columns={0: Columns(block.columns[0].rows)})
+    white = system.without_noise().whitened(by, after.residual)
+    white_after = white.with_block(own.whitened(by)).solution
     figures = Figures(
-        ground.equations(),
-        ground.equations(block),
-        white.equations(),
-        white_after=white.equations(whitened),
+        system.solution,
+        after,
+        white.solution,
+        white_after=white_after,
         searched=0,
         among=1,
-        unit=rms / float(np.sqrt(row.count)),
+        unit=rms / float(np.sqrt(rows.count)),
         excess=max(1 - (floor / rms) ** 2, 0.0) if rms else 0.0,
-        measured=ground.equations().sse,
-        count=row.count,
+        measured=system.solution.sse,
+        count=rows.count,
     )
-    return figures, white.rows[0].used(white.solve(whitened).residual[0])
-
-
-def _alone(rows: TwistRows, own: int) -> Array:
-    """(2 + along, M) of a candidate without a fixed part: the cause, and what of the base comes with it."""
-    return np.vstack([np.zeros_like(rows.cause), rows.cause, rows.base[own:]])
+    return figures, white.joints[0].weight * white_after.residual[0]
 
 
 def _floor(field: CandidateField, joint: int) -> float:

@@ -31,7 +31,7 @@ from runtime.motion.piece import Piece
 from runtime.motion.prepare import prepare
 from runtime.progress import of_each
 from runtime.recordings.recording import Recording
-from runtime.regression.least_squares import bounded
+from runtime.regression.bounded import bounded
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, led, simulate
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import SHAPE_STEP
 from runtime.model.terms import Term, joints_of
-from runtime.regression.least_squares import solve
-from runtime.regression.whitening import Whitening, autoregression
+from runtime.regression.bounded import solve
+from runtime.regression.noise import Whitening, autoregression
 
 if TYPE_CHECKING:
     from runtime.identification.problem import Fit, Problem

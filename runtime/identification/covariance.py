@@ -34,7 +34,7 @@ from runtime.identification.settings import (
     VALUE_STEP_AT_0,
     WHITENED_BIAS,
 )
-from runtime.regression.robust import over_stretches
+from runtime.regression.noise import over_stretches
 from runtime.wording import number
 from symbolic.model_file.arm import ROTOR
 

@@ -22,7 +22,7 @@ from runtime.identification.settings import (
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values
 from runtime.motion.motion import Motion
-from runtime.regression.least_squares import bounded
+from runtime.regression.bounded import bounded
 
 Array = NDArray[np.float64]
 

@@ -40,7 +40,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import RecordingError
-from runtime.regression.least_squares import inverse
+from runtime.regression.bounded import inverse
 
 Array = NDArray[np.float64]
 

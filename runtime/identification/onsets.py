@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from runtime.identification.settings import INTERVAL_SIGMAS
 from runtime.model.terms import Term, joints_of
-from runtime.regression.robust import lag_by_lag
+from runtime.regression.noise import lag_by_lag
 
 if TYPE_CHECKING:
     from runtime.identification.problem import Fit, Problem

@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification.estimate import Estimate
 from runtime.identification.regressors import Ahead, Regressors
-from runtime.identification.settings import INERTIA_CONFIGURATIONS, KEPT_EQUATIONS, NEUTRAL_INERTIA, SAME_ERROR
+from runtime.identification.settings import INERTIA_CONFIGURATIONS, NEUTRAL_INERTIA, SAME_ERROR
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
-from runtime.regression.joint_equations import Alternatives, Block, JointEquations
-from runtime.regression.least_squares import minimise
+from runtime.regression.system import Block, Columns, JointRows, LinearSystem
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -101,24 +99,32 @@ def _neutral(lump: LumpInfo) -> float:
     return NEUTRAL_INERTIA if lump.name in (f"J{lump.joint}", f"M{lump.joint}") else 0.0
 
 
-class _Part(NamedTuple):
-    """What the arm or a term has of a joint's rows: equal ones have one key; unknowns to which its columns belong; and
-    (1 + k, M) the part without free coefficient and the columns."""
+@dataclass(frozen=True)
+class _Part(Mapping[int, Columns]):
+    """What the arm, a term or the rotors have of the rows of their joints, computed when it is asked for.
+
+    key: equal for equal columns; joints (0-based); unknowns: to which the columns belong; rows: (1 + k, M) at a joint,
+    the part without free coefficient and the columns
+    """
 
     key: Hashable
+    joints: tuple[int, ...]
     unknowns: slice
-    rows: Callable[[Regressors], Array]
+    rows: Callable[[Regressors, int], Array]
+    regressors: Regressors
 
+    def __getitem__(self, joint: int) -> Columns:
+        rows, again = (self.rows(r, joint) for r in (self.regressors, self.regressors.perturbed))
+        return Columns(rows, again - rows)
 
-@dataclass(frozen=True)
-class _SkewColumns:
-    """Unknown shifts of the torque: none, one for all joints, or one a joint."""
+    def __contains__(self, joint: object) -> bool:
+        return joint in self.joints
 
-    size: int
-    shared: bool
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.joints)
 
-    def of(self, joint: int) -> int:
-        return 0 if self.shared else joint
+    def __len__(self) -> int:
+        return len(self.joints)
 
 
 @dataclass(frozen=True)
@@ -127,9 +133,6 @@ class Skew:
 
     at: float
     unknown: Literal["no", "shared", "each"] = "no"
-
-    def columns(self, n: int) -> _SkewColumns:
-        return _SkewColumns({"no": 0, "shared": 1, "each": n}[self.unknown], self.unknown == "shared")
 
 
 @dataclass(frozen=True)
@@ -140,12 +143,6 @@ class Solved:
     shifts: Array
     gram: Array
     residual: list[Array]
-
-
-def _spread(values: Array, use: Mask) -> Array:
-    out = np.zeros(len(use))
-    out[use] = values
-    return out
 
 
 def weighted(residual: Sequence[Array], weights: Array) -> float:
@@ -186,6 +183,21 @@ def _inertias(model: Model, q: Array, lumps: Array) -> Array:
     return np.moveaxis(model.inertia(q, lumps), 2, 0)
 
 
+def _arm(regressors: Regressors, joint: int) -> Array:
+    return np.vstack([regressors.measured(joint)[None], regressors.rigid(joint)])
+
+
+def _term(regressors: Regressors, joint: int, term: Term, shape: Values, given: Values) -> Array:
+    return regressors.columns(term, joint, shape, given)
+
+
+def _rotors(regressors: Regressors, joint: int) -> Array:
+    own = regressors.acceleration(joint)
+    rows = np.zeros((1 + regressors.model.n, len(own)))
+    rows[1 + joint] = own
+    return rows
+
+
 class Problem:
     """Least squares of one structure on one motion, for any shapes and skew."""
 
@@ -202,10 +214,8 @@ class Problem:
         self.regressors = Regressors(model, motion, prediction, ahead)
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
-        self._equations: dict[tuple[Hashable, ...], JointEquations] = {}
-        self._last: dict[int, JointEquations] = {}
-        self._right_sides: dict[int, tuple[JointEquations, float, Array, Array]] = {}
-        self._lateness: dict[Hashable, Block] = {}
+        self._last: LinearSystem | None = None
+        self._joints: dict[tuple[int, float, float], JointRows] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
         """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
@@ -229,24 +239,24 @@ class Problem:
     def _rows(self, regressors: Regressors, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
         x = np.zeros((self.layout.size, len(self.motion.row_piece(joint))))
         fixed = np.zeros(x.shape[1])
-        for part in self._parts(joint, shapes):
-            rows = part.rows(regressors)
-            fixed += rows[0]
-            x[part.unknowns] = rows[1:]
+        for part in self._parts(shapes):
+            if joint in part.joints:
+                rows = part.rows(regressors, joint)
+                fixed += rows[0]
+                x[part.unknowns] = rows[1:]
         return x, fixed
 
-    def _parts(self, joint: int, shapes: Mapping[Term, Values]) -> Iterator[_Part]:
-        """Of a joint's rows (0-based): the arm's, then each term's, then the rotor's."""
-        layout = self.layout
-        yield _Part("arm", layout.lumps, lambda r: np.vstack([r.measured(joint)[None], r.rigid(joint)]))
+    def _parts(self, shapes: Mapping[Term, Values]) -> Iterator[_Part]:
+        """The arm's, then each term's, then the rotors'."""
+        layout, every = self.layout, tuple(range(self.model.n))
+        yield _Part("arm", every, layout.lumps, _arm, self.regressors)
         for term in layout.terms:
-            if joint in joints_of(self.model, term):
-                shape, given = shapes[term], self._given(term, shapes)
-                columns = partial(Regressors.columns, term=term, joint=joint, shape=shape, given=given)
-                yield _Part((term, *shape.values(), *given.items()), layout.slices[term], columns)
+            shape, given = shapes[term], self._given(term, shapes)
+            rows = partial(_term, term=term, shape=shape, given=given)
+            key = (term, *shape.values(), *given.items())
+            yield _Part(key, joints_of(self.model, term), layout.slices[term], rows, self.regressors)
         if self.motion.rigid_given:
-            own = slice(layout.rotors.start + joint, layout.rotors.start + joint + 1)
-            yield _Part("rotor", own, lambda r: np.stack([np.zeros_like(r.acceleration(joint)), r.acceleration(joint)]))
+            yield _Part("rotors", every, layout.rotors, _rotors, self.regressors)
 
     def _given(self, term: Term, shapes: Mapping[Term, Values]) -> Values:
         """Signals of a term that are shape parameters of others: of these shapes, not of an earlier fit."""
@@ -255,94 +265,60 @@ class Problem:
         values = {name: given(library, shapes, name) for name in names}
         return {name: value for name, value in values.items() if value is not None}
 
+    def system(self, shapes: Mapping[Term, Values], skew: Skew) -> LinearSystem:
+        """All that is linear for these shapes, compensated for the encoders' noise. What an earlier one had of the same
+        columns is not multiplied again."""
+        layout, blocks = self.layout, []
+        for part in self._parts(shapes):
+            lower, upper, near = (x[part.unknowns] for x in (layout.lower, layout.upper, layout.stated))
+            key = part.key[0] if isinstance(part.key, tuple) else part.key
+            blocks.append(Block(key, part, lower, upper, near=near, version=part.key))
+        joints = [self._joint(i, skew.at) for i in range(self.model.n)]
+        self._last = LinearSystem.of(joints, [*blocks, *self._late(skew)], self._last)
+        return self._last
+
+    def _joint(self, joint: int, at: float) -> JointRows:
+        """A joint's rows (0-based), its torque taken `at` samples."""
+        key = (joint, at, float(self.weights[joint]))
+        if key not in self._joints:
+            motion, use = self.motion, self.motion.moving(joint)
+            self._joints = {k: rows for k, rows in self._joints.items() if k[0] != joint}
+            self._joints[key] = JointRows(
+                motion.torque(joint, at),
+                use,
+                motion.row_piece(joint),
+                weight=key[2],
+                eliminated=motion.eliminated(joint),
+                unaffected=motion.untouched(joint),
+                dependent=motion.dependent(joint, use),
+            )
+        return self._joints[key]
+
+    def _late(self, skew: Skew) -> list[Block]:
+        """What the rows lose as the torque is taken a sample later, where that shift is unknown."""
+        n = self.model.n
+        count = {"no": 0, "shared": 1, "each": n}[skew.unknown]
+        if not count:
+            return []
+        columns = {}
+        for i in range(n):
+            late = -self.regressors.skew(i)
+            rows = np.zeros((1 + count, len(late)))
+            rows[1 + (i if skew.unknown == "each" else 0)] = late
+            columns[i] = Columns(rows)
+        free = np.full(count, np.inf)
+        return [Block(("late", count), columns, -free, free)]
+
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
-        """Everything that is linear, compensated for the encoders' noise, for these shapes."""
-        size = self.layout.size + skew.columns(self.model.n).size
-        gram, moment = np.zeros((size, size)), np.zeros(size)
-        parts = []
-        for i in range(self.model.n):
-            weight, equations = self.weights[i] ** 2, self._of_joint(i, shapes, skew)
-            y, own = self._right_side(i, equations, skew.at)
-            here = equations.unknowns
-            gram[here[:, None], here] += weight * equations.gram
-            moment[here] += weight * own
-            parts.append((equations, y))
-        theta = self._least(gram, moment)
-        residual = [
-            _spread(y - equations.torque(theta[equations.unknowns]), self.motion.moving(i))
-            for i, (equations, y) in enumerate(parts)
-        ]
-        return Solved(theta[: self.layout.size], theta[self.layout.size :], gram, residual)
+        """Everything that is linear, for these shapes; D stays positive definite."""
+        system = self.system(shapes, skew)
+        theta = system.least(self.inertia_cut)
+        own, shifts = theta[: self.layout.size], theta[self.layout.size :]
+        return Solved(own, shifts, system.normal, list(system.residual(theta)))
 
     def errors(self, ways: Sequence[Mapping[Term, Values]], skew: Skew) -> Array:
-        """(S,) weighted squared errors of the solutions for these shapes; what they share is multiplied once."""
-        size = self.layout.size + skew.columns(self.model.n).size
-        grams, moments = np.zeros((len(ways), size, size)), np.zeros((len(ways), size))
-        parts = []
-        for i in range(self.model.n):
-            weight, one = self.weights[i] ** 2, self._alternatives(i, ways, skew)
-            y, here = self.motion.torque(i, skew.at)[self.motion.moving(i)], one.unknowns
-            grams[:, here[:, None], here] += weight * one.grams
-            moments[:, here] += weight * one.moments(y)
-            parts.append((weight, one, y))
-        theta = np.array([self._least(gram, moment) for gram, moment in zip(grams, moments, strict=True)])
-        return np.sum([weight * one.errors(y, theta[:, one.unknowns]) for weight, one, y in parts], axis=0)
-
-    def _least(self, gram: Array, moment: Array) -> Array:
-        """(K + shifts,) within the bounds; shifts of the torque have none."""
-        free = np.full(len(moment) - self.layout.size, np.inf)
-        lower, upper = np.append(self.layout.lower, -free), np.append(self.layout.upper, free)
-        stated = np.append(self.layout.stated, np.zeros(len(free)))
-        return minimise(gram, moment, lower, upper=upper, violated=self.inertia_cut, near=stated)
-
-    def _right_side(self, joint: int, equations: JointEquations, at: float) -> tuple[Array, Array]:
-        """(m,) a joint's torque, taken `at` samples, less what has no free coefficient, and (K,) its moment with the
-        columns, compensated; a search that moves another joint's term leaves them as they are."""
-        kept = self._right_sides.get(joint)
-        if kept is None or kept[0] is not equations or kept[1] != at:
-            y = self.motion.torque(joint, at)[self.motion.moving(joint)] - equations.fixed
-            kept = self._right_sides[joint] = (equations, at, y, equations.moment(y) + equations.noise_moment)
-        return kept[2], kept[3]
-
-    def _of_joint(self, joint: int, shapes: Mapping[Term, Values], skew: Skew) -> JointEquations:
-        """A joint's equations for these shapes; a search that moves one term leaves the other joints' as they are, and
-        of its own joint's the others' columns."""
-        parts, late = list(self._parts(joint, shapes)), self._late(joint, skew)
-        key = (joint, *(part.key for part in parts), *(block.key for block in late))
-        if key not in self._equations:
-            if len(self._equations) > KEPT_EQUATIONS * self.model.n:
-                self._equations.clear()
-            last = self._last.get(joint)
-            there = {} if last is None else {block.key: block for block in last.blocks}
-            blocks = [there.get(part.key) or self._block(part, joint) for part in parts]
-            self._equations[key] = self._last[joint] = JointEquations.of([*blocks, *late], last)
-        return self._equations[key]
-
-    def _alternatives(self, joint: int, ways: Sequence[Mapping[Term, Values]], skew: Skew) -> Alternatives:
-        """A joint's equations (0-based) for each of these shapes."""
-        whole = self._of_joint(joint, ways[0], skew)
-        slots = list(zip(*(self._parts(joint, shapes) for shapes in ways), strict=True))
-        other = [k for k, slot in enumerate(slots) if len({part.key for part in slot}) > 1]
-        same = [block for k, block in enumerate(whole.blocks) if k not in other]
-        own = [[self._block(slots[k][way], joint) for k in other] for way in range(len(ways))]
-        return Alternatives.of(JointEquations.of(same, whole), own)
-
-    def _block(self, part: _Part, joint: int) -> Block:
-        use = self.motion.moving(joint)
-        rows, again = (part.rows(r)[:, use] for r in (self.regressors, self.regressors.perturbed))
-        return Block(part.key, np.arange(part.unknowns.start, part.unknowns.stop), rows, again - rows)
-
-    def _late(self, joint: int, skew: Skew) -> list[Block]:
-        """What a joint's rows lose as its torque is taken a sample later, where that shift is unknown."""
-        columns = skew.columns(self.model.n)
-        if not columns.size:
-            return []
-        key = ("late", self.layout.size + columns.of(joint))
-        if (joint, key) not in self._lateness:
-            late = -self.regressors.skew(joint)[self.motion.moving(joint)]
-            rows = np.stack([np.zeros_like(late), late])
-            self._lateness[joint, key] = Block(key, np.array(key[1:]), rows, np.zeros_like(rows))
-        return [self._lateness[joint, key]]
+        """(S,) weighted squared errors of the solutions for these shapes."""
+        return np.array([weighted(self.solve(shapes, skew).residual, self.weights) for shapes in ways])
 
     def foresee(self, term: Term, choices: Sequence[Values], shapes: Mapping[Term, Values]) -> None:
         """Make columns ready, at once, for solutions with these shapes of one term and all else as in `shapes`."""

@@ -25,7 +25,7 @@ from runtime.model.catalogue import JointInfo
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.recordings.columns import UNITS
-from runtime.regression.least_squares import bounded
+from runtime.regression.bounded import bounded
 
 Array = NDArray[np.float64]
 

@@ -261,11 +261,6 @@ FRICTION_RANGE: Final = 4
 FRICTION_SPEEDS: Final = 400
 """number of speeds; a hundred between rest and the fastest of the data; by construction."""
 
-# memory -------------------------------------------------------------------------------------------------------------
-
-KEPT_EQUATIONS: Final = 8
-"""number of equations a joint; kept for searches that come back to a shape; memory, it decides no result."""
-
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
 SLOWEST_ROWS: Final = 0.1

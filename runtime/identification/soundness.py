@@ -15,12 +15,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification.problem import Fit, Problem
+from runtime.identification.problem import Fit, Problem, Skew
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import FAR_WORSE, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.motion.motion import Motion
-from runtime.regression.least_squares import minimise
 
 Array = NDArray[np.float64]
 
@@ -90,14 +89,5 @@ def _squares(problem: Problem, residual: Sequence[Array]) -> list[float]:
 def _plain(problem: Problem, fit: Fit) -> list[float]:
     """Per joint the weighted squared error of least squares without compensation, on the rows and with the shapes of
     a fit."""
-    layout = problem.layout
-    gram, moment, parts = np.zeros((layout.size, layout.size)), np.zeros(layout.size), []
-    for i, weight in enumerate(problem.weights):
-        use = problem.motion.moving(i)
-        x, fixed = problem.rows(i, fit.shapes)
-        x, y = x[:, use], (problem.motion.torque(i, fit.skew) - fixed)[use]
-        gram += weight**2 * x @ x.T
-        moment += weight**2 * x @ y
-        parts.append((x, y))
-    theta = minimise(gram, moment, layout.lower, upper=layout.upper, violated=problem.inertia_cut, near=layout.stated)
-    return _squares(problem, [y - theta @ x for x, y in parts])
+    system = problem.system(fit.shapes, Skew(fit.skew)).without_noise()
+    return _squares(problem, system.residual(system.least(problem.inertia_cut)))

@@ -25,107 +25,105 @@ from runtime.identification.regressors import Regressors
 from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LARGEST_QUANTILE, LOADED, TWIST_PASSES
 from runtime.model.terms import Term
 from runtime.motion.spectrum import white_inside
-from runtime.regression.least_squares import bounded, inverse, rank
-from runtime.regression.robust import over_stretches
+from runtime.regression.bounded import inverse
+from runtime.regression.noise import over_stretches
+from runtime.regression.system import Block, Columns, JointRows, LinearSystem
 
 if TYPE_CHECKING:
     from runtime.identification.problem import Fit, Problem
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class TwistRows:
-    """In-band rows of one joint (0-based), and what yields.
+@dataclass(frozen=True, eq=False)
+class TwistEquation:
+    """The twist of one joint, with the encoders aligned, in the band: what explains it first, then its cause.
 
-    twist (M,) rad (m); base (b, M), what may explain it first; cause (M,) what is asked for beside that; use (M,) rows
-    that count
+    Signals stand as they were read and as another reading of the motor's encoder would have given them: twist (2, M)
+    rad (m); base (2, b, M), the rate first; along (2, a, M), parts of the cause that are not known; cause (2, M).
+
+    rows           of which `use` counts
+    torque_noise   variance of white noise that is in the cause beside that
+    errors         (m, M) what a standard deviation of each independent error of the fitted model adds to the load
     """
 
     twist: Array
     base: Array
+    along: Array
     cause: Array
-    use: Mask
-
-    @property
-    def columns(self) -> Array:
-        """(b + 1, m) of the rows that count, the cause last."""
-        return np.vstack([self.base, self.cause])[:, self.use]
-
-    def less(self, other: TwistRows) -> TwistRows:
-        """What this one has and another has not."""
-        return TwistRows(self.twist - other.twist, self.base - other.base, self.cause - other.cause, self.use)
-
-
-@dataclass(frozen=True)
-class TwistEquation:
-    """Rows with the encoders aligned, and as another reading of the motor's encoder would have given them.
-
-    torque_noise   variance of white noise that is in the cause beside that
-    along          how many of the base's last rows stand for a part of the cause that is not known
-    errors         (m, M) what a standard deviation of each independent error of the fitted model adds to the load
-    """
-
-    rows: TwistRows
-    noisy: TwistRows
+    rows: JointRows
     torque_noise: float
     errors: Array
-    along: int = 0
-
-    @cached_property
-    def noise(self) -> TwistRows:
-        return self.noisy.less(self.rows)
 
     def of_gap(self) -> TwistEquation:
         """The same with the direction of the load as the cause, where a gap's flanks surely touch: beside a spring,
         linear or hardening, and beside friction that the model does not have right."""
-        size = np.abs(self.rows.cause)
-        largest = float(np.quantile(size[self.rows.use], LARGEST_QUANTILE))
-        use = self.rows.use & (size > LOADED * largest)
+        size, use = np.abs(self.cause[0]), self.rows.use
+        largest = float(np.quantile(size[use], LARGEST_QUANTILE))
+        load = self.cause / largest
         # Friction that is not right has a column of its own there.
-        return TwistEquation(_gap(self.rows, largest, use), _gap(self.noisy, largest, use), 0.0, self.errors[:0])
+        more = np.stack([load, load**3, np.sign(self.base[:, 0])], axis=1)
+        base = np.concatenate([self.base, self.along, more], axis=1)
+        rows = replace(self.rows, use=use & (size > LOADED * largest))
+        return replace(
+            self, base=base, along=base[:, :0], cause=np.sign(load), rows=rows, torque_noise=0.0, errors=self.errors[:0]
+        )
 
     def beside_gap(self) -> TwistEquation:
         """The same with a gap in the base."""
         loaded = self.of_gap()
-
-        def both(rows: TwistRows, gap: TwistRows) -> TwistRows:
-            return replace(rows, base=np.vstack([rows.base, gap.cause]), use=gap.use)
-
-        return TwistEquation(
-            both(self.rows, loaded.rows), both(self.noisy, loaded.noisy), self.torque_noise, self.errors
-        )
+        base = np.concatenate([self.base, self.along, loaded.cause[:, None]], axis=1)
+        return replace(self, base=base, along=base[:, :0], rows=loaded.rows)
 
     @cached_property
-    def gram(self) -> Array:
-        """(b + 1, b + 1), compensated for the noise."""
-        x, n = self.rows.columns, self.noise.columns
-        gram: Array = x @ x.T - n @ n.T
-        gram[-1, -1] -= self.torque_noise * x.shape[1]
-        return gram
+    def unexplained(self) -> LinearSystem:
+        """The twist and what explains it first."""
+        read = np.concatenate([np.zeros_like(self.twist[:, None]), self.base], axis=1)
+        noise = read[1] - read[0]
+        noise[0] = self.twist[0] - self.twist[1]
+        free = np.full(self.base.shape[1], np.inf)
+        return LinearSystem.of([self.rows], [Block("base", {0: Columns(read[0], noise)}, -free, free)])
+
+    @cached_property
+    def block(self) -> Block:
+        """The cause, whose coefficient is not negative, and what comes along with it."""
+        read = np.concatenate([np.zeros_like(self.cause[:, None]), self.cause[:, None], self.along], axis=1)
+        free = np.full(self.along.shape[1], np.inf)
+        white = np.append(self.torque_noise, np.zeros(len(free)))
+        columns = {0: Columns(read[0], read[1] - read[0], white)}
+        return Block("cause", columns, np.append(0.0, -free), np.append(np.inf, free))
+
+    @cached_property
+    def system(self) -> LinearSystem:
+        """With the cause."""
+        return self.unexplained.with_block(self.block)
 
     @property
-    def tells(self) -> bool:
+    def is_identifiable(self) -> bool:
         """Whether the cause is none that the base can stand for."""
-        return rank(self.gram) == len(self.gram)
+        return self.system.rank == len(self.system.unknown)
 
     @cached_property
     def solution(self) -> Array:
-        """(b + 1,) unknowns; that of the cause is not negative."""
-        x, n, use = self.rows.columns, self.noise.columns, self.rows.use
-        moment = x @ self.rows.twist[use] - n @ self.noise.twist[use]
-        free = np.full(len(moment), np.inf)
-        return bounded(self.gram, moment, np.append(-free[1:], 0.0), free)
+        """(b + 1 + a,) unknowns: of the base, of the cause, of what comes along."""
+        return self.system.least()
 
-    def covariance(self, stretch: NDArray[np.intp]) -> tuple[Array, int]:
-        """Of the unknowns, for residuals that hang together within a stretch (M,); its degrees of freedom."""
-        x, use = self.rows.columns, self.rows.use
-        scores = x * (self.rows.twist[use] - self.solution @ x)
-        _, index = np.unique(stretch[use], return_inverse=True)
+    def of_cause(self) -> tuple[float, float, int]:
+        """The coefficient of the cause, its variance, and its degrees of freedom."""
+        covariance, degrees = self.covariance
+        k = self.base.shape[1]
+        return float(self.solution[k]), float(covariance[k, k]), degrees
+
+    @cached_property
+    def covariance(self) -> tuple[Array, int]:
+        """Of the unknowns, for residuals that hang together within each stretch of `rows.piece`; degrees of freedom."""
+        rows = self.rows
+        x = np.vstack([self.base[0], self.cause[:1], self.along[0]])[:, rows.use]
+        scores = x * (self.twist[0, rows.use] - self.solution @ x)
+        _, index = np.unique(rows.piece[rows.use], return_inverse=True)
         sums = np.array([np.bincount(index, weights=row) for row in scores]).T
-        by_load = x @ (self.solution[-1] * self.errors[:, use]).T
-        inverted = inverse(self.gram)
+        by_load = x @ (self.solution[self.base.shape[1]] * self.errors[:, rows.use]).T
+        inverted = inverse(self.system.normal)
         covariance: Array = inverted @ (over_stretches(sums, 1) + by_load @ by_load.T) @ inverted
         return covariance, len(sums) - len(x)
 
@@ -157,34 +155,29 @@ def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
     for _ in range(TWIST_PASSES):
         skew += float(equation.solution[0])
         equation = _equation(problem, fit, joint, skew=skew, errors=errors)
-    info, stretch = problem.model.joints[joint], stretches(problem.motion, joint)
-    covariance, degrees = equation.covariance(stretch)
+    info = problem.model.joints[joint]
+    covariance, degrees = equation.covariance
     late = Estimate(skew, interval(skew, float(covariance[0, 0]), degrees), "s")
     unit, loaded = f"{info.force_unit}/{info.position_unit}", equation.of_gap()
-    behind = _stiffness(equation.beside_gap(), stretch, unit)
-    gap = _gap_of(loaded, stretch, info.position_unit)
-    return TwistFit(joint, late, _stiffness(equation, stretch, unit), gap=gap, behind_gap=behind, equation=equation)
+    behind = _stiffness(equation.beside_gap(), unit)
+    gap = _gap_of(loaded, info.position_unit)
+    return TwistFit(joint, late, _stiffness(equation, unit), gap=gap, behind_gap=behind, equation=equation)
 
 
-def _gap_of(equation: TwistEquation, stretch: NDArray[np.intp], unit: str) -> Estimate | None:
-    half = float(equation.solution[-1])
-    if not equation.tells or half <= 0:
+def _gap_of(equation: TwistEquation, unit: str) -> Estimate | None:
+    half, variance, degrees = equation.of_cause()
+    if not equation.is_identifiable or half <= 0:
         return None
-    low, high = interval(half, *_of_cause(equation, stretch))
+    low, high = interval(half, variance, degrees)
     return Estimate(2 * half, (2 * low, 2 * high), unit)
 
 
-def _of_cause(equation: TwistEquation, stretch: NDArray[np.intp]) -> tuple[float, int]:
-    covariance, degrees = equation.covariance(stretch)
-    return float(covariance[-1, -1]), degrees
-
-
-def _stiffness(equation: TwistEquation, stretch: NDArray[np.intp], unit: str) -> Estimate | None:
+def _stiffness(equation: TwistEquation, unit: str) -> Estimate | None:
     """With an interval that the compliance's own gives, which is the symmetric one; no upper end where that holds 0."""
-    compliance = float(equation.solution[-1])
-    if not equation.tells or compliance <= 0:
+    compliance, variance, degrees = equation.of_cause()
+    if not equation.is_identifiable or compliance <= 0:
         return None
-    low, high = interval(compliance, *_of_cause(equation, stretch))
+    low, high = interval(compliance, variance, degrees)
     return Estimate(1 / compliance, (1 / high, 1 / low if low > 0 else np.inf), unit)
 
 
@@ -198,17 +191,28 @@ def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array
     motion, band = problem.motion, problem.motion.band
     # What rests is eliminated from linear equations; this one has the direction of the load, too.
     whole = replace(problem.regressors, motion=motion.with_standstill)
-    plain, again = (_rows(problem, fit, joint, skew=skew, regressors=r) for r in (whole, whole.perturbed))
+    twists, bases, alongs, causes = zip(
+        *(_signals(problem, fit, joint, skew=skew, regressors=r) for r in (whole, whole.perturbed)), strict=True
+    )
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
     cutoff = motion.cutoff(joint)
     inside = white_inside(motion.recorded(joint, fit.skew), motion.row_rate(joint), cutoff)
-    noise = cutoff * min(inside, float(band.torque_density[joint]))
-    along = int(problem.model.joints[joint].rotor_inertia is None)
-    return TwistEquation(plain, again, noise, errors=errors, along=along)
+    return TwistEquation(
+        np.array(twists),
+        np.array(bases),
+        np.array(alongs),
+        np.array(causes),
+        rows=JointRows(twists[0], motion.untouched(joint), stretches(motion, joint)),
+        torque_noise=cutoff * min(inside, float(band.torque_density[joint])),
+        errors=errors,
+    )
 
 
-def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regressors) -> TwistRows:
-    """The rate, a constant a recording and, where the rotor's inertia is not known, the acceleration; the load."""
+def _signals(
+    problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regressors
+) -> tuple[Array, Array, Array, Array]:
+    """Twist (M,); the rate and a constant a recording (b, M); the acceleration where the rotor's inertia is not known
+    (a, M); the load (M,)."""
     motion, shift = regressors.motion, np.zeros(problem.model.n)
     shift[joint] = skew
     parts = []
@@ -219,18 +223,10 @@ def _rows(problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regre
     twists, rate, acceleration = np.concatenate(parts, axis=1)
     rotor = problem.model.joints[joint].rotor_inertia
     load = motion.recorded(joint, fit.skew) - _at_the_motor(problem, fit, joint, regressors)
-    base = [rate, *_constants(problem, joint)]
-    if rotor is None:
-        base.append(acceleration)
-    else:
-        load = load - rotor * acceleration
-    return TwistRows(twists, np.array(base), load, problem.motion.untouched(joint))
-
-
-def _gap(rows: TwistRows, largest: float, use: Mask) -> TwistRows:
-    load = rows.cause / largest
-    base = np.vstack([rows.base, load, load**3, np.sign(rows.base[0])])
-    return TwistRows(rows.twist, base, np.sign(load), use)
+    base, along = np.array([rate, *_constants(problem, joint)]), acceleration[None, :]
+    if rotor is not None:
+        load, along = load - rotor * acceleration, along[:0]
+    return twists, base, along, load
 
 
 def _constants(problem: Problem, joint: int) -> list[Array]:

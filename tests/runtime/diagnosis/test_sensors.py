@@ -114,7 +114,7 @@ def test_a_link_side_encoder_says_whether_the_transmission_gives_way() -> None:
     fitted = kept(identify, bank.model("judge1"), [recording])
     field = CandidateField(fitted.problem, fitted.fit)
     late, block = Candidate(DELAY, {}, 0, 0.0, at_edge=False), field.block(DELAY, {})
-    parts = np.append(1.0, field.ground.solve(block).coefficients[field.ground.size :])
+    parts = np.append(1.0, field.ground.with_block(block).solution.coefficients[len(field.ground.unknown) :])
     said = "; ".join(doubt.text for doubt in FurtherSensors(field).doubts(field.ground, late, block, parts))
     assert "the transmission gives way instead" in said
 

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from runtime.regression.alike import Alike
-from runtime.regression.least_squares import bounded, minimise, rank, solve
+from runtime.regression.bounded import Alike, bounded, minimise, rank, solve
 
 
 @given(st.integers(0, 10_000), st.integers(1, 8))

@@ -13,7 +13,7 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.identify import Identification, identify_motion, prepared
 from runtime.identification.problem import Problem
 from runtime.model.terms import Term, structure
-from runtime.regression.robust import over_stretches
+from runtime.regression.noise import over_stretches
 from runtime.workspace.source import Source
 from tests import bank, spatial_wrist
 from tests.judge.bodies import ARMS

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,83 +11,100 @@ from scipy import sparse
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from runtime.diagnosis import gates
-from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.evidence import CandidateBlock, CandidateRows, Ground, Rows, vuong
-from runtime.model.terms import Term
+from runtime.regression.noise import Whitening, autoregression, vuong
 from runtime.regression.settings import FOLDS, WHITE_LEAST
-from runtime.regression.whitening import Whitening, autoregression
+from runtime.regression.system import Block, Columns, JointRows, LinearSystem
 
 Array = NDArray[np.float64]
 
 
-def rows(y: np.ndarray, base: np.ndarray, noise: np.ndarray | None = None) -> Rows:
-    use = np.ones(len(y), dtype=bool)
-    silent = np.zeros((len(base) + 1, len(y)))
-    given = silent if noise is None else noise
-    return Rows(y, base, given, np.arange(len(base)), use, np.zeros(len(y), dtype=int), 1.0)
+@dataclass(frozen=True)
+class Joint:
+    """One joint's torque (M,), base (b, M), its noise (b, M) and the numbers of its unknowns."""
+
+    y: Array
+    base: Array
+    noise: Array | None = None
+    unknowns: tuple[int, ...] = ()
 
 
-def ground(*joints: Rows) -> Ground:
-    free = np.full(max(int(r.index.max(initial=-1)) + 1 for r in joints), np.inf)
-    return Ground.levelled(joints, -free, free)
+def system(*joints: Joint, change: int | None = None) -> LinearSystem:
+    """All unknowns free; change: the number of one that is a change of what was fitted."""
+    of = [one.unknowns or tuple(range(len(one.base))) for one in joints]
+    rows = [whole(one.y) for one in joints]
+    blocks = []
+    for k in range(max(n for own in of for n in own) + 1):
+        at = [(j, own.index(k)) for j, own in enumerate(of) if k in own]
+        columns = {j: columns_of(joints[j], i) for j, i in at}
+        blocks.append(Block(f"base {k}", columns, np.full(1, -np.inf), np.full(1, np.inf), change=k == change))
+    return LinearSystem.of(rows, blocks).over(rows)
 
 
-def block(
-    *columns: np.ndarray, fixed: np.ndarray | None = None, lower: float = -np.inf, joint: int = 0
-) -> CandidateBlock:
+def columns_of(joint: Joint, k: int) -> Columns:
+    silent = np.zeros_like(joint.y)
+    noise = None if joint.noise is None else np.array([silent, joint.noise[k]])
+    return Columns(np.array([silent, joint.base[k]]), noise)
+
+
+def whole(y: Array, weight: float = 1.0) -> JointRows:
+    return JointRows(y, np.ones(len(y), dtype=bool), np.zeros(len(y), dtype=int), weight)
+
+
+def block(*columns: Array, fixed: Array | None = None, lower: float = -np.inf, joint: int = 0) -> Block:
     x = np.array(columns)
     first = np.zeros(x.shape[1]) if fixed is None else fixed
-    return CandidateBlock(
-        {joint: CandidateRows(np.vstack([first, x]))}, np.full(len(x), lower), np.full(len(x), np.inf)
-    )
+    bounds = np.full(len(x), lower), np.full(len(x), np.inf)
+    return Block("candidate", {joint: Columns(np.vstack([first, x]))}, *bounds)
+
+
+def held_out(of: LinearSystem) -> float:
+    return float(of.solution.held_out[0].sum())
 
 
 def test_quick_and_full_errors_agree() -> None:
     rng = np.random.default_rng(0)
     base, column, fixed = rng.standard_normal((3, 500)), rng.standard_normal(500), rng.standard_normal(500)
-    found = ground(rows(rng.standard_normal(500), base))
+    found = system(Joint(rng.standard_normal(500), base))
     for lower in (-np.inf, 0.0):
         candidate = block(column, fixed=fixed, lower=lower)
-        assert np.isclose(found.solve().sse - found.gain(candidate), found.solve(candidate).sse)
+        assert np.isclose(found.solution.sse - found.gain(candidate), found.with_block(candidate).solution.sse)
     x = np.vstack([base, column])
-    y = found.rows[0].y - fixed
+    y = found.joints[0].tau - fixed
     free = float(np.sum((y - np.linalg.lstsq(x.T, y, rcond=None)[0] @ x) ** 2))
-    assert np.isclose(found.solve(block(column, fixed=fixed)).sse, free)
+    assert np.isclose(found.with_block(block(column, fixed=fixed)).solution.sse, free)
 
 
 def test_many_choices_gain_what_each_does() -> None:
     """Free, on a bound, without a column of its own, and with noise in it."""
     rng = np.random.default_rng(5)
     base = rng.standard_normal((3, 500))
-    found = ground(rows(rng.standard_normal(500), base))
+    found = system(Joint(rng.standard_normal(500), base))
     columns = rng.standard_normal((6, 3, 500))
     columns[2, 1] = base[0] + base[1]
     columns[3] = 0.0
     noise = 0.2 * rng.standard_normal((6, 3, 500))
     bounds = np.array([0.0, -np.inf]), np.full(2, np.inf)
-    gains = found.gains(CandidateBlock({0: CandidateRows(columns, noise)}, *bounds))
-    for k, gain in enumerate(gains):
-        assert np.isclose(gain, found.gain(CandidateBlock({0: CandidateRows(columns[k], noise[k])}, *bounds)))
+    every = Block("candidate", {0: Columns(columns, noise)}, *bounds)
+    for k, gain in enumerate(found.gains(every)):
+        assert np.isclose(gain, found.gain(every.choice(k)))
 
 
 def test_what_joints_share_counts_once() -> None:
     """A factor on one joint's torque is hidden by that joint's own inertia, but not by one that another shares."""
     rng = np.random.default_rng(6)
     first, second = rng.standard_normal((2, 400))
-    one, two = rows(1.1 * first, first[None]), rows(second, second[None])
-    shared = ground(one, two)
-    assert shared.solve(block(first)).sse < 1e-9 < 1.0 < shared.solve().sse
-    assert ground(one).solve().sse < 1e-9
+    one, two = Joint(1.1 * first, first[None]), Joint(second, second[None])
+    shared = system(one, two)
+    assert shared.with_block(block(first)).solution.sse < 1e-9 < 1.0 < shared.solution.sse
+    assert system(one).solution.sse < 1e-9
 
 
 def test_cross_validation_rewards_truth_and_punishes_noise() -> None:
     rng = np.random.default_rng(1)
     truth, noise = rng.standard_normal(2000), rng.standard_normal((30, 2000))
-    found = ground(rows(0.5 * truth + rng.standard_normal(2000), np.ones((1, 2000))))
-    base = found.equations().held_out[0].sum()
-    assert found.equations(block(truth)).held_out[0].sum() < 0.85 * base
-    assert found.equations(block(*noise)).held_out[0].sum() > base
+    found = system(Joint(0.5 * truth + rng.standard_normal(2000), np.ones((1, 2000))))
+    assert held_out(found.with_block(block(truth))) < 0.85 * held_out(found)
+    assert held_out(found.with_block(block(*noise))) > held_out(found)
 
 
 def test_what_one_stretch_alone_tells_hides_no_effect() -> None:
@@ -98,11 +113,10 @@ def test_what_one_stretch_alone_tells_hides_no_effect() -> None:
     rng = np.random.default_rng(7)
     truth, moment = rng.standard_normal(2000), 1e-3 * rng.standard_normal(2000)
     moment[1040:1050] = 1.0
-    found = ground(rows(0.3 * truth + rng.standard_normal(2000), np.vstack([np.ones(2000), moment])))
-    alone = found.equations().held_out[0].sum()
-    leaning = replace(found, changes=(1,))
-    before, after = (leaning.equations(b).held_out[0].sum() for b in (None, block(truth)))
-    assert alone > 1.5 * before
+    joint = Joint(0.3 * truth + rng.standard_normal(2000), np.vstack([np.ones(2000), moment]))
+    pulled = system(joint, change=1)
+    before, after = held_out(pulled), held_out(pulled.with_block(block(truth)))
+    assert held_out(system(joint)) > 1.5 * before
     assert before == pytest.approx(1.09 * 2000, rel=0.1)
     assert 1 - after / before == pytest.approx(0.09 / 1.09, abs=0.03)
 
@@ -113,7 +127,7 @@ def test_autoregression_is_recovered() -> None:
     e, r = rng.standard_normal(20_000), np.zeros(20_000)
     for k in range(2, len(r)):
         r[k] = 1.2 * r[k - 1] - 0.5 * r[k - 2] + e[k]
-    found = rows(r, np.ones((1, len(r))))
+    found = whole(r)
     ar = autoregression(r, found.use, found.piece)
     covariance = autocovariance(np.array([1.0, -1.2, 0.5]), len(ar))
     beside = toeplitz(covariance + WHITE_LEAST * covariance[0] * np.eye(1, len(ar))[0])
@@ -123,12 +137,12 @@ def test_autoregression_is_recovered() -> None:
     assert np.isclose(np.std(found.whitening(r)(r)), left, rtol=0.02)
 
 
-def bic_fall(joints: Ground, candidate: CandidateBlock) -> float:
+def bic_fall(of: LinearSystem, candidate: Block) -> float:
     """Of whitened rows, by what makes the candidate's residual white."""
-    left = joints.solve(candidate).residual
-    by = [row.whitening(r) for row, r in zip(joints.rows, left, strict=True)]
-    white = joints.whitened(by, left)
-    return white.equations().bic - white.equations(candidate.whitened(by)).bic
+    left = of.with_block(candidate).solution.residual
+    by = [rows.whitening(r) for rows, r in zip(of.joints, left, strict=True)]
+    white = of.whitened(by, left)
+    return white.solution.bic - white.with_block(candidate.whitened(by)).solution.bic
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -138,12 +152,16 @@ def test_evidence_at_a_joint_does_not_hang_on_what_other_joints_leave(seed: int)
     slow = lfilter([1.0], [1.0, -0.98], rng.standard_normal(2000))
     column = lfilter([1.0], [1.0, -0.95], rng.standard_normal(2000))
     base = rng.standard_normal((1, 2000))
-    alone = rows(slow + 0.3 * column, base)
-    alone = replace(alone, weight=1 / float(np.std(alone.y)))
-    others = [replace(rows(rng.standard_normal(2000), base), index=np.array([k])) for k in (1, 2, 3)]
-    expected = bic_fall(ground(alone), block(column))
+    one = Joint(slow + 0.3 * column, base, None, (0,))
+    others = [Joint(rng.standard_normal(2000), base, None, (k,)) for k in (1, 2, 3)]
+    weights = [1 / float(np.std(one.y)), 1.0, 1.0, 1.0]
+    both = [
+        of.over([whole(rows.tau, weight) for rows, weight in zip(of.joints, weights, strict=False)])
+        for of in (system(one), system(one, *others))
+    ]
+    expected = bic_fall(both[0], block(column))
     assert expected > 100
-    assert bic_fall(ground(alone, *others), block(column)) == pytest.approx(expected, rel=0.2)
+    assert bic_fall(both[1], block(column)) == pytest.approx(expected, rel=0.2)
 
 
 @pytest.mark.parametrize("missing", ["none", "rows", "stretch"])
@@ -185,18 +203,19 @@ def test_noise_in_a_regressor_does_not_bias_its_coefficient() -> None:
     clean = rng.standard_normal(50_000)
     y = 3 * clean + 0.1 * rng.standard_normal(50_000)
     measured = clean + rng.standard_normal(50_000)
-    realisation = np.stack([rng.standard_normal(50_000), np.zeros(50_000)])
-    assert abs(ground(rows(y, measured[None])).solve().coefficients[0] - 1.5) < 0.05
-    compensated = ground(rows(y, measured[None], realisation))
-    assert abs(compensated.solve().coefficients[0] - 3.0) < 0.1
-    assert np.isclose(compensated.solve().sse, float(np.sum((y - 3 * measured) ** 2)), rtol=0.1)
+    assert abs(system(Joint(y, measured[None])).solution.coefficients[0] - 1.5) < 0.05
+    compensated = system(Joint(y, measured[None], rng.standard_normal((1, 50_000))))
+    assert abs(compensated.solution.coefficients[0] - 3.0) < 0.1
+    assert np.isclose(compensated.solution.sse, float(np.sum((y - 3 * measured) ** 2)), rtol=0.1)
+    assert abs(compensated.without_noise().solution.coefficients[0] - 1.5) < 0.05
 
 
 def test_unknowns_left_out_are_as_good_as_never_there() -> None:
     rng = np.random.default_rng(7)
     base = rng.standard_normal((3, 300))
     y = rng.standard_normal(300)
-    assert np.isclose(ground(rows(y, base)).without([1]).solve().sse, ground(rows(y, base[[0, 2]])).solve().sse)
+    others = system(Joint(y, base[[0, 2]])).solution.sse
+    assert np.isclose(system(Joint(y, base)).without(["base 1"]).solution.sse, others)
 
 
 def test_vuong_tells_better_from_equal() -> None:
@@ -208,42 +227,8 @@ def test_vuong_tells_better_from_equal() -> None:
 
 def test_folds_are_contiguous_and_even() -> None:
     use = np.random.default_rng(5).random(997) > 0.3
-    row = Rows(np.zeros(997), np.zeros((0, 997)), np.zeros((1, 997)), np.zeros(0, int), use, np.zeros(997, int), 1.0)
+    row = replace(whole(np.zeros(997)), use=use)
     sizes = [f.stop - f.start for f in row.folds]
     assert len(sizes) == FOLDS
     assert sum(sizes) == use.sum()
     assert max(sizes) - min(sizes) <= 1
-
-
-class _Field:
-    """Of two joints: a candidate of each term, whose error on the excerpt is its joint's number."""
-
-    model = SimpleNamespace(n=2)
-    replaced = staticmethod(lambda _: ())
-    without = staticmethod(lambda ground, _: ground)
-    trial = staticmethod(lambda term, _: term)
-    watched = staticmethod(lambda term: term.joint == 2)
-
-    @property
-    def excerpt(self) -> tuple[None, _Field]:
-        return None, self
-
-    def search(self, term: Term) -> Candidate:
-        return Candidate(term, {"speed": 0.1}, 1, 1.0, False)
-
-    def refine(self, candidate: Candidate) -> Candidate:
-        return candidate
-
-    def equations(self, block: Term | None) -> SimpleNamespace:
-        error = 100.0 if block is None else float(block.joint or 0)
-        return SimpleNamespace(held_out=[np.array([error])], sse=error)
-
-
-def test_no_candidate_is_weighed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also one that is hopeful at its joint, leaves least there and has an encoder on either side."""
-    weighed: list[Term] = []
-    monkeypatch.setattr(gates, "weigh", lambda _, candidates, __: weighed.extend(c.term for c in candidates))
-    terms = [Term(f"effect{k}", joint) for joint in (1, 2) for k in range(12)]
-    gates.rank(cast(CandidateField, _Field()), terms, (1.0, 1.0))
-    assert {t.joint for t in weighed} == {1, 2}
-    assert len(weighed) == len(set(weighed))

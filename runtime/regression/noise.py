@@ -116,3 +116,37 @@ def _levinson(covariance: Array, count: int) -> Array:
         if score < best_score:
             best, best_score = ar, score
     return best
+
+
+def over_stretches(sums: Array, equations: int) -> Array:
+    """(K, K) covariance of the sum of scores, of their sums (S, K) over stretches that count as independent.
+
+    A stretch holds rows of that many equations, one a joint, and the K unknowns take their degrees of freedom from all
+    of them together. Source: Liang & Zeger 1986.
+    """
+    stretches, unknowns = sums.shape
+    covariance: Array = sums.T @ sums * stretches / max(1.0, stretches - unknowns / equations)
+    return covariance
+
+
+def lag_by_lag(scores: Array) -> float:
+    """Variance of the sum of scores (N,) about their mean, with weights that fall to zero at a lag that grows with N.
+
+    Source: Newey & West 1987; for the lag, 4 (N/100)^(2/9), 1994.
+    """
+    centred = scores - scores.mean()
+    lags = int(4 * (len(scores) / 100) ** (2 / 9)) + 1
+    variance = float(centred @ centred)
+    for lag in range(1, lags + 1):
+        variance += 2 * (1 - lag / (lags + 1)) * float(centred[lag:] @ centred[:-lag])
+    return variance
+
+
+def vuong(better: Array, worse: Array) -> float:
+    """Vuong's statistic of two residuals (N,) with a variance robust to autocorrelation.
+
+    Source: Vuong 1989.
+    """
+    variance = float(better @ better) / len(better)
+    gain = (worse**2 - better**2) / (2 * variance)
+    return float(gain.sum() / np.sqrt(max(lag_by_lag(gain), 1e-300)))

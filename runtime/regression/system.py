@@ -1,0 +1,773 @@
+"""One linear system for every question of a diagnosis: rows a joint, a block of columns a term.
+
+    tau_j = sum over blocks of (f_j + X_j theta) + e_j        at every joint j
+
+f is the part of a term's torque without free coefficient, X its columns; unknowns theta that joints share (the base
+inertial parameters) stand once. A fit, a candidate, a pair, a detection limit and the twist of a link encoder are this
+system with other blocks. Everything is decided by products of rows in FOLDS stretches of time: they are computed
+once for each pair of blocks, and the samples are needed again for residuals and whitening alone.
+
+Columns come from measured positions and carry noise. The products of a realisation of that noise are subtracted from
+all products (bias-compensated least squares, Stoica & Söderström 1982). Without this, any term that can switch the
+inertia off where the motion is slow "explains" the encoder's noise. `level` adds to every squared error what noise the
+system without candidates lets through, so that ratios of errors are those of real residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
+from runtime.regression.noise import Whitening, autoregression
+from runtime.regression.settings import FOLDS, LARGEST_COLUMN, LEAST_OWN, SHRINKAGE
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
+Torques = Mapping[int, Array]
+"""By joint (0-based), (..., M)."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointRows:
+    """The rows of one joint.
+
+    tau (M,) N m (N); use (M,): rows that count, at least some; piece (M,): the stretch of time of a row; weight: 1/σ;
+    eliminated (M, K): combinations of rows that were taken out; unaffected (M,): rows that none of them reaches, None:
+    all that count; dependent: how many rows follow from others; stretches: of the rows that count, in place of FOLDS
+    even ones.
+    """
+
+    tau: Array
+    use: Mask
+    piece: Places
+    weight: float = 1.0
+    eliminated: sparse.csr_array | None = None
+    unaffected: Mask | None = None
+    dependent: int = 0
+    stretches: tuple[slice, ...] = ()
+
+    @cached_property
+    def at(self) -> Places:
+        """(m,) places of the rows that count."""
+        return np.flatnonzero(self.use)
+
+    @property
+    def count(self) -> int:
+        """Number of rows that count, m."""
+        return len(self.at)
+
+    @property
+    def independent(self) -> int:
+        """Number of rows that count and do not follow from others."""
+        return max(1, self.count - self.dependent)
+
+    @cached_property
+    def folds(self) -> tuple[slice, ...]:
+        """Stretches of time with equally many rows that count, as places among these."""
+        edges = np.linspace(0, self.count, FOLDS + 1).astype(int)
+        return self.stretches or tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
+
+    def used(self, x: Array) -> Array:
+        """Rows that count of x (..., M): (..., m)."""
+        return np.ascontiguousarray(x if self.count == len(self.use) else np.take(x, self.at, axis=-1))
+
+    def spread(self, x: Array) -> Array:
+        """x (..., m) over all rows (..., M), zero in those that do not count."""
+        if self.count == len(self.use):
+            return x
+        out = np.zeros((*x.shape[:-1], len(self.use)))
+        out[..., self.at] = x
+        return out
+
+    def whitening(self, residual: Array) -> Whitening:
+        """The filter that makes a residual (M,) white: its autoregression where no row was affected by elimination."""
+        ar = autoregression(residual, self.use if self.unaffected is None else self.unaffected, self.piece)
+        return Whitening.of(ar, self.use, self.piece, self.eliminated)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What a term has of one joint's rows: (1 + k, M), the part without free coefficient, then the columns.
+
+    noise (1 + k, M): what a realisation of the encoders' noise adds to them; None where there is none. white (k,):
+    variance of further white noise in the columns. With S choices of a term's shape the first axis has that size.
+    """
+
+    rows: Array
+    noise: Array | None = None
+    white: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A term's columns by joint (0-based), and the bounds (k,) of its coefficients.
+
+    key: the term's; version: equal for equal columns; change: whether its unknowns are changes of fitted values, so
+    that zero is neutral; near (k,): where a coefficient stays of which no row says anything, None: at zero
+    """
+
+    key: Hashable
+    columns: Mapping[int, Columns]
+    lower: Array
+    upper: Array
+    change: bool = False
+    near: Array | None = None
+    version: Hashable = None
+
+    @property
+    def finite(self) -> Mask:
+        """Of each choice of the shape (S,), or () of a single one, whether all numbers have a square: a simulation can
+        overflow for one shape on one stretch of motion."""
+        rows = [x for part in self.columns.values() for x in (part.rows, part.noise) if x is not None]
+        # The largest and the least of them are as good as all magnitudes, and NaN is among them.
+        ends = [(np.max(x, axis=(-2, -1)), np.min(x, axis=(-2, -1))) for x in rows]
+        there = [(high < LARGEST_COLUMN) & (low > -LARGEST_COLUMN) for high, low in ends]
+        return np.asarray(np.all(there, axis=0))
+
+    def choice(self, which: int | Mask) -> Block:
+        """One choice of the shape, or some of them (S,)."""
+        columns = {
+            joint: replace(part, rows=part.rows[which], noise=None if part.noise is None else part.noise[which])
+            for joint, part in self.columns.items()
+        }
+        return replace(self, columns=columns)
+
+    def whitened(self, by: Sequence[Whitening]) -> Block:
+        """The block with the rows of every joint whitened."""
+        columns = {
+            joint: Columns(by[joint](part.rows), None if part.noise is None else by[joint](part.noise))
+            for joint, part in self.columns.items()
+        }
+        return replace(self, columns=columns)
+
+    def torque(self, theta: Array) -> dict[int, Array]:
+        """By joint (M,), of theta (1 + k,): how much of the part without coefficient, and coefficients."""
+        return {joint: theta @ part.rows for joint, part in self.columns.items()}
+
+    def noise(self, theta: Array) -> dict[int, Array]:
+        """By joint (M,), the same of the encoders' noise."""
+        return {joint: theta @ part.noise for joint, part in self.columns.items() if part.noise is not None}
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Rows of one joint that stand at `index` (r,) among all of a system: rows (r, m) and noise (r, m)."""
+
+    index: Places
+    rows: Array
+    noise: Array | None
+
+    @classmethod
+    def of(cls, start: int, columns: Columns, rows: JointRows) -> _Stack:
+        """Of the rows that count, without those that are zero throughout."""
+        used, noise = rows.used(columns.rows), None if columns.noise is None else rows.used(columns.noise)
+        index = np.arange(start, start + len(used))
+        there = used.any(axis=1) if noise is None else used.any(axis=1) | noise.any(axis=1)
+        if not there.all():
+            index, used, noise = index[there], used[there], None if noise is None else noise[there]
+        return cls(index, used, noise)
+
+    def products(self, other: _Stack, folds: Sequence[slice]) -> Array:
+        """(FOLDS, r, r') with other rows, compensated for the noise in both."""
+        found = np.array([self.rows[:, part] @ other.rows[:, part].T for part in folds])
+        if self.noise is not None and other.noise is not None:
+            found -= [self.noise[:, part] @ other.noise[:, part].T for part in folds]
+        return found
+
+    def combined(self, direction: Array) -> tuple[Array, Array | None]:
+        """(m,) of the rows and of their noise, of a direction (R,) among all rows of the system."""
+        own = direction[self.index]
+        return own @ self.rows, None if self.noise is None else own @ self.noise
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPlace:
+    """The place of a block in a system: its part without coefficient stands at row `start`, its columns behind it."""
+
+    key: Hashable
+    start: int
+    lower: Array
+    upper: Array
+    near: Array
+    change: bool
+
+    @classmethod
+    def of(cls, block: Block, start: int) -> BlockPlace:
+        near = np.zeros(len(block.lower)) if block.near is None else block.near
+        return cls(block.key, start, block.lower, block.upper, near, block.change)
+
+    @property
+    def rows(self) -> Places:
+        """(k,) of its columns."""
+        return np.arange(self.start + 1, self.start + 1 + len(self.lower))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """Torques of all joints and the blocks that explain them.
+
+    gram    (FOLDS, R, R) products of all rows, compensated and weighted: the torque first, then each block's
+    blocks  in the order of their rows      stacks  by joint what there is of the rows
+    level   (FOLDS,) squared error that noise in the columns makes without candidates; a constant of all of them
+    zero    keys of blocks that are left out
+    base    the system without the last block, where that was added to one
+    """
+
+    joints: tuple[JointRows, ...]
+    blocks: tuple[BlockPlace, ...]
+    stacks: tuple[tuple[_Stack, ...], ...]
+    gram: Array
+    level: Array
+    zero: frozenset[Hashable] = frozenset()
+    base: LinearSystem | None = None
+    _local: tuple[_Local, ...] = ()
+
+    @classmethod
+    def of(cls, joints: Sequence[JointRows], blocks: Sequence[Block], like: LinearSystem | None = None) -> LinearSystem:
+        """Of all blocks at once. like: a system of the same rows, of which products of equal keys are taken."""
+        places, start = [], 1
+        for block in blocks:
+            places.append(BlockPlace.of(block, start))
+            start += 1 + len(block.lower)
+        local = []
+        for j, rows in enumerate(joints):
+            parts: list[tuple[Hashable, int, Mapping[int, Columns]]] = [(rows, 0, {j: Columns(rows.tau[None])})]
+            pairs = zip(places, blocks, strict=True)
+            parts += [(b.version or b.key, p.start, b.columns) for p, b in pairs if j in b.columns]
+            local.append(_Local.of(j, rows, parts, like._local[j] if like is not None else None))
+        gram = np.zeros((len(joints[0].folds), start, start))
+        for rows, part in zip(joints, local, strict=True):
+            gram[:, part.index[:, None], part.index] += rows.weight**2 * part.gram
+        stacks = tuple(tuple(part.stacks.values()) for part in local)
+        return cls(tuple(joints), tuple(places), stacks, gram, np.zeros(len(gram)), _local=tuple(local))
+
+    def with_block(self, block: Block) -> LinearSystem:
+        """The system with one more block."""
+        start, size = self.gram.shape[1], 1 + len(block.lower)
+        gram = np.zeros((len(self.gram), start + size, start + size))
+        gram[:, :start, :start] = self.gram
+        stacks = list(self.stacks)
+        for joint, columns in block.columns.items():
+            rows = self.joints[joint]
+            own = _Stack.of(start, columns, rows)
+            for other in stacks[joint]:
+                gram[:, own.index[:, None], other.index] += rows.weight**2 * own.products(other, rows.folds)
+            gram[:, own.index[:, None], own.index] += rows.weight**2 * own.products(own, rows.folds)
+            if columns.white is not None:
+                size_of = np.array([part.stop - part.start for part in rows.folds])
+                inside = np.arange(start + 1, start + size)
+                gram[:, inside, inside] -= rows.weight**2 * size_of[:, None] * columns.white
+            stacks[joint] = (*stacks[joint], own)
+        gram[:, :start, start:] = gram[:, start:, :start].swapaxes(1, 2)
+        place = BlockPlace.of(block, start)
+        return replace(
+            self, blocks=(*self.blocks, place), stacks=tuple(stacks), gram=gram, base=self, _local=(), level=self.level
+        )
+
+    def without(self, keys: Collection[Hashable]) -> LinearSystem:
+        """The system without some blocks; its noise level stays."""
+        gone = self.zero | frozenset(keys)
+        return self if gone == self.zero else replace(self, zero=gone, base=None)
+
+    def merged(self) -> LinearSystem:
+        """The system as the base of candidates: all rows of a joint stand in one array."""
+        stacks = tuple((_merged(parts),) if parts else () for parts in self.stacks)
+        return replace(self, stacks=stacks, base=None, _local=())
+
+    def over(self, joints: Sequence[JointRows]) -> LinearSystem:
+        """The system with rows that are weighted otherwise, merged and levelled."""
+        return self._anew(joints, self.merged().stacks)
+
+    def levelled(self) -> LinearSystem:
+        """The system with the noise level of its own solution."""
+        plain = replace(self, level=np.zeros(len(self.gram)))
+        level, direction = np.zeros(len(self.gram)), plain.solution.direction
+        for rows, parts in zip(self.joints, self.stacks, strict=True):
+            for _, noise in (part.combined(direction) for part in parts):
+                if noise is not None:
+                    level += rows.weight**2 * np.array([noise[part] @ noise[part] for part in rows.folds])
+        return replace(plain, level=level)
+
+    def without_noise(self) -> LinearSystem:
+        """The system without compensation for noise in its columns."""
+        stacks = [[_Stack(x.index, x.rows, None) for x in parts] for parts in self.stacks]
+        return self._anew(self.joints, stacks)
+
+    def restricted(self, joints: Sequence[JointRows], places: Sequence[Places]) -> LinearSystem:
+        """The system on some of its rows, levelled. joints: the rows that are kept; places (M',) by joint, where each
+        of them stood; of those that count, all counted."""
+        stacks = []
+        for rows, kept, place, parts in zip(self.joints, joints, places, self.stacks, strict=True):
+            among = np.searchsorted(rows.at, place[kept.at])
+            stacks.append(
+                tuple(_Stack(x.index, x.rows[:, among], None if x.noise is None else x.noise[:, among]) for x in parts)
+            )
+        return self._anew(joints, stacks)
+
+    def whitened(self, by: Sequence[Whitening], residual: Sequence[Array]) -> LinearSystem:
+        """The system with the rows of every joint whitened and weighted by what is left of a residual (M,): a joint
+        whose error is slow would otherwise count for little among others. All rows count then, and as many are
+        independent as before."""
+        joints, stacks = [], []
+        for rows, white, left, parts in zip(self.joints, by, residual, self.stacks, strict=True):
+            rms = float(np.linalg.norm(white(left))) / np.sqrt(rows.independent)
+            every = np.ones_like(rows.use)
+            joints.append(
+                JointRows(
+                    white(rows.tau),
+                    every,
+                    rows.piece,
+                    weight=1 / rms if rms else rows.weight,
+                    unaffected=rows.unaffected,
+                    dependent=len(every) - rows.independent,
+                )
+            )
+            stacks.append(
+                tuple(
+                    _Stack(
+                        x.index,
+                        white(rows.spread(x.rows)),
+                        None if x.noise is None else white(rows.spread(x.noise)),
+                    )
+                    for x in parts
+                )
+            )
+        return self._anew(joints, stacks)
+
+    def _anew(self, joints: Sequence[JointRows], stacks: Sequence[Sequence[_Stack]]) -> LinearSystem:
+        """The same blocks over other rows, levelled."""
+        gram = np.zeros((len(joints[0].folds), *self.gram.shape[1:]))
+        for rows, parts in zip(joints, stacks, strict=True):
+            for one in parts:
+                for other in parts:
+                    gram[:, one.index[:, None], other.index] += rows.weight**2 * one.products(other, rows.folds)
+        own = tuple(tuple(parts) for parts in stacks)
+        return replace(self, joints=tuple(joints), stacks=own, gram=gram, base=None, _local=()).levelled()
+
+    # unknowns --------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def unknown(self) -> Places:
+        """(K,) rows of the columns of all blocks, in their order."""
+        return np.concatenate([np.zeros(0, dtype=np.intp), *(b.rows for b in self.blocks)])
+
+    @cached_property
+    def slices(self) -> dict[Hashable, slice]:
+        """By key of a block, its coefficients among all."""
+        ends = np.cumsum([0, *(len(b.lower) for b in self.blocks)])
+        return {b.key: slice(int(low), int(high)) for b, (low, high) in zip(self.blocks, pairwise(ends), strict=True)}
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """(K,) lower and upper; both zero of blocks that are left out."""
+        kept = [np.full(len(b.lower), float(b.key not in self.zero)) for b in self.blocks]
+        ends = []
+        for of in ("lower", "upper"):
+            values = [np.where(k > 0, getattr(b, of), 0.0) for k, b in zip(kept, self.blocks, strict=True)]
+            ends.append(np.concatenate([np.zeros(0), *values]))
+        return ends[0], ends[1]
+
+    @cached_property
+    def count(self) -> int:
+        """Number of independent rows of all joints."""
+        return round(float(self.sizes.sum()))
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(FOLDS,) rows, less what was eliminated, as if that were spread evenly."""
+        found = np.zeros(len(self.gram))
+        for rows in self.joints:
+            part = rows.independent / max(1, rows.count)
+            found += part * np.array([fold.stop - fold.start for fold in rows.folds])
+        return found
+
+    @cached_property
+    def rank(self) -> int:
+        """Number of separate directions that the columns span."""
+        return rank(self._whole.grams[0])
+
+    @cached_property
+    def _torque(self) -> Array:
+        """(R,) the torque less what has no free coefficient."""
+        found = np.zeros(self.gram.shape[1])
+        found[0] = 1.0
+        found[[b.start for b in self.blocks if b.key not in self.zero]] = -1.0
+        return found
+
+    @cached_property
+    def _folds(self) -> Array:
+        """(FOLDS, K, K) of the unknowns' columns."""
+        return self.gram[:, self.unknown[:, None], self.unknown]
+
+    @cached_property
+    def _whole(self) -> Alike:
+        core = None if self.base is None else self.base._whole
+        return Alike(self.normal[None], *self.bounds, ends=self._ends, core=core)
+
+    @cached_property
+    def _rests(self) -> Alike:
+        """Every fold left out once."""
+        core = None if self.base is None else self.base._rests
+        grams = self._whole.grams - self._folds + np.diag(self._shrinkage)
+        return Alike(grams, *self.bounds, ends=self._ends, core=core)
+
+    @cached_property
+    def _ends(self) -> list[Sides]:
+        """On which bounds coefficients ended, shared with systems of as many unknowns over the same base."""
+        root = self if self.base is None else self.base
+        return root._ends_by_size.setdefault(len(self.unknown), [])
+
+    @cached_property
+    def _ends_by_size(self) -> dict[int, list[Sides]]:
+        return {}
+
+    @cached_property
+    def _shrinkage(self) -> Array:
+        """(K,) what pulls coefficients to zero where a fold is left out.
+
+        An effect may act in one fold alone: what the others say of it then is noise. Only candidates are pulled, and
+        changes of fitted values; a torque that has a part without coefficient is not, as zero is no neutral value.
+        """
+        found = np.zeros(len(self.unknown))
+        if self.base is not None:
+            before, own = len(self.base.unknown), self.blocks[-1]
+            found[:before] = self.base._shrinkage
+            whole = self.gram.sum(axis=0)
+            if whole[own.start, own.start] == 0:
+                cross = whole[own.rows][:, self.base.unknown]
+                alone = np.diagonal(whole)[own.rows] - ((cross @ self.base.projection) * cross).sum(axis=1)
+                found[before:] = SHRINKAGE * np.maximum(alone, 0.0)
+            return found
+        changes = np.concatenate([np.zeros(0, dtype=bool), *(np.full(len(b.lower), b.change) for b in self.blocks)])
+        free = np.flatnonzero(self.bounds[0] < self.bounds[1])
+        gram = self._whole.grams[0][np.ix_(free, free)]
+        for k in free[changes[free]]:
+            spread = solve(gram, (free == k).astype(float))[free == k][0]
+            found[k] = SHRINKAGE / spread if spread > 0 else 0.0
+        return found
+
+    # solutions -------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def solution(self) -> Solution:
+        """Least squares on all rows, every coefficient within its bounds."""
+        return Solution(self, self._torque, self.gram @ self._torque)
+
+    def solve(self, added: Array) -> Solution:
+        """The same with more of the last block in the measured torque: added (1 + k,), of its part without coefficient
+        and of its columns."""
+        torque = self._torque.copy()
+        torque[self.blocks[-1].start :] += added
+        return Solution(self, torque, self.gram @ torque)
+
+    def solve_before(self, added: Array) -> Solution:
+        """The system before the last block was added, with more of that block in the measured torque."""
+        assert self.base is not None
+        torque = np.append(self.base._torque, added)
+        return Solution(self.base, torque, self.gram @ torque)
+
+    @cached_property
+    def normal(self) -> Array:
+        """(K, K) Gram matrix of the columns on all rows."""
+        return self._folds.sum(axis=0)
+
+    def least(self, violated: Callable[[Array], Array | None] = lambda _: None) -> Array:
+        """(K,) least squares that `violated` accepts, see `minimise`. Directions that no row sees stay near where the
+        blocks have them."""
+        near = np.concatenate([np.zeros(0), *(b.near for b in self.blocks)])
+        moment = (self.gram.sum(axis=0) @ self._torque)[self.unknown]
+        lower, upper = self.bounds
+        return minimise(self.normal, moment, lower, upper=upper, violated=violated, near=near)
+
+    def residual(self, theta: Array) -> tuple[Array, ...]:
+        """By joint (M,), of coefficients theta (K,): N m (N), zero in rows that do not count."""
+        return self._combined(self._direction(theta))
+
+    def _direction(self, theta: Array, torque: Array | None = None) -> Array:
+        """(R,) of the residual among all rows."""
+        direction = (self._torque if torque is None else torque).copy()
+        direction[self.unknown] -= theta
+        return direction
+
+    def _combined(self, direction: Array) -> tuple[Array, ...]:
+        found = []
+        for rows, parts in zip(self.joints, self.stacks, strict=True):
+            total = np.zeros(rows.count)
+            for part in parts:
+                total += part.combined(direction)[0]
+            found.append(rows.spread(total))
+        return tuple(found)
+
+    # what a block would change ---------------------------------------------------------------------------------------
+
+    @cached_property
+    def projection(self) -> Array:
+        """(K, K) pseudo-inverse of the Gram matrix over unknowns that are within their bounds."""
+        theta, (lower, upper) = self.solution.coefficients, self.bounds
+        free = np.flatnonzero((theta > lower) & (theta < upper))
+        found = np.zeros((len(theta), len(theta)))
+        found[np.ix_(free, free)] = inverse(self._whole.grams[0][np.ix_(free, free)])
+        return found
+
+    @cached_property
+    def _beside(self) -> tuple[_Beside, ...]:
+        number = np.full(self.gram.shape[1], -1)
+        number[self.unknown] = np.arange(len(self.unknown))
+        direction = self.solution.direction
+        pairs = zip(self.joints, self.stacks, strict=True)
+        return tuple(_Beside.of(rows, parts, direction, number) for rows, parts in pairs)
+
+    def beside(self, joint: int) -> tuple[Array, Array, Array]:
+        """Rows of a joint (0-based) that count, weighted: the residual (m,), the columns (b, m), and the part (b, b) of
+        the projection that belongs to these."""
+        own, weight = self._beside[joint], self.joints[joint].weight
+        return weight * own.left, weight * own.columns, self.projection[np.ix_(own.unknown, own.unknown)]
+
+    def columns(self, joint: int) -> Array:
+        """(b, m) columns of a joint (0-based) on the rows that count, not weighted."""
+        return self._beside[joint].columns
+
+    def gain(self, block: Block) -> float:
+        """By how much a block lowers the squared error: `gains` of one."""
+        columns = {
+            joint: Columns(part.rows[None], None if part.noise is None else part.noise[None])
+            for joint, part in block.columns.items()
+        }
+        return float(self.gains(replace(block, columns=columns))[0])
+
+    def gains(self, blocks: Block) -> Array:
+        """(S,) by how much each of S choices of a block lowers the squared error, the system's own unknowns not held by
+        their bounds: quick, for searches. Noise counts where it is given."""
+        k, size = len(blocks.lower), len(self.unknown)
+        count = len(next(iter(blocks.columns.values())).rows)
+        moment, square = np.zeros((count, k + 1)), np.zeros((count, k + 1, k + 1))
+        cross = np.zeros((count, k + 1, size))
+        for joint, part in blocks.columns.items():
+            rows, own = self.joints[joint], self._beside[joint]
+            x, weight = rows.used(part.rows), rows.weight**2
+            moment += weight * (x @ own.left)
+            square += weight * (x @ x.swapaxes(1, 2))
+            cross[:, :, own.unknown] += weight * (x @ own.columns.T)
+            if part.noise is not None:
+                noise = rows.used(part.noise)
+                moment -= weight * (noise @ own.left_noise)
+                square -= weight * (noise @ noise.swapaxes(1, 2))
+                cross[:, :, own.unknown] -= weight * (noise @ own.noise.T)
+        own_square = square - cross @ self.projection @ cross.swapaxes(1, 2)
+        seen = np.diagonal(own_square, axis1=1, axis2=2) > LEAST_OWN * np.diagonal(square, axis1=1, axis2=2)
+        moment = np.where(seen, moment, 0.0)
+        # What is not seen gets a square of its own and no moment: then it stays at zero, and the others as they are.
+        own_square = np.where(seen[:, :, None] & seen[:, None, :], own_square, np.eye(k + 1))
+        fall = np.where(seen[:, 0], 2 * moment[:, 0] - own_square[:, 0, 0], 0.0)
+        if k:
+            target, inner = moment[:, 1:] - own_square[:, 1:, 0], own_square[:, 1:, 1:]
+            theta = np.where(seen[:, 1:], Alike(inner, blocks.lower, blocks.upper).solve(target), 0.0)
+            fall += np.einsum("sk,sk->s", theta, 2 * target - np.einsum("skl,sl->sk", inner, theta))
+        return fall
+
+    def beyond(self, torques: Torques) -> Array:
+        """(count,) rows of all joints that count, weighted: what the system cannot take over of torques (M,)."""
+        used = {joint: self.joints[joint].used(torque) for joint, torque in torques.items()}
+        cross = np.zeros(len(self.unknown))
+        for joint, x in used.items():
+            own = self._beside[joint]
+            cross[own.unknown] += self.joints[joint].weight ** 2 * (own.columns @ x)
+        taken, found = self.projection @ cross, []
+        for joint, (rows, own) in enumerate(zip(self.joints, self._beside, strict=True)):
+            found.append(rows.weight * (used.get(joint, 0.0) - taken[own.unknown] @ own.columns))
+        return np.concatenate(found)
+
+    def own(self, torques: Torques) -> tuple[Array, Array]:
+        """Weighted squares (...) of what the system cannot take over of torques (..., M), and of them whole."""
+        ahead = next(iter(torques.values())).shape[:-1] if torques else ()
+        square, cross = np.zeros(ahead), np.zeros((*ahead, len(self.unknown)))
+        for joint, torque in torques.items():
+            rows, own = self.joints[joint], self._beside[joint]
+            x = rows.used(torque)
+            square += rows.weight**2 * np.einsum("...m,...m->...", x, x)
+            cross[..., own.unknown] += rows.weight**2 * (x @ own.columns.T)
+        return np.maximum(square - ((cross @ self.projection) * cross).sum(axis=-1), 0.0), square
+
+    def held(self, theta: Array) -> tuple[float, float]:
+        """How much of a torque of the last block, theta (1 + k,), the measurement holds already, and its standard
+        deviation if rows are white."""
+        assert self.base is not None
+        base, whole, own = self.base, self.gram.sum(axis=0), slice(self.blocks[-1].start, None)
+        against = np.column_stack([whole[:, own] @ theta, whole[:, : own.start] @ base._torque])
+        taken = base.projection @ against[base.unknown]
+        left = theta @ (against[own] - whole[own][:, base.unknown] @ taken)
+        kept, cross = float(left[0]), float(left[1])
+        if kept <= 0:
+            return 0.0, float("inf")
+        return cross / kept, float(np.sqrt(max(base.solution.sse, 0.0) / base.count / kept))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Least squares of a system for one torque.
+
+    torque (R,): the combination of all rows that is explained; against (FOLDS, R): its products with them. Errors are
+    weighted as the rows are.
+    """
+
+    system: LinearSystem
+    torque: Array
+    against: Array
+
+    @cached_property
+    def _moments(self) -> tuple[Array, Array]:
+        """(FOLDS, K) with the columns, and (FOLDS,) with itself."""
+        return self.against[:, self.system.unknown], self.against @ self.torque
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(K,) of all rows, each within its bounds."""
+        found: Array = self.system._whole.solve(self._moments[0].sum(axis=0)[None])[0]
+        return found
+
+    @property
+    def direction(self) -> Array:
+        """(R,) of the residual among all rows of the system."""
+        return self.system._direction(self.coefficients)
+
+    @cached_property
+    def residual(self) -> tuple[Array, ...]:
+        """By joint (M,) N m (N), zero in rows that do not count."""
+        return self.system.residual(self.coefficients)
+
+    @cached_property
+    def sse(self) -> float:
+        """Squared error on all rows."""
+        (moments, squares), theta = self._moments, self.coefficients[None]
+        left = _left(self.system._whole.grams, moments.sum(axis=0)[None], squares.sum()[None], theta)
+        return float(left[0] + self.system.level.sum())
+
+    @cached_property
+    def held_out(self) -> tuple[Array, Array]:
+        """Squared errors (FOLDS,) on each fold of the solution of the others, and on these."""
+        (moments, squares), level = self._moments, self.system.level
+        others, rest = moments.sum(axis=0) - moments, squares.sum() - squares
+        theta = self.system._rests.solve(others)
+        held = _left(self.system._folds, moments, squares, theta)
+        trained = _left(self.system._whole.grams - self.system._folds, others, rest, theta)
+        return held + level, trained + level.sum() - level
+
+    @property
+    def bic(self) -> float:
+        """Of all that is solved for here; shapes that were searched come on top."""
+        return bic(self.sse, self.system.count, self.system.rank)
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Gaussian, of each fold with the variance of the others.
+
+        Minus infinity where compensation leaves no variance: such a model explains noise.
+        """
+        (held, trained), sizes = self.held_out, self.system.sizes
+        if np.any(trained <= 0):
+            return float("-inf")
+        variance = trained / (sizes.sum() - sizes)
+        return float(np.sum(-0.5 * sizes * np.log(2 * np.pi * variance) - held / (2 * variance)))
+
+
+def bic(sse: float, count: int, parameters: int) -> float:
+    """Bayesian information criterion of a sum of squares over `count` rows, up to a constant. Source: Schwarz 1978."""
+    return count * float(np.log(max(sse, 1e-300) / count)) + parameters * float(np.log(count))
+
+
+def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:
+    """(F,) squared errors of coefficients theta (F, K)."""
+    left: Array = squares + (theta * (times(grams, theta) - 2 * moments)).sum(axis=1)
+    return left
+
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """One joint beside the solution of a system, on the rows that count: left, left_noise (m,) what is left and what of
+    it is noise; columns, noise (b, m) of the unknowns that have any."""
+
+    left: Array
+    left_noise: Array
+    columns: Array
+    noise: Array
+    unknown: Places
+
+    @classmethod
+    def of(cls, rows: JointRows, parts: Sequence[_Stack], direction: Array, number: Places) -> _Beside:
+        """direction (R,) of the residual, number (R,) of the unknowns of a system, -1 for what is none."""
+        left, left_noise = np.zeros(rows.count), np.zeros(rows.count)
+        columns, noise, unknown = [], [], []
+        for part in parts:
+            combined, heard = part.combined(direction)
+            left += combined
+            left_noise += 0.0 if heard is None else heard
+            own = number[part.index] >= 0
+            columns.append(part.rows[own])
+            noise.append(np.zeros_like(columns[-1]) if part.noise is None else part.noise[own])
+            unknown.append(number[part.index[own]])
+        return cls(left, left_noise, np.vstack(columns), np.vstack(noise), np.concatenate(unknown))
+
+
+@dataclass(frozen=True, eq=False)
+class _Local:
+    """One joint's products (FOLDS, r, r) of its stacks by key, unweighted."""
+
+    stacks: Mapping[Hashable, _Stack]
+    gram: Array
+
+    @classmethod
+    def of(
+        cls,
+        joint: int,
+        rows: JointRows,
+        parts: Sequence[tuple[Hashable, int, Mapping[int, Columns]]],
+        like: _Local | None,
+    ) -> _Local:
+        """parts: key, first row among all of the system, and columns by joint; like: of the same joint (0-based) and an
+        equal order of blocks, of which equal keys are taken."""
+        old = {} if like is None else like.places
+        stacks: dict[Hashable, _Stack] = {}
+        for key, start, columns in parts:
+            kept = like.stacks[key] if like is not None and key in old else None
+            stacks[key] = _Stack.of(start, columns[joint], rows) if kept is None else kept
+        made = cls(stacks, np.zeros((len(rows.folds), *(sum(len(s.index) for s in stacks.values()),) * 2)))
+        new, both = made.places, [key for key in stacks if key in old]
+        if like is not None and both:
+            here, there = (np.concatenate([places[key] for key in both]) for places in (new, old))
+            made.gram[:, here[:, None], here] = like.gram[:, there[:, None], there]
+        keys = list(stacks)
+        for n, one in enumerate(keys):
+            # In one order whatever is there already, so that equal blocks have equal products to the last digit.
+            for other in keys[: n + 1]:
+                if one not in old or other not in old:
+                    product = stacks[one].products(stacks[other], rows.folds)
+                    made.gram[:, new[one][:, None], new[other]] = product
+                    made.gram[:, new[other][:, None], new[one]] = product.swapaxes(1, 2)
+        return made
+
+    @cached_property
+    def places(self) -> Mapping[Hashable, Places]:
+        """By key, the places of its rows."""
+        ends = np.cumsum([0, *(len(s.index) for s in self.stacks.values())])
+        return {key: np.arange(*span) for key, span in zip(self.stacks, pairwise(ends), strict=True)}
+
+    @property
+    def index(self) -> Places:
+        """(r,) of its rows among all of the system."""
+        return np.concatenate([s.index for s in self.stacks.values()])
+
+
+def _merged(parts: Sequence[_Stack]) -> _Stack:
+    """All rows of a joint in one array."""
+    noise = None
+    if any(x.noise is not None for x in parts):
+        noise = np.vstack([np.zeros_like(x.rows) if x.noise is None else x.noise for x in parts])
+    return _Stack(np.concatenate([x.index for x in parts]), np.vstack([x.rows for x in parts]), noise)
