@@ -101,3 +101,10 @@ def milliseconds(seconds: float | None) -> str:
 def quantity(value: float, of: str, digits: int = 4) -> str:
     """A number with its unit."""
     return number(value, digits) + unit(of, " ")
+
+
+def per_turn(order: float, ratio: float) -> str:
+    """How often a line repeats, for people: of a geared joint in both counts."""
+    if ratio == 1.0:
+        return f"{order:.4g} per turn"
+    return f"{order:.4g} per turn of the motor, {order * ratio:.4g} of the joint"

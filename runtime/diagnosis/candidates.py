@@ -28,9 +28,9 @@ from runtime.diagnosis.settings import (
 from runtime.identification import grids
 from runtime.identification.bias import smoothing_change
 from runtime.identification.covariance import shape_derivative, shape_steps
+from runtime.identification.grids import motor_angle
 from runtime.identification.problem import Fit, Problem, Skew
 from runtime.identification.regressors import LINK_LOAD, Regressors
-from runtime.identification.torque_lines import motor_angle
 from runtime.model.terms import Term, Values, joints_of, reads_arm
 from runtime.regression.system import Block, Columns, JointRows, LinearSystem
 

@@ -29,14 +29,13 @@ from runtime.identification.compare import warnings
 from runtime.identification.covariance import Inference
 from runtime.identification.identify import prepared, refuse_copies, without_tip_rests
 from runtime.identification.suspicions import suspicions
-from runtime.identification.torque_lines import per_turn
 from runtime.identification.twist import fit_twist
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion.motion import Motion
 from runtime.motion.prepare import prepare
 from runtime.recordings.recording import Recording, RecordingError
-from runtime.wording import numbered
+from runtime.wording import numbered, per_turn
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from runtime.diagnosis.settings import (
 )
 from runtime.diagnosis.steps import Step
 from runtime.identification.compare import structure_shares
-from runtime.identification.torque_lines import per_turn
 from runtime.model.loader import EffectInfo
 from runtime.motion import spectrum
+from runtime.wording import per_turn
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, StructureShare, WrittenError
 from runtime.identification.identify import Identification, identify
-from runtime.identification.left_out import untold
 from runtime.identification.problem import least_inertia
-from runtime.identification.regressors import Regressors, Signals
+from runtime.identification.regressors import OF_MASSES, Regressors, Signals, arm_functions_read
 from runtime.identification.settings import (
     FRICTION_RANGE,
     FRICTION_SPEEDS,
@@ -276,7 +275,7 @@ def warnings(identification: Identification) -> list[str]:
         *idle_terms(identification),
         *improper_inertia(identification),
         *range_warnings(identification),
-        *untold(identification.model, identification.fit.prediction.values),
+        *unknown_masses(identification),
     ]
 
 
@@ -328,6 +327,19 @@ def improper_inertia(identification: Identification) -> list[str]:
     return [
         "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
         "or the data is wrong"
+    ]
+
+
+def unknown_masses(identification: Identification) -> list[str]:
+    """Terms whose values depend on masses that the model file leaves out, and what was taken in their place."""
+    model = identification.model
+    if not any({"mass", "com"} & {*joint.unknown} for joint in model.joints):
+        return []
+    return [
+        f"{term}: the model file leaves masses or centres of mass out: its values hold for 1 kg in the middle of each "
+        "such link; state gravity in the model file in its place, and the moments of the links are identified"
+        for term in identification.fit.prediction.values
+        if OF_MASSES in arm_functions_read(model, term)
     ]
 
 

@@ -14,10 +14,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification import delays, gaps, grids, onset_places
-from runtime.identification.left_out import open_rotors
+from runtime.identification import delays, gaps, grids
+from runtime.identification.grids import motor_angle
 from runtime.identification.problem import Fit, Problem, Skew, first_least
-from runtime.identification.regressors import Ahead, Regressors
+from runtime.identification.regressors import Ahead, Regressors, open_rotors
 from runtime.identification.settings import (
     HOLD,
     NOMINAL_SKEW,
@@ -35,7 +35,6 @@ from runtime.identification.settings import (
     SKEWS_APART,
     SOFT_SKEW_PASSES,
 )
-from runtime.identification.torque_lines import motor_angle
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
@@ -293,7 +292,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
     z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
     ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
     best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
-    return best, gaps.found(best, onset_places.found(best, changed, skew), skew)
+    return best, gaps.found(best, grids.least_places(best, changed, skew), skew)
 
 
 def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:

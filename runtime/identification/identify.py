@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.documents.fits import FitDocument
 from runtime.documents.parts import DelayEntry
-from runtime.identification import delays, soundness, tip_rests
+from runtime.identification import delays, soundness
 from runtime.identification.covariance import Inference, infer
 from runtime.identification.fitting import drivable, solve
 from runtime.identification.problem import Fit, Problem, weighted
+from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import INERTIA_CONFIGURATIONS, LOWERED_TO, LOWERINGS, MOST_COMPENSATED
 from runtime.model.loader import Model
-from runtime.model.terms import Structure, structure
+from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
+from runtime.motion import turns
 from runtime.motion.band import choose_band, coupled, lowered, rigid_inertia
 from runtime.motion.clock import grid
 from runtime.motion.inertia import believable
 from runtime.motion.lines_above import raised
 from runtime.motion.motion import Motion
 from runtime.motion.prepare import prepare
+from runtime.motion.settings import STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED
 from runtime.recordings.contents import fast_clock, given_twice
 from runtime.recordings.recording import Recording, RecordingError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -103,11 +108,11 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
 
 
 def without_tip_rests(model: Model, motion: Motion) -> Motion:
-    """The motion with what the model file has rub at the end-effector as unknown as a joint's own where it rests."""
+    """As `without_torques_at_tip_rests`, with the values of a fit; the motion as it is where nothing rubs there."""
     known = structure(model)
-    if not tip_rests.rubbing(model, known):
+    if not rubbing_at_tip(model, known):
         return motion
-    return tip_rests.eliminated(model, motion, solve(model, motion, known, None)[1].prediction)
+    return without_torques_at_tip_rests(model, motion, solve(model, motion, known, None)[1].prediction)
 
 
 def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
@@ -167,3 +172,69 @@ def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:
     own = np.diagonal(model.inertia(np.zeros((n, 1)))[:, :, 0]).copy()
     q = np.concatenate([r.q[:, :: max(1, r.q.shape[1] // INERTIA_CONFIGURATIONS)] for r in recordings], axis=1)
     return coupled(np.sqrt(np.mean(model.inertia(q) ** 2, axis=2)), believable(own, recordings))
+
+
+# --- rests of the end-effector ---
+
+TIP_RATE = "tip_rate"
+"""The arm's function whose values are rates of the end-effector."""
+
+
+def rubbing_at_tip(model: Model, terms: Iterable[Term]) -> list[tuple[Term, str]]:
+    """Terms without internal states that read a rate of the end-effector, and the name of that signal."""
+    library = model.library
+    of_tip = {
+        name
+        for name, signal in library.signal.items()
+        if isinstance(signal.source, dict) and signal.source.get("function") == TIP_RATE
+    }
+    plain = ((term, library.effects[term.effect]) for term in terms)
+    return [(term, name) for term, info in plain if not info.states for name in info.signals if name in of_tip]
+
+
+def without_torques_at_tip_rests(model: Model, motion: Motion, prediction: Prediction) -> Motion:
+    """The motion without the samples at which the end-effector rests or turns under dry friction of its own.
+
+    That friction is indeterminate there, and acts on every joint, moving or not: where a plate sticks at the end of a
+    stroke, all joints that press it may be moving.
+    """
+    largest, floor, unknown = np.zeros(model.n), motion.band.torque_floor(), []
+    here, again = (Regressors(model, m, prediction) for m in (motion, motion.perturbed))
+    for view in motion.views:
+        signals, perturbed = (regressors.signals(view.joints[0]) for regressors in (here, again))
+        samples: list[Mask] = [np.zeros(piece.q.shape, dtype=bool) for piece in view.pieces]
+        for term, name in rubbing_at_tip(model, prediction.values):
+            slow = _standstill_of_tip(signals, perturbed, term, name)
+            joints = [i for i in joints_of(model, term) if i in view.joints]
+            for (along, excluded), i in product(zip(signals, samples, strict=True), joints):
+                dry, piece = _dry_friction(along, term, name, joint=i, rate=slow), along.piece
+                rests = turns.at_rest(np.asarray(along.of(term, i)[name]), piece.dt, piece.low_pass.cutoff, slow)
+                excluded[i] |= rests & (dry > floor[i])
+                largest[i] = max(largest[i], dry.max(where=excluded[i], initial=0.0))
+        unknown.append(samples)
+    quiet = np.divide(floor[: model.n], largest, out=np.full(model.n, np.inf), where=largest > 0)
+    quiet = np.minimum(motion.quiet, quiet)
+    views = tuple(
+        replace(view, pieces=tuple(p.unknown_at(x, quiet) for p, x in zip(view.pieces, samples, strict=True)))
+        for view, samples in zip(motion.views, unknown, strict=True)
+    )
+    return replace(motion, views=views, quiet=quiet)
+
+
+def _standstill_of_tip(signals: Sequence[Signals], perturbed: Sequence[Signals], term: Term, name: str) -> float:
+    """Rate below which the end-effector rests: as of a joint, from its noise and its top speed."""
+    own, other = (
+        np.concatenate([np.asarray(s.of(term, joints_of(s.model, term)[0])[name]) for s in side])
+        for side in (signals, perturbed)
+    )
+    noise = float(np.sqrt(np.mean((other - own) ** 2)))
+    return max(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * float(np.abs(own).max()))
+
+
+def _dry_friction(signals: Signals, term: Term, name: str, joint: int, rate: float) -> Array:
+    """(N,) half of the step in a term's torque at a joint (0-based) as a rate changes its sign."""
+    assert signals.prediction is not None
+    values, read = signals.prediction.values[term], signals.of(term, joint)
+    ahead, library = np.full(len(signals.piece.t), rate), signals.model.library
+    sides = [library.torque(term.effect, {**read, name: x}, values, signals.piece.dt) for x in (ahead, -ahead)]
+    return np.asarray(np.abs(sides[0] - sides[1]) / 2)

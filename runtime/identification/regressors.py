@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -22,6 +22,8 @@ LINK_LOAD = "link_load"
 """The arm's function whose value a recording may know better."""
 LINK_SIDE = "link_inertia"
 """The arm's function of the inertias without the rotors."""
+OF_MASSES = "moment_jacobian"
+"""The arm's function that needs the mass and the centre of mass of every link apart from one another."""
 NOTHING_GIVEN: Final[Mapping[str, float]] = {}
 
 
@@ -377,3 +379,19 @@ class Regressors:
     def skew(self, joint: int) -> Array:
         """(M,) change of the in-band torque when it is taken one sample later."""
         return self.motion.torque(joint, 0.5) - self.motion.torque(joint, -0.5)
+
+
+def arm_functions_read(model: Model, term: Term) -> set[str]:
+    """The arm's functions whose outputs a term reads; its other signals of the arm follow from the load."""
+    read = [model.library.signal[name] for name in model.library.effects[term.effect].signals]
+    outputs = {str(s.source["function"]) for s in read if s.source is not None and s.source["kind"] == "ArmOutput"}
+    return outputs | {LINK_LOAD for s in read if s.source is None and s.needs == "arm"}
+
+
+def open_rotors(model: Model, terms: Iterable[Term]) -> tuple[int, ...]:
+    """Joints (0-based) whose rotor inertia the model file leaves out, no rigid motion determines, and a term needs."""
+    needed = {
+        t.joint - 1 for t in terms if t.joint is not None and arm_functions_read(model, t) & {LINK_LOAD, LINK_SIDE}
+    }
+    identified = {lump.name for lump in model.lumps}
+    return tuple(sorted(i for i in needed if model.joints[i].rotor_inertia is None and f"I{i + 1}" not in identified))

@@ -13,9 +13,9 @@ from runtime.diagnosis.diagnose import Diagnosis, diagnose
 from runtime.diagnosis.remainder import above_band
 from runtime.diagnosis.search import Step
 from runtime.identification.identify import identify, prepared
-from runtime.identification.torque_lines import per_turn
 from runtime.loop.improve import improve
 from runtime.motion.angle_spectrum import angle_spectrum, lines
+from runtime.wording import per_turn
 from runtime.workspace.source import Source
 from tests.kept import kept
 from tests.motors import GEARED, Motor, record, sines, steps

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime.identification import tip_rests
-from runtime.identification.identify import identify_motion, prepared
+from runtime.identification.identify import identify_motion, prepared, without_torques_at_tip_rests
 from runtime.identification.regressors import Regressors
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, structure
@@ -51,7 +50,7 @@ def rubbed(model: Model, motion: Motion, friction: float, depth: float) -> Motio
     """With a plate whose place is so far above the lowest point of the end-effector."""
     lowest = float(np.min(model.tip(motion.pieces[0].q)[1]))
     values = {"stiffness": 600.0, "pretension": 24.0, "friction": friction, "position": lowest + depth}
-    return tip_rests.eliminated(model, motion, Prediction(model.lump_values, {PLATE: values}))
+    return without_torques_at_tip_rests(model, motion, Prediction(model.lump_values, {PLATE: values}))
 
 
 def more_unknown(touched: Motion, motion: Motion, joint: int) -> Mask:
