@@ -50,7 +50,7 @@ class NumPyFit:
     def fit(self, problem: Problem, shapes: Mapping[Term, Values], skew: float) -> tuple[Array, list[Array]]:
         """Coefficients (K,) and each joint's rows (K, M): filtered like ours, then numpy.linalg.lstsq."""
         motion = problem.motion
-        left, right, found = [], [], []
+        found = []
         for view in motion.views:
             # As one would write it: the regressor of all joints at once, in the band in which some of them are fitted.
             rigid = [self.rigid(piece) for piece in view.pieces]
@@ -58,11 +58,7 @@ class NumPyFit:
                 parts = [self._rows(problem, k, i, shapes, own[i]) for k, own in enumerate(rigid)]
                 found.append((i, np.concatenate(parts, axis=1)))
         rows = [x for _, x in sorted(found, key=lambda item: item[0])]
-        for i, x in enumerate(rows):
-            use = motion.moving(i)
-            left.append(problem.weights[i] * x[1:, use])
-            right.append(problem.weights[i] * (motion.torque(i, skew) - x[0])[use])
-        theta = np.linalg.lstsq(np.concatenate(left, axis=1).T, np.concatenate(right))[0]
+        theta = np.linalg.lstsq(*_stacked(problem, [(x[1:], x[0]) for x in rows], skew))[0]
         return theta, [x[1:] for x in rows]
 
     def _rows(self, problem: Problem, number: int, joint: int, shapes: Mapping[Term, Values], rigid: Array) -> Array:
@@ -78,6 +74,21 @@ class NumPyFit:
                 x[0] += columns[0]
                 x[1 + part.start : 1 + part.stop] = columns[1:]
         return signals.piece.in_band(x)
+
+
+def stacked(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> tuple[Array, Array]:
+    """Our own rows of a linear fit, of all joints and weighted: columns (M, K) and torque (M,)."""
+    return _stacked(problem, [problem.rows(i, shapes) for i in range(problem.model.n)], skew)
+
+
+def _stacked(problem: Problem, rows: Sequence[tuple[Array, Array]], skew: float) -> tuple[Array, Array]:
+    """rows: of each joint the columns (K, M) and the part without free coefficient (M,)."""
+    motion, left, right = problem.motion, [], []
+    for i, (x, fixed) in enumerate(rows):
+        use = motion.moving(i)
+        left.append(problem.weights[i] * x[:, use])
+        right.append(problem.weights[i] * (motion.torque(i, skew) - fixed)[use])
+    return np.concatenate(left, axis=1).T, np.concatenate(right)
 
 
 def _lambdified(function: SymbolicFunction) -> Callable[..., Sequence[Any]]:
