@@ -32,8 +32,7 @@ from runtime.identification.suspicions import suspicions
 from runtime.identification.twist import fit_twist
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
-from runtime.motion.motion import Motion
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.wording import numbered, per_turn
 

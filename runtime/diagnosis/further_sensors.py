@@ -21,8 +21,7 @@ from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import LARGEST_QUANTILE, LOADED
 from runtime.identification.twist import late
 from runtime.model.terms import Term, joints_of
-from runtime.motion.piece import Piece
-from runtime.motion.sensors import Sensors
+from runtime.motion.piece import Piece, Sensors
 from runtime.regression.noise import over_stretches
 from runtime.regression.settings import FOLDS, LEAST_OWN
 from runtime.regression.system import Block, LinearSystem

@@ -20,7 +20,7 @@ from runtime.diagnosis.settings import (
 from runtime.diagnosis.steps import Step
 from runtime.identification.compare import structure_shares
 from runtime.model.loader import EffectInfo
-from runtime.motion import spectrum
+from runtime.motion import spectra
 from runtime.wording import per_turn
 
 Array = NDArray[np.float64]
@@ -92,13 +92,13 @@ def outside(step: Step, joint: int) -> str | None:
     left, rate = motion.noise_left(joint), motion.row_rate(joint)
     white = max(s.rms**2 - float(np.mean(read[use] ** 2)), LEAST_WHITE * s.rms**2) if use.any() else 1.0
     expected = white * left / (np.mean(left[use]) if use.any() else 1.0) + _smooth(read**2, rate)
-    worst, rows = spectrum.bursts(residual, use, expected, rate)
+    worst, rows = spectra.bursts(residual, use, expected, rate)
     if motion.band.mistimed:
         # Noise is then loud where the motion is fast, and where the clocks that stamped it are apart.
         worst = 1.0
-    slow = spectrum.slow_over_white(residual, use, rate, motion.cutoff(joint))
+    slow = spectra.slow_over_white(residual, use, rate, motion.cutoff(joint))
     both = slow > SLOW_AND_BURSTS[0] and worst > SLOW_AND_BURSTS[1]
-    line = spectrum.strongest_line(residual, rate)
+    line = spectra.strongest_line(residual, rate)
     if line is not None:
         signs.append(f"{100 * line.share:.0f} % of it is at {line.frequency:.2f} Hz")
     if (slow > SLOW_DENSITY or both) and line is None:

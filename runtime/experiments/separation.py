@@ -26,9 +26,8 @@ from runtime.identification.regressors import Signals
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of
 from runtime.motion.band import Band
-from runtime.motion.motion import Motion
+from runtime.motion.motion import Motion, prepare
 from runtime.motion.piece import Piece
-from runtime.motion.prepare import prepare
 from runtime.progress import of_each
 from runtime.recordings.recording import Recording
 from runtime.regression.bounded import bounded

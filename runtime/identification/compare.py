@@ -24,9 +24,9 @@ from runtime.identification.suspicions import doubts, suspicions
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
-from runtime.motion.inertia import asked
+from runtime.motion.band import asked
 from runtime.motion.motion import Motion
-from runtime.motion.noise_floor import Floor, floor
+from runtime.motion.repeats import Floor, floor
 from runtime.recordings.recording import Recording
 from runtime.wording import quantity
 

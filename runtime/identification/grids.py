@@ -26,9 +26,9 @@ from runtime.identification.settings import (
 )
 from runtime.model.loader import EffectInfo, Model
 from runtime.model.terms import Term, Values, joints_of
-from runtime.motion.angle_spectrum import angle_spectrum, lines, wave_beside
 from runtime.motion.motion import Motion
 from runtime.motion.settings import LEAST_PERIODS
+from runtime.motion.spectra import angle_spectrum, lines, wave_beside
 from symbolic.described import DescribedParameter, ParameterKind
 
 Array = NDArray[np.float64]

@@ -20,13 +20,10 @@ from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import INERTIA_CONFIGURATIONS, LOWERED_TO, LOWERINGS, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
-from runtime.motion import turns
-from runtime.motion.band import choose_band, coupled, lowered, rigid_inertia
+from runtime.motion.band import believable, choose_band, coupled, lowered, raised, rigid_inertia
 from runtime.motion.clock import grid
-from runtime.motion.inertia import believable
-from runtime.motion.lines_above import raised
-from runtime.motion.motion import Motion
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import Motion, prepare
+from runtime.motion.rests import at_rest
 from runtime.motion.settings import STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED
 from runtime.recordings.contents import fast_clock, given_twice
 from runtime.recordings.recording import Recording, RecordingError
@@ -208,7 +205,7 @@ def without_torques_at_tip_rests(model: Model, motion: Motion, prediction: Predi
             joints = [i for i in joints_of(model, term) if i in view.joints]
             for (along, excluded), i in product(zip(signals, samples, strict=True), joints):
                 dry, piece = _dry_friction(along, term, name, joint=i, rate=slow), along.piece
-                rests = turns.at_rest(np.asarray(along.of(term, i)[name]), piece.dt, piece.low_pass.cutoff, slow)
+                rests = at_rest(np.asarray(along.of(term, i)[name]), piece.dt, piece.low_pass.cutoff, slow)
                 excluded[i] |= rests & (dry > floor[i])
                 largest[i] = max(largest[i], dry.max(where=excluded[i], initial=0.0))
         unknown.append(samples)

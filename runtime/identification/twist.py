@@ -24,7 +24,7 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LARGEST_QUANTILE, LOADED, TWIST_PASSES
 from runtime.model.terms import Term
-from runtime.motion.spectrum import white_inside
+from runtime.motion.spectra import white_inside
 from runtime.regression.bounded import inverse
 from runtime.regression.noise import over_stretches
 from runtime.regression.system import Block, Columns, JointRows, LinearSystem

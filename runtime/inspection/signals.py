@@ -13,7 +13,7 @@ from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, 
 from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SHIFT_PASSES, SMALLEST_SHIFT, TOP_SPEED
 from runtime.motion.band import resolution
 from runtime.motion.clock import EvenGrid, grid
-from runtime.motion.white_noise import SampleNoise
+from runtime.motion.noise import SampleNoise
 from runtime.recordings import recording as recorded
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import RecordedField

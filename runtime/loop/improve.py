@@ -21,9 +21,8 @@ from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.motion import repeats
-from runtime.motion.motion import Motion
-from runtime.motion.noise_floor import Floor, floor
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import Motion, prepare
+from runtime.motion.repeats import Floor, floor
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]

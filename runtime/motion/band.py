@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from runtime.documents.parts import BandEntry
 from runtime.motion.clock import grid
-from runtime.motion.filters import differentiator
-from runtime.motion.fourier import welch
-from runtime.motion.rates import MeasuredRate, judged
+from runtime.motion.filters import differentiator, welch
+from runtime.motion.noise import MeasuredRate, SampleNoise, judged
 from runtime.motion.settings import (
     CLOSE_CUTOFFS,
     CUTOFF_OF_SAMPLING,
@@ -28,8 +27,16 @@ from runtime.motion.settings import (
     EXCITATION_CAUTION,
     EXCITATION_WINDOW_S,
     HIGHEST_CUTOFF,
+    INERTIA_GUESSED,
+    INERTIA_SEEN,
+    LINE_INSIDE,
+    LINE_TURNS,
+    LINE_WORTH,
     LOWEST_CUTOFF,
+    MOST_INERTIA_ROWS,
+    NOISE_OF_LINES,
     SEGMENT_HALVES,
+    SLOW_FOR_LINES,
     STEP_OF_ALL,
     STEP_ONE,
     STEP_QUANTILE,
@@ -37,7 +44,7 @@ from runtime.motion.settings import (
     STEP_SINGLE,
     WIDE_ENOUGH,
 )
-from runtime.motion.white_noise import SampleNoise
+from runtime.motion.spectra import lines
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -248,3 +255,142 @@ def lowered(band: Band, factor: float) -> Band | None:
     cutoffs = np.array([float(f"{max(factor * f, LOWEST_CUTOFF):.3g}") for f in band.cutoffs])
     what = "most of the measured accelerations is the encoders' noise"
     return replace(band, cutoffs=cutoffs, reason=f"above {cutoffs.min():g} Hz {what}")
+
+
+def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
+    """(n,) kg m² (kg): the stated inertias, those excepted that are far below what the recordings show, or unknown
+    (NaN): there what they show, or if they show none the most that their torque can be for.
+
+    One that is too large costs bandwidth and no more. What a recording shows may be too small itself, where something
+    delays or withholds a torque.
+    """
+    motion = _slow_motion(recordings)
+    if motion is None:
+        return np.where(np.isfinite(stated), stated, 1.0)
+    seen = _asked_at_all(motion)
+    _, _, qdd, tau = motion
+    with np.errstate(over="ignore"):  # a joint that is not accelerated may be as heavy as can be
+        most = np.linalg.norm(tau, axis=1) / np.maximum(np.linalg.norm(qdd, axis=1), 1e-300)
+    known = np.where(np.isfinite(stated), stated, most)
+    return np.where(np.isfinite(seen) & ~(INERTIA_GUESSED * stated > seen), seen, known)
+
+
+def shown(recordings: Sequence[Recording]) -> Array:
+    """(n,) as `asked`, of every joint, below the lowest cut-off; NaN where no stretch is long enough."""
+    motion = _slow_motion(recordings)
+    return np.full(len(recordings[0].q), np.nan) if motion is None else _asked_at_all(motion)
+
+
+def _asked_at_all(motion: tuple[Array, Array, Array, Array]) -> Array:
+    q, qd, qdd, tau = motion
+    return np.array([asked(i, q, qd, qdd=qdd, tau=row) for i, row in enumerate(tau)])
+
+
+def _slow_motion(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array] | None:
+    parts = [p for r in recordings if (p := _smooth(r)) is not None]
+    if not parts:
+        return None
+    q, qd, qdd, tau = (np.concatenate(signals, axis=1) for signals in zip(*parts, strict=True))
+    return q, qd, qdd, tau
+
+
+def _smooth(recording: Recording) -> tuple[Array, Array, Array, Array] | None:
+    """q, qd, qdd, tau (n, M) below the lowest cut-off, thinned out; None if no stretch is long enough."""
+    clock = grid(recording)
+    derive, stretch = differentiator(LOWEST_CUTOFF, 1 / clock.period), clock.longest
+    if stretch.size <= SEGMENT_HALVES * derive.half:
+        return None
+    window = slice(0, ENOUGH_FOR_NOISE)
+    thin = max(1, min(stretch.size, ENOUGH_FOR_NOISE) // MOST_INERTIA_ROWS)
+    position = stretch.of(recording.q[:, stretch.samples])[:, window]
+    torque = stretch.of(recording.tau[:, stretch.samples])[:, window]
+    parts = [derive(row) for row in position]
+    q, qd, qdd = (np.array([p[k][::thin] for p in parts]) for k in range(3))
+    return q, qd, qdd, np.array([derive(row)[0][::thin] for row in torque])
+
+
+def asked(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
+    """kg m² (kg), what a joint's torque tau (M,) asks for its acceleration, of all signals (n, M), beside friction,
+    gravity and what the other joints' accelerations ask; NaN where that explains too little of it to be told."""
+    turns = [f(row) for row in q for f in (np.sin, np.cos)]
+    others = [row for k, row in enumerate(qdd) if k != joint]
+    rest = np.array([qd[joint], np.sign(qd[joint]), np.ones(q.shape[1]), *turns, *others])
+    y = np.array([qdd[joint], tau])
+    beside = y - np.linalg.lstsq(rest.T, y.T, rcond=None)[0].T @ rest
+    own, cross, whole = (float(a @ b) for a, b in (beside[[0, 0]], beside, beside[[1, 1]]))
+    if own <= 0 or cross <= 0 or cross**2 < INERTIA_SEEN * own * whole:
+        return float("nan")
+    return cross / own
+
+
+def lines_above(recordings: Sequence[Recording], band: Band, ratios: Sequence[float]) -> list[LineAbove]:
+    """Lines of the measured torques that are above the band most of the way, the strongest first.
+
+    ratios (n,): gear ratios. The torque is taken as it is: what model and motion say of it lies below.
+    """
+    found = [line for i, ratio in enumerate(ratios) for line in _lines_of_joint(recordings, band, i, ratio)]
+    found.sort(key=lambda line: -line.rms)
+    return [line for line in found if line.rms**2 >= LINE_WORTH * found[0].rms ** 2]
+
+
+def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: Sequence[float]) -> Band:
+    """Every joint's band up to above the highest of the lines beyond it that the encoders' noise permits.
+
+    inertia (n, n) as for `choose_band`. As an inertial torque in the raised band, that noise must be small against what
+    the joint's lines are; a line that would need more of it stays above.
+    """
+    above = lines_above(recordings, band, ratios)
+    highest = CUTOFF_OF_SAMPLING * min(1 / r.dt for r in recordings)
+    cutoffs, reasons = band.cutoffs.copy(), []
+    for joint in sorted({line.joint for line in above}):
+        own = [line for line in above if line.joint == joint]
+        together = float(np.sqrt(sum(line.rms**2 for line in own)))
+        for line in sorted(own, key=lambda line: -line.frequency):
+            cutoff = float(f"{LINE_INSIDE * line.frequency:.3g}")
+            # One-sided white noise of the positions, twice differentiated, up to the cut-off.
+            noise = float(np.sqrt(inertia[joint] ** 2 @ band.position_density * (2 * np.pi) ** 4 * cutoff**5 / 5))
+            if cutoff <= highest and noise < NOISE_OF_LINES * together:
+                reasons.append(
+                    f"the band of joint {joint + 1} is raised from {cutoffs[joint]:g} to {cutoff:g} Hz to hold a line "
+                    f"of its torque that repeats {line.order:.4g} times per turn of the motor, "
+                    f"at {line.frequency:.3g} Hz"
+                )
+                cutoffs[joint] = cutoff
+                break
+    rest = tuple(line for line in above if LINE_INSIDE * line.frequency > cutoffs[line.joint])
+    return replace(band, cutoffs=cutoffs, reason="; ".join([band.reason, *reasons]), above=rest)
+
+
+def _lines_of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: float) -> list[LineAbove]:
+    cutoff = float(band.cutoffs[joint])
+    # A stretch of each is enough to see a line, as it is for noise.
+    stretches = [(r, slice(s.start, min(s.stop, s.start + ENOUGH_FOR_NOISE))) for r in recordings for s in r.segments]
+    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio=ratio, cutoff=cutoff) for r, s in stretches]
+    angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+    use = speed > SLOW_FOR_LINES * speed.max(initial=0.0)
+    angle, speed, torque = angle[use], speed[use], torque[use]
+    if not len(angle) or np.ptp(angle) < 2 * np.pi * LINE_TURNS:
+        return []
+    ordered = np.sort(speed)
+    middle = float(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
+    # Above the band at the middle speed, and below what a raised band could hold.
+    span = 2 * np.pi * cutoff / middle, 2 * np.pi * CUTOFF_OF_SAMPLING / recordings[0].dt / middle
+    among = max(2, round((span[1] - span[0]) * float(np.ptp(angle)) / (2 * np.pi)))
+    rows = angle, torque - torque.mean(), np.ones((1, len(angle))), np.array([[1 / len(angle)]])
+    return [
+        LineAbove(joint, order, order * middle / (2 * np.pi), float(np.sqrt(gain / len(angle))))
+        for order, gain in lines(*rows, span, among).items()
+    ]
+
+
+def _along(q: Array, tau: Array, dt: float, ratio: float, cutoff: float) -> tuple[Array, Array, Array]:
+    """The motor's angle and speed, and the torque less its slow part, each (N,)."""
+    width = max(1, round(1 / (cutoff * dt)))
+    if len(q) <= 2 * width:
+        return np.empty(0), np.empty(0), np.empty(0)
+    speed = np.abs(q[2 * width :] - q[: -2 * width]) / (2 * width * dt)
+    total = np.concatenate([[0.0], np.cumsum(tau)])
+    size = 2 * width + 1
+    slow = (total[size:] - total[:-size]) / size
+    inner = slice(width, -width)
+    return ratio * q[inner], ratio * speed, tau[inner] - slow

@@ -1,7 +1,8 @@
-"""Zero-phase FIR filters: derivatives of measured positions, and the band in which model and torque are compared.
+"""Zero-phase FIR filters, spectra and convolution with NumPy and FFTs alone.
 
-Every regressor and the torque pass the same linear-phase low-pass and decimation, so that a linear
-model holds between filtered quantities exactly as between raw ones.
+Positions are differentiated, and model and torque compared in a band: every regressor and the torque pass the same
+linear-phase low-pass and decimation, so that a linear model holds between filtered quantities as between raw ones.
+scipy.signal takes longer to load than most recordings take to be identified; tests hold these functions equal to it.
 """
 
 from __future__ import annotations
@@ -9,15 +10,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil, pi
+from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 
 from runtime.model.loader import Library
-from runtime.motion.fourier import convolved, kaiser_window, windowed_sinc
 from runtime.motion.settings import (
     BAND_OF_SAMPLING,
     BAND_STOPBAND_DB,
+    BLOCK_OF_KERNEL,
+    KAISER_BETA,
+    KAISER_TAPS,
     KEPT_SKEWS,
     MOST_DELAY,
     ROWS_OVER_CUTOFF,
@@ -29,6 +36,57 @@ from runtime.motion.settings import (
 )
 
 Array = NDArray[np.float64]
+
+
+def convolved(x: Array, kernels: Array) -> Array:
+    """(R, N − T + 1) x (N,) with kernels (R, T), N >= T: what whole kernels cover.
+
+    Source: overlap and save, Oppenheim & Schafer, Discrete-Time Signal Processing; spectra of x are computed once.
+    """
+    taps, count = kernels.shape[1], len(x) - kernels.shape[1] + 1
+    size = next_fast_len(min(BLOCK_OF_KERNEL * taps, len(x)), real=True)
+    hop = size - taps + 1
+    blocks = ceil(count / hop)
+    padded = np.pad(x, (0, blocks * hop + taps - 1 - len(x)))
+    spectra = rfft(sliding_window_view(padded, size)[::hop], axis=1)
+    out = np.empty((len(kernels), count))
+    for row, response in zip(out, rfft(kernels, size, axis=1), strict=True):
+        row[:] = irfft(spectra * response, size, axis=1)[:, taps - 1 :].ravel()[:count]
+    return out
+
+
+def welch(x: Array, rate: float, segment: int, average: Literal["mean", "median"] = "mean") -> tuple[Array, Array]:
+    """Frequencies (F,) Hz and one-sided density (F,) of x (N,), from Hann windows of `segment` samples that overlap by
+    half, each without its mean.
+
+    Source: Welch 1967; the bias of the median, Allen et al. 2012, "FINDCHIRP", appendix B.
+    """
+    length = min(segment, len(x))
+    window = 0.5 - 0.5 * np.cos(2 * pi * np.arange(length) / length)
+    parts = sliding_window_view(x, length)[:: length - length // 2]
+    power = np.abs(rfft((parts - parts.mean(axis=1, keepdims=True)) * window, axis=1)) ** 2
+    power /= rate * (window @ window)
+    # Negative frequencies fold onto the others, but not zero nor half the sampling rate.
+    power[:, 1 : None if length % 2 else -1] *= 2
+    if average == "mean":
+        density = power.mean(axis=0)
+    else:
+        even = 2.0 * np.arange(1, (len(parts) - 1) // 2 + 1)
+        density = np.median(power, axis=0) / (1 + np.sum(1 / (even + 1) - 1 / even))
+    return np.fft.rfftfreq(length, 1 / rate).astype(np.float64), np.asarray(density)
+
+
+def kaiser_window(attenuation: float, width: float) -> tuple[int, float]:
+    """Number of taps and shape of a Kaiser window; attenuation in dB, above 50; width of the transition over half the
+    sampling rate. Source: Kaiser 1974."""
+    (least, a_tap), (flat, taper) = KAISER_TAPS, KAISER_BETA
+    return ceil((attenuation - least) / (a_tap * pi * width) + 1), taper * (attenuation - flat)
+
+
+def windowed_sinc(taps: int, cutoff: float, beta: float) -> Array:
+    """(taps,) low-pass to `cutoff`, over half the sampling rate, one at rest, through a Kaiser window."""
+    kernel = np.sinc(cutoff * (np.arange(taps) - (taps - 1) / 2)) * np.kaiser(taps, beta)
+    return np.asarray(kernel / kernel.sum())
 
 
 @dataclass(frozen=True)

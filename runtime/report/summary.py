@@ -19,8 +19,8 @@ from runtime.identification.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described
 from runtime.model.terms import Term, at, joints_of
-from runtime.motion import spectrum
-from runtime.motion.noise_floor import Floor
+from runtime.motion import spectra
+from runtime.motion.repeats import Floor
 from runtime.wording import MORE_THAN_NOISE, numbered
 
 GUESS = Path("guess.py")
@@ -194,7 +194,7 @@ class ResultSummary:
         """Frequencies of the peaks in the spectrum of each joint's last residual, Hz."""
         found = self.last.identification
         motion, left = found.motion, found.fit.residual
-        return [spectrum.peaks(residual, motion.row_rate(i), motion.cutoff(i)) for i, residual in enumerate(left)]
+        return [spectra.peaks(residual, motion.row_rate(i), motion.cutoff(i)) for i, residual in enumerate(left)]
 
     @property
     def findings(self) -> tuple[Finding, ...]:

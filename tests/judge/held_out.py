@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.steps import errors_elsewhere
-from runtime.motion.motion import Motion
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import Motion, prepare
 
 from .bodies import ARMS, torque
 from .cases import Made

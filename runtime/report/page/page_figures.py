@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from runtime.diagnosis.steps import Finding, Step
 from runtime.identification.compare import JointSeries, structure_shares
 from runtime.model.catalogue import EffectInfo
-from runtime.motion import spectrum
+from runtime.motion import spectra
 from runtime.report.plots import joint_plots, style
 from runtime.report.summary import ResultSummary, relative_floor
 
@@ -156,8 +156,8 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
     motion, before = first.identification.motion, first.joints[joint]
     left, cutoff = last.identification.fit.residual[joint], motion.cutoff(joint)
     frequency, before_density = density(first, joint)
-    line = spectrum.strongest_line(left, motion.row_rate(joint))
-    peaks = spectrum.peaks(left, last.identification.motion.row_rate(joint), cutoff)
+    line = spectra.strongest_line(left, motion.row_rate(joint))
+    peaks = spectra.peaks(left, last.identification.motion.row_rate(joint), cutoff)
     if line is not None:
         peaks = [line.frequency, *(p for p in peaks if abs(p - line.frequency) > 2 * frequency[1])]
     figure = joint_plots.spectrum(
@@ -185,7 +185,7 @@ def density(step: Step, joint: int) -> tuple[Array, Array]:
 
 def amplitudes(residual: Array, rate: float) -> tuple[Array, Array]:
     """Frequencies, Hz, and amplitude density of a residual (M,) at `rate`, Hz."""
-    frequency, power = spectrum.density(residual, rate)
+    frequency, power = spectra.density(residual, rate)
     return frequency, np.sqrt(power)
 
 

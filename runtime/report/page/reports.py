@@ -22,7 +22,7 @@ from runtime.identification.compare import as_written, structure_entries, struct
 from runtime.loop.improve import Improvement
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.motion import spectrum
+from runtime.motion import spectra
 from runtime.plain_json import plain
 from runtime.planning.trajectory import Trajectory
 from runtime.report import findings, fits, loop, motions
@@ -390,7 +390,7 @@ def unexplained_joints(summary: ResultSummary) -> list[int]:
 
 def _line(step: Step, joint: int) -> str:
     residual, motion = step.identification.fit.residual[joint], step.identification.motion
-    line = spectrum.strongest_line(residual, motion.row_rate(joint))
+    line = spectra.strongest_line(residual, motion.row_rate(joint))
     if line is None:
         return "No line stands out in its spectrum."
     return (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from runtime.diagnosis.steps import Step
 from runtime.identification.compare import JointSeries, structure_shares
 from runtime.loop.improve import HeldOut
-from runtime.motion import spectrum
+from runtime.motion import spectra
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import Recording
 from runtime.report.page import page_figures as figures
@@ -201,7 +201,7 @@ def _spectrum(before: JointSeries, residuals: Sequence[Array], motion: Motion) -
     drawn = [y for c in curves for y in c.y if y is not None]
     noise = float(before.floor.spectrum / np.sqrt(cutoff))
     low, high = (min(drawn), max(drawn)) if drawn else (1.0, 1.0)
-    peaks = spectrum.peaks(residuals[-1], rate, cutoff)
+    peaks = spectra.peaks(residuals[-1], rate, cutoff)
     return SignalPanel(
         "curves",
         "Residual over frequency",

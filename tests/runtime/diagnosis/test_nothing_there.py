@@ -11,7 +11,7 @@ from runtime.identification.identify import identify_motion, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion.filters import low_pass
-from runtime.motion.spectrum import strongest_line
+from runtime.motion.spectra import strongest_line
 from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings

@@ -14,7 +14,7 @@ from runtime.diagnosis.remainder import above_band
 from runtime.diagnosis.search import Step
 from runtime.identification.identify import identify, prepared
 from runtime.loop.improve import improve
-from runtime.motion.angle_spectrum import angle_spectrum, lines
+from runtime.motion.spectra import angle_spectrum, lines
 from runtime.wording import per_turn
 from runtime.workspace.source import Source
 from tests.kept import kept

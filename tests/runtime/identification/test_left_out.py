@@ -18,7 +18,7 @@ from runtime.identification.compare import compare
 from runtime.identification.identify import identify
 from runtime.loop.improve import improve
 from runtime.model.terms import Term
-from runtime.motion.inertia import believable
+from runtime.motion.band import believable
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.plant import Plant

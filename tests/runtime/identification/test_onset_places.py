@@ -13,7 +13,7 @@ from runtime.identification.settings import PLACE_STEPS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term
 from runtime.motion.band import Band
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import prepare
 from runtime.recordings.recording import Recording
 
 DT = 1e-3

@@ -14,8 +14,7 @@ from runtime.identification.regressors import Regressors
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, structure
 from runtime.motion.band import Band
-from runtime.motion.motion import Motion
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 from runtime.workspace.source import Source
 from tests import spatial_wrist, wrist

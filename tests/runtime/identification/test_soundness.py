@@ -14,8 +14,8 @@ from runtime.diagnosis.search import Search
 from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import structure
-from runtime.motion.inertia import believable, shown
-from runtime.motion.prepare import prepare
+from runtime.motion.band import believable, shown
+from runtime.motion.motion import prepare
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate

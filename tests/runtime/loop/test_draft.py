@@ -13,7 +13,7 @@ from runtime.diagnosis import grammar_search
 from runtime.diagnosis.diagnose import begin
 from runtime.diagnosis.steps import errors_elsewhere
 from runtime.model.terms import Term
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import prepare
 from runtime.recordings import recording
 from runtime.workspace.source import Source
 from symbolic.effects import load_user_effects

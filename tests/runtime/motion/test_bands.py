@@ -16,7 +16,7 @@ from runtime.identification.regressors import Regressors
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Term, structure
 from runtime.motion.band import choose_band, coupled
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import prepare
 from runtime.motion.settings import BLOCK_ROWS, HIGHEST_CUTOFF, WIDE_ENOUGH
 from runtime.recordings.recording import Recording
 from runtime.workspace.source import Source

@@ -16,7 +16,7 @@ from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.clock import grid
-from runtime.motion.white_noise import SampleNoise
+from runtime.motion.noise import SampleNoise
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate

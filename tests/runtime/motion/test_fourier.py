@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from runtime.motion.fourier import convolved, kaiser_window, welch, windowed_sinc
+from runtime.motion.filters import convolved, kaiser_window, welch, windowed_sinc
 
 
 @given(st.integers(0, 10_000), st.integers(1, 3), st.integers(1, 60), st.integers(0, 3000))

@@ -10,7 +10,7 @@ import pytest
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.motion.band import Band
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import prepare
 from runtime.recordings.recording import Recording
 
 DT = 1e-3

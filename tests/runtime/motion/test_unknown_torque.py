@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from runtime.model.loader import Model
-from runtime.motion import turns, unknown_torque
+from runtime.motion import rests
 from runtime.motion.filters import LowPass, low_pass
+from runtime.motion.rests import UnknownTorque
 from runtime.motion.settings import LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
-from runtime.motion.unknown_torque import UnknownTorque
 
 Mask = NDArray[np.bool_]
 
@@ -125,7 +125,7 @@ def test_a_turn_is_unknown_for_as_long_as_the_rate_is():
     """Noise over acceleration, and how late the smoothing answers: not a period of the band."""
     t = np.arange(1000) / RATE
     for acceleration in (0.2, 2.0, 20.0):
-        unknown = turns.at_rest(acceleration * (t - 0.5), 1 / RATE, 20.0, 0.01)
+        unknown = rests.at_rest(acceleration * (t - 0.5), 1 / RATE, 20.0, 0.01)
         width = unknown.sum() / RATE
         assert width == pytest.approx(2 * 0.01 / acceleration + 2 / (4 * np.pi * 20.0), abs=5 / RATE)
 
@@ -134,7 +134,7 @@ def test_a_full_matrix_takes_out_the_same_as_a_sparse_one(band: LowPass, monkeyp
     unknown = resting((300, 40), (900, 5), (1000, 300), (2500, 700))
     x = np.random.default_rng(3).standard_normal((2, 3, len(band.centres(SAMPLES))))
     full = UnknownTorque.of(band, unknown, 1e-2)(x)
-    monkeypatch.setattr(unknown_torque, "DENSE_DIRECTIONS", 0)
+    monkeypatch.setattr(rests, "DENSE_DIRECTIONS", 0)
     sparse = UnknownTorque.of(band, unknown, 1e-2)(x)
     assert np.abs(full - sparse).max() < 1e-12
     assert np.abs(full - x).max() > 0.1

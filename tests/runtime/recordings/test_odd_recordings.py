@@ -19,8 +19,8 @@ from runtime.diagnosis.diagnose import begin
 from runtime.diagnosis.remainder import outside
 from runtime.identification.identify import prepared
 from runtime.model.loader import Model
-from runtime.motion import clock, rates, spectrum
-from runtime.motion.inertia import believable
+from runtime.motion import clock, noise, spectra
+from runtime.motion.band import believable
 from runtime.motion.settings import LOWEST_CUTOFF
 from runtime.recordings import recording
 from runtime.recordings.contents import RecordingError
@@ -171,7 +171,7 @@ def test_a_rate_beside_a_joint_that_does_not_move_is_left_alone() -> None:
     meant = recorded(4e-3 * K, 0)
     both = {name: np.array([meant[name]] * 2) for name in ("tau1", "qd1")}
     recording = read({"q1": np.array([meant["q1"], 5e-324 * np.round(3 * NOISE)]), **both})
-    moved, still = rates.judged([recording], [clock.grid(recording)], np.full(2, LOWEST_CUTOFF), np.full(2, 1e-12))
+    moved, still = noise.judged([recording], [clock.grid(recording)], np.full(2, LOWEST_CUTOFF), np.full(2, 1e-12))
     assert moved is not None
     assert still is None
 
@@ -249,9 +249,9 @@ def test_an_angle_without_digits_tells_nothing_of_a_link(
 @pytest.mark.filterwarnings("error")
 def test_bursts_in_silence_are_bursts() -> None:
     x, use = np.zeros(100), np.ones(100, dtype=bool)
-    assert spectrum.bursts(x, use, use * 1.0, 10.0)[0] == 1.0
+    assert spectra.bursts(x, use, use * 1.0, 10.0)[0] == 1.0
     x[[15, 55]] = 1.0
-    worst, rows = spectrum.bursts(x, use, use * 1.0, 10.0)
+    worst, rows = spectra.bursts(x, use, use * 1.0, 10.0)
     assert worst == np.inf
     assert rows.tolist() == [10, 50]
 

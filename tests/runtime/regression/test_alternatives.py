@@ -13,8 +13,7 @@ from runtime.identification.problem import Problem, Skew, first_least
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values
 from runtime.motion.band import Band
-from runtime.motion.motion import Motion
-from runtime.motion.prepare import prepare
+from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 from runtime.workspace.source import Source
 from tests.one_joint import joint_text

@@ -36,7 +36,7 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.identify import identify_motion, prepared
 from runtime.loop.improve import Improvement, floors
 from runtime.model.terms import Term, structure
-from runtime.motion import spectrum
+from runtime.motion import spectra
 from runtime.recordings.recording import Recording
 from runtime.report import findings, loop, terminal
 from runtime.report.page import page_figures, reports
@@ -492,8 +492,8 @@ def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
 @settings(max_examples=30, deadline=None)
 def test_lines_are_found_in_noise_and_not_in_noise_alone(frequency, seed):
     noise = np.random.default_rng(seed).standard_normal(4000)
-    assert spectrum.strongest_line(noise, 100.0) is None
-    line = spectrum.strongest_line(noise + 3 * np.sin(2 * np.pi * frequency * np.arange(4000) / 100.0), 100.0)
+    assert spectra.strongest_line(noise, 100.0) is None
+    line = spectra.strongest_line(noise + 3 * np.sin(2 * np.pi * frequency * np.arange(4000) / 100.0), 100.0)
     assert line is not None
     # Two bins of a Hann window over 40 s; 4.5 of the power of 5.5 is in the line, scattered by its own noise.
     assert abs(line.frequency - frequency) < 0.05
@@ -506,11 +506,11 @@ def test_a_peak_that_holds_little_is_named_and_a_slope_is_none(frequency, seed):
     """A wave of a sixteenth of the power in white noise; slow noise, whose spectrum only falls, has no peak."""
     noise = np.random.default_rng(seed).standard_normal(6000)
     wave = 0.35 * np.sin(2 * np.pi * frequency * np.arange(6000) / 100.0)
-    assert spectrum.strongest_line(noise + wave, 100.0) is None
-    assert min(abs(f - frequency) for f in spectrum.peaks(noise + wave, 100.0, 40.0)) < 0.5
+    assert spectra.strongest_line(noise + wave, 100.0) is None
+    assert min(abs(f - frequency) for f in spectra.peaks(noise + wave, 100.0, 40.0)) < 0.5
     slow = lfilter([1.0], [1.0, -0.9], noise)
-    assert all(abs(f - frequency) < 0.5 for f in spectrum.peaks(wave + noise, 100.0, 40.0)[:1])
-    assert len(spectrum.peaks(slow, 100.0, 40.0)) <= 1  # chance has one in some hundred
+    assert all(abs(f - frequency) < 0.5 for f in spectra.peaks(wave + noise, 100.0, 40.0)[:1])
+    assert len(spectra.peaks(slow, 100.0, 40.0)) <= 1  # chance has one in some hundred
 
 
 def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement, capsys):

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.identification.compare import JointSeries
-from runtime.motion.noise_floor import Floor
+from runtime.motion.repeats import Floor
 from runtime.report.page import html
 from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
 from runtime.report.signals.joint_signals import of_series

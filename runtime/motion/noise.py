@@ -1,9 +1,4 @@
-"""Measured rates: used where they are quieter than the derivative of the positions, and where they are what they say.
-
-A tachometer, or an encoder that times its own steps, is quieter than differences of positions; most rates that a
-controller logs are such differences, filtered, and late by as much. Their noise decides, and what they have in common
-with the positions.
-"""
+"""White noise of the instruments: its density, uncertain instants, and whether a measured rate is used."""
 
 from __future__ import annotations
 
@@ -13,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.motion.clock import EvenGrid
-from runtime.motion.filters import differentiator
-from runtime.motion.fourier import welch
+from runtime.motion.clock import EvenGrid, Stretch
+from runtime.motion.filters import differentiator, welch
 from runtime.motion.settings import (
     DENSITY_SEGMENT,
     ENOUGH_FOR_NOISE,
+    FOLLOWS_RATE,
     LOWEST_CUTOFF,
     RATE_BETTER,
     RATE_DELAYED,
@@ -26,11 +21,72 @@ from runtime.motion.settings import (
     RATE_OWN,
     RATE_SCALE,
     SEGMENT_HALVES,
+    TIMING_BLOCK,
+    TIMING_BLOCKS,
+    TIMING_DIFFERENCES,
+    WHITE_FROM,
+    WHITE_TO,
 )
-from runtime.motion.white_noise import SampleNoise
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
+
+
+def white_density(x: Array, rate: float) -> float:
+    """One-sided density of the white noise in x, near half the sampling rate, where no joint moves.
+
+    Medians over time and frequency, so that shocks and single lines do not count as noise.
+    """
+    f, density = welch(x[:ENOUGH_FOR_NOISE], rate, DENSITY_SEGMENT, "median")
+    inside = (f > WHITE_FROM * rate) & (f < WHITE_TO * rate)
+    return float(np.median(density[inside]))
+
+
+@dataclass(frozen=True)
+class SampleNoise:
+    """How white noise of samples is measured on a grid to which they were brought: `passed` is the part of its density
+    that interpolation leaves where it is looked for."""
+
+    stretch: Stretch
+    rate: float
+    passed: float
+
+    @classmethod
+    def on(cls, stretch: Stretch, rate: float) -> SampleNoise:
+        if stretch.places is None:
+            return cls(stretch, rate, 1.0)
+        samples = stretch.samples.stop - stretch.samples.start
+        white = np.random.default_rng(samples).standard_normal(samples)
+        return cls(stretch, rate, white_density(stretch.of(white), rate) * rate / 2)
+
+    def density(self, x: Array) -> float:
+        """One-sided density of the samples' white noise in x, of the whole recording."""
+        return white_density(self.stretch.of(x[self.stretch.samples]), self.rate) / self.passed
+
+    def mistimed(self, q: Array) -> bool:
+        """Whether the instants at which positions q (n, N) were read are uncertain: their noise follows the rate.
+
+        A position that is read at another time than its stamp says is off by the rate times that error; an encoder's
+        error is the same at all rates.
+        """
+        read = self.stretch.of(q[:, self.stretch.samples][:, :ENOUGH_FOR_NOISE])
+        return float(np.median([_follows_rate(x) for x in read])) > FOLLOWS_RATE
+
+
+def _follows_rate(x: Array) -> float:
+    """Correlation over blocks of samples of the noise of positions x (N,), squared, with their squared rate."""
+    half = TIMING_DIFFERENCES // 2 + 1
+    # High differences of a motion vanish; those of white noise do not.
+    noise, rate = np.diff(x, TIMING_DIFFERENCES) ** 2, (x[2 * half :] - x[: -2 * half]) ** 2
+    count = min(len(noise), len(rate)) // TIMING_BLOCK
+    if count < TIMING_BLOCKS:
+        return 0.0
+    blocks = np.array(
+        [part[: count * TIMING_BLOCK].reshape(count, TIMING_BLOCK).mean(axis=1) for part in (noise, rate)]
+    )
+    apart = blocks - blocks.mean(axis=1, keepdims=True)
+    size = np.sqrt(np.sum(apart**2, axis=1))
+    return float(apart[0] @ apart[1] / (size[0] * size[1])) if size.all() else 0.0
 
 
 @dataclass(frozen=True)
@@ -57,10 +113,10 @@ def judged(
     cutoffs (n,) Hz up to which it is compared; position_density (n,) of the positions' noise, unit²/Hz.
     """
     each = enumerate(zip(cutoffs.tolist(), position_density.tolist(), strict=True))
-    return tuple(_of_joint(i, recordings, grids, cutoff=cutoff, density=density) for i, (cutoff, density) in each)
+    return tuple(_judged(i, recordings, grids, cutoff=cutoff, density=density) for i, (cutoff, density) in each)
 
 
-def _of_joint(
+def _judged(
     joint: int, recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoff: float, density: float
 ) -> MeasuredRate | None:
     if any(r.qd is None or np.isnan(r.qd[joint]).any() for r in recordings):
@@ -74,7 +130,7 @@ def _of_joint(
     if not np.isfinite(theta).all():  # of positions that hardly change, a rate is any multiple
         return None
     scale, late, period = float(theta[0]), -float(theta[1] / (theta[0] or 1.0)), grids[0].period
-    own = max(_density(r, g, joint) for r, g in zip(recordings, grids, strict=True))
+    own = max(_rate_density(r, g, joint) for r, g in zip(recordings, grids, strict=True))
     between, of_position = _in_band(quick[0] - theta @ quick[1], 1 / period, cutoff, density)
     rate, derivative = f"qd{joint + 1}", f"the derivative of q{joint + 1}"
     left = slow[0] - theta @ slow[1]
@@ -109,7 +165,7 @@ def _compared(
     return (np.concatenate(measured), np.concatenate(derived, axis=1)) if measured else None
 
 
-def _density(recording: Recording, clock: EvenGrid, joint: int) -> float:
+def _rate_density(recording: Recording, clock: EvenGrid, joint: int) -> float:
     return 0.0 if recording.qd is None else SampleNoise.on(clock.longest, 1 / clock.period).density(recording.qd[joint])
 
 
