@@ -18,9 +18,9 @@ from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose
 from runtime.diagnosis.gates import rank
 from runtime.diagnosis.grammar_search import Draft, Wider
 from runtime.diagnosis.search import Search
+from runtime.fit_warnings import Suspicion, suspicions
 from runtime.identification.compare import Comparison, compare
 from runtime.identification.identify import Identification, identify
-from runtime.identification.suspicions import Suspicion, suspicions
 from runtime.loop.law_proposal import propose
 from runtime.model.loader import Model
 from runtime.model.terms import Term

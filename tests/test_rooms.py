@@ -39,6 +39,7 @@ runtime.recordings
 runtime.motion
 runtime.regression
 runtime.identification
+runtime.fit_warnings
 runtime.diagnosis
 runtime.inspection
 runtime.simulation

@@ -10,10 +10,10 @@ from runtime.diagnosis import consistency
 from runtime.diagnosis.settings import FAR_ABOVE_NOISE, LEAST_MOVING_S
 from runtime.diagnosis.steps import seconds_moving
 from runtime.documents.fits import JudgedFitDocument
-from runtime.identification.compare import JointSeries, improper_inertia, series, warnings
+from runtime.fit_warnings import Suspicion, improper_inertia, suspicions, warnings
+from runtime.identification.compare import JointSeries, series
 from runtime.identification.estimate import Estimate
 from runtime.identification.identify import Identification
-from runtime.identification.suspicions import Suspicion, suspicions
 from runtime.recordings.recording import Recording
 from symbolic.model_file.arm import ROTOR
 

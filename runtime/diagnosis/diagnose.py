@@ -25,10 +25,9 @@ from runtime.documents.diagnosis import (
     RankedCandidate,
 )
 from runtime.documents.parts import EffectAt, EncoderSkewEntry
-from runtime.identification.compare import warnings
+from runtime.fit_warnings import suspicions, warnings
 from runtime.identification.covariance import Inference
 from runtime.identification.identify import prepared, refuse_copies, without_tip_rests
-from runtime.identification.suspicions import suspicions
 from runtime.identification.twist import fit_twist
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure

@@ -38,7 +38,7 @@ from runtime.diagnosis.worth import (
     told,
     worth_its_name,
 )
-from runtime.identification.suspicions import Suspicion
+from runtime.fit_warnings import Suspicion
 from runtime.model.terms import Term, joints_of
 
 

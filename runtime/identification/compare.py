@@ -12,15 +12,12 @@ from numpy.typing import NDArray
 from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, StructureShare, WrittenError
 from runtime.identification.identify import Identification, identify
 from runtime.identification.problem import least_inertia
-from runtime.identification.regressors import OF_MASSES, Regressors, Signals, arm_functions_read
+from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import (
-    FRICTION_RANGE,
-    FRICTION_SPEEDS,
     HARDLY_POSITIVE,
     STRUCTURE_BINS,
     STRUCTURE_LEAST_SHARE,
 )
-from runtime.identification.suspicions import doubts, suspicions
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
@@ -28,7 +25,6 @@ from runtime.motion.band import asked
 from runtime.motion.motion import Motion
 from runtime.motion.repeats import Floor, floor
 from runtime.recordings.recording import Recording
-from runtime.wording import quantity
 
 Array = NDArray[np.float64]
 
@@ -106,7 +102,7 @@ class Comparison:
     joints: tuple[JointSeries, ...]
     written: tuple[tuple[float, float], ...] | None
 
-    def document(self) -> CompareDocument:
+    def document(self, warnings: list[str]) -> CompareDocument:
         """As `tendon compare --json`."""
         errors = [None] * len(self.joints) if self.written is None else self.written
         written = [None if e is None else WrittenError(rms=e[0], relative=e[1]) for e in errors]
@@ -118,7 +114,7 @@ class Comparison:
             band=self.identification.motion.band.document(),
             skew=self.identification.inference.skew_entry(),
             joints=joints,
-            warnings=warnings(self.identification),
+            warnings=warnings,
         )
 
 
@@ -263,84 +259,15 @@ def _torque(signals: Signals, joint: int) -> Array:
     return signals.piece.equation(signals.piece.in_band(total), joint)
 
 
-def warnings(identification: Identification) -> list[str]:
-    """What a user should know before trusting the fitted model."""
-    wrong = suspicions(identification)
-    if wrong:  # whatever else is odd follows from it
-        return [f"the data look wrong: {suspicion}" for suspicion in wrong]
-    return [
-        *(f"the data may be wrong: {doubt}" for doubt in doubts(identification)),
-        *left_out(identification),
-        *early_torques(identification),
-        *idle_terms(identification),
-        *improper_inertia(identification),
-        *range_warnings(identification),
-        *unknown_masses(identification),
-    ]
-
-
-def left_out(identification: Identification) -> list[str]:
-    """Joints of which nothing is fitted, and why."""
-    motion, found = identification.motion, []
-    for i in np.flatnonzero(np.isinf(motion.standstill)):
-        passive = all(float(np.ptp(p.tau[i])) == 0 for p in motion.pieces)
-        why = f"tau{i + 1} is constant, as of a joint without a motor" if passive else "it is held"
-        found.append(f"joint {i + 1}: left out of the fit: {why}")
-    return found
-
-
-def early_torques(identification: Identification) -> list[str]:
-    """Joints whose torque leads the motion by more than a hold explains, and that no effect of the structure delays."""
-    model, fit = identification.model, identification.fit
-    if fit.ahead is None:
-        return []
-    delayed = {t.joint for t in fit.shapes if model.library.effects[t.effect].of_kind("lead")}
-    return [
-        f"joint {joint}: the recorded torque is {quantity(abs(time), 's', 3)} {'ahead of' if time > 0 else 'behind'} "
-        "its motion, beyond half a sample of a hold; that is left in the error: tendon diagnose says by which effect"
-        for joint, time in enumerate(fit.ahead.times, start=1)
-        if time and joint not in delayed
-    ]
-
-
-def idle_terms(identification: Identification) -> list[str]:
-    """Effects whose coefficients have all come to zero, at the bound of what is physical."""
-    problem, fit = identification.problem, identification.fit
-    own = {term: fit.coefficients[problem.layout.slices[term]] for term in problem.layout.terms}
-    idle = [str(term) for term, solved in own.items() if len(solved) and not solved.any()]
-    if not idle:
-        return []
-    has, it = ("has", "it") if len(idle) == 1 else ("have", "them")
-    return [f"{', '.join(idle)} {has} come to 0: the other effects do without {it}; leave {it} out if you agree"]
-
-
-def improper_inertia(identification: Identification) -> list[str]:
-    """That the fit wants an inertia that no arm has, and stopped at the bound of what is physical."""
+def has_proper_inertia(identification: Identification) -> bool:
+    """Whether the fitted D is positive definite by more than a hundredth of what the model file or the torques ask."""
     model, motion = identification.model, identification.motion
     if motion.rigid_given:
-        return []
+        return True
     lumps = identification.fit.coefficients[identification.problem.layout.lumps]
     fitted = least_inertia(model, motion, lumps)[0]
     given = least_inertia(model, motion, model.lump_values)[0] if model.lumps_known else _least_apparent(motion)
-    if fitted > HARDLY_POSITIVE * given:
-        return []
-    return [
-        "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
-        "or the data is wrong"
-    ]
-
-
-def unknown_masses(identification: Identification) -> list[str]:
-    """Terms whose values depend on masses that the model file leaves out, and what was taken in their place."""
-    model = identification.model
-    if not any({"mass", "com"} & {*joint.unknown} for joint in model.joints):
-        return []
-    return [
-        f"{term}: the model file leaves masses or centres of mass out: its values hold for 1 kg in the middle of each "
-        "such link; state gravity in the model file in its place, and the moments of the links are identified"
-        for term in identification.fit.prediction.values
-        if OF_MASSES in arm_functions_read(model, term)
-    ]
+    return bool(fitted > HARDLY_POSITIVE * given)
 
 
 def _least_apparent(motion: Motion) -> float:
@@ -354,38 +281,17 @@ def _least_apparent(motion: Motion) -> float:
     return min((x for x in found if np.isfinite(x)), default=0.0)
 
 
-def range_warnings(identification: Identification) -> list[str]:
-    """Speeds within a joint's limits at which its identified friction would drive it: outside the data's range."""
-    model, motion = identification.model, identification.motion
-    found = []
-    for i, joint in enumerate(model.joints):
-        fastest = _fastest(motion, i)
-        turn = active_from(identification, i, FRICTION_RANGE * fastest)
-        if turn is not None:
-            found.append(
-                f"joint {i + 1}: the friction found drives the joint from {turn:.3g} {joint.position_unit}/s on; "
-                f"the data reach {fastest:.3g}: use the model within them only"
-            )
-    return found
-
-
-def _fastest(motion: Motion, joint: int) -> float:
-    return max(float(np.abs(p.qd[joint]).max()) for p in motion.pieces_of(joint))
-
-
-def active_from(identification: Identification, joint: int, up_to: float) -> float | None:
-    """Smallest speed up to which the joint's summed static friction stops dissipating; None if it never does."""
-    model, prediction = identification.model, identification.fit.prediction
-    speeds = np.linspace(up_to / FRICTION_SPEEDS, up_to, FRICTION_SPEEDS)
-    worst: float | None = None
+def driving_speed(identification: Identification, joint: int, up_to: float) -> float | None:
+    """Smallest speed up to some speed at which the joint's summed static friction drives it; None if it never does."""
+    model, prediction, count = identification.model, identification.fit.prediction, 400
+    speeds = np.linspace(up_to / count, up_to, count)
+    drives = np.zeros(count, dtype=bool)
     for direction in (1.0, -1.0):
-        total = np.zeros_like(speeds)
+        total = np.zeros(count)
         for term, values in prediction.values.items():
             info = model.library.effects[term.effect]
             if term.joint == joint + 1 and info.rubs and set(info.signals) <= {"q", "qd"}:
-                signals = {"qd": direction * speeds, "q": np.zeros_like(speeds)}
+                signals = {"qd": direction * speeds, "q": np.zeros(count)}
                 total += model.library.torque(term.effect, signals, values, 1.0)
-        driving = np.flatnonzero(direction * total < 0)
-        if len(driving):
-            worst = float(speeds[driving[0]]) if worst is None else min(worst, float(speeds[driving[0]]))
-    return worst
+        drives |= direction * total < 0
+    return float(speeds[np.argmax(drives)]) if drives.any() else None

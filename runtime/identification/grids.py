@@ -14,20 +14,15 @@ from numpy.typing import NDArray
 from runtime.identification.problem import Problem, Skew, first_least
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import (
-    BAND_EDGE,
     GRID_EDGE,
     MIDDLE_OF_SPEEDS,
-    MOST_LINES_TRIED,
-    OF_ITS_OWN,
-    ORDERS_SPREAD,
     PLACE_STEPS,
-    PLACE_STRIDE,
     SLOWEST_ROWS,
 )
 from runtime.model.loader import EffectInfo, Model
 from runtime.model.terms import Term, Values, joints_of
 from runtime.motion.motion import Motion
-from runtime.motion.settings import LEAST_PERIODS
+from runtime.motion.settings import LEAST_PERIODS, TRANSITION
 from runtime.motion.spectra import angle_spectrum, lines, wave_beside
 from symbolic.described import DescribedParameter, ParameterKind
 
@@ -211,7 +206,7 @@ class MotorAngle:
     def spread(self) -> Array:
         """Orders all over the span, where none is known; none if the span is empty."""
         low, high = self.span
-        return np.geomspace(low, high, ORDERS_SPREAD) if low < high else np.empty(0)
+        return np.geomspace(low, high, 12) if low < high else np.empty(0)
 
     def lines(self, left: Array, base: Array, projection: Array) -> tuple[Array, int]:
         """Orders (L,) of waves over the angle that stand out of a residual, the strongest first, and the number of
@@ -227,50 +222,35 @@ class MotorAngle:
         found: dict[float, float] = {}
         for start, stop in pairwise(np.minimum(octaves, high)):
             # Where the motor is too fast for an order to be in the band, the rows hold nothing of it.
-            slow = self.speed * start < 2 * np.pi * BAND_EDGE * self.cutoff
+            slow = self.speed * start < 2 * np.pi * (1 + TRANSITION / 2) * self.cutoff
             part = replace(self, angle=self.angle[slow], speed=self.speed[slow], time=self.time[slow])
             rows = left[slow], base[:, slow], projection
-            found |= part.of_their_own(lines(part.angle, *rows, (start, stop), among), *rows)
-        strongest = sorted(found, key=lambda order: -found[order])[:MOST_LINES_TRIED]
+            found |= part._without_waves_over_time(lines(part.angle, *rows, (start, stop), among), *rows)
+        # The rest may be shadows of these, and comes up again once they are in the model.
+        strongest = sorted(found, key=lambda order: -found[order])[:6]
         return np.array(strongest), among
 
-    def of_their_own(
+    def _without_waves_over_time(
         self, found: Mapping[float, float], left: Array, base: Array, projection: Array
     ) -> dict[float, float]:
-        """Those of some lines, order and gain, that no wave over the time explains and more, of a frequency through
-        which the order sweeps."""
+        """Those of some lines, order and gain, that no wave over the time explains better, of a frequency through which
+        the order sweeps, unless half of the line remains beside it."""
         if not found:
             return {}
         margin = LEAST_PERIODS / max(float(np.ptp(self.time)), 1e-300)
         slow, fast = (self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
         swept = min(found) * slow - margin, max(found) * fast + margin
         over_time = angle_spectrum(2 * np.pi * self.time, left, base, projection=projection, span=swept)
-        return {
-            order: gain
-            for order, gain in found.items()
-            if not self._taken_by(
-                over_time.strongest(order * slow - margin, order * fast + margin),
-                order,
-                gain,
-                left=left,
-                base=base,
-                projection=projection,
-            )
-        }
-
-    def _taken_by(
-        self, wave: tuple[float, float], order: float, gain: float, left: Array, base: Array, projection: Array
-    ) -> bool:
-        """Whether a wave over the time, frequency and gain, explains a line and more, and leaves little of it."""
-        frequency, more = wave
-        if more < gain:
-            return False
-        beside = left - wave_beside(2 * np.pi * frequency * self.time, left, base, projection)
-        remaining = angle_spectrum(self.angle, beside, base, projection=projection, span=self._about(order))
-        return bool(remaining.gain.max(initial=0.0) < OF_ITS_OWN * gain)
-
-    def _about(self, order: float) -> tuple[float, float]:
-        return order - self.period / 2, order + self.period / 2
+        kept = {}
+        for order, gain in found.items():
+            frequency, more = over_time.strongest(order * slow - margin, order * fast + margin)
+            if more >= gain:
+                beside = left - wave_beside(2 * np.pi * frequency * self.time, left, base, projection)
+                about = order - self.period / 2, order + self.period / 2
+                remaining = angle_spectrum(self.angle, beside, base, projection=projection, span=about)
+            if more < gain or remaining.gain.max(initial=0.0) >= gain / 2:
+                kept[order] = gain
+        return kept
 
     def _speed(self, part: float) -> float:
         """The speed below which the motor goes a part of its way."""
@@ -280,11 +260,11 @@ class MotorAngle:
 
 
 def motor_angle(model: Model, motion: Motion, joint: int) -> MotorAngle:
-    """Of a joint (0-based) along a motion."""
+    """The motor's angle of a joint (0-based) along a motion."""
     use, ratio = motion.moving(joint), model.joints[joint].gear_ratio
     time = motion.row_time(joint).copy()
     starts = np.flatnonzero(np.diff(time, prepend=time[:1]) < 0)
-    # What one recording says of the phase of a wave over the time, another does not know: any offset will do.
+    # The phase of a wave over the time is unknown between recordings: any offset will do.
     for start in starts:
         time[start:] += time[start - 1] - time[start]
     return MotorAngle(
@@ -297,48 +277,38 @@ def motor_angle(model: Model, motion: Motion, joint: int) -> MotorAngle:
 
 # --- places at which a torque sets in ---
 
-
-OF_PLACES = ("position", "end", "tip")
+_OF_PLACES = ("position", "end", "tip")
 """Grids over a range of places."""
 
 
-@dataclass(frozen=True)
-class _Places:
-    """Fixed places, evenly from the first of a grid to its last."""
-
-    first: float
-    step: float
-    count: int
-
-    @classmethod
-    def between(cls, grid: Array) -> _Places:
-        """PLACE_STEPS to a step of an even grid."""
-        return cls(float(grid[0]), float(grid[1] - grid[0]) / PLACE_STEPS, (len(grid) - 1) * PLACE_STEPS + 1)
-
-    def around(self, place: float, stride: int, reach: int) -> list[float]:
-        """Those of every `stride` that lie within `reach` of them to either side, the nearest first."""
-        middle = round((place - self.first) / self.step / stride)
-        numbers = stride * (middle + np.arange(-reach, reach + 1))
-        inside = numbers[(numbers >= 0) & (numbers < self.count)]
-        found = self.first + self.step * inside
-        return [float(x) for x in found[np.argsort(np.abs(found - place), kind="stable")]]
-
-
 def least_places(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> dict[Term, Values]:
-    """Shapes with every such place at the least error within a step of its grid."""
-    best = dict(shapes)
+    """Shapes with every place at which a torque sets in at the least error within a step of its grid.
+
+    A torque sets in at a sample, so that the error over the place is a staircase without a useful derivative. Fixed
+    places are tried, first some apart and then between them: wherever the search began, their columns are shared.
+    """
+    best, stride = dict(shapes), 4
     for term in problem.layout.terms:
         for parameter in problem.model.library.effects[term.effect].shape:
-            if parameter.grid is None or parameter.grid.of not in OF_PLACES:
+            if parameter.grid is None or parameter.grid.of not in _OF_PLACES:
                 continue
             grid = axis(problem.regressors, term, parameter, best[term])
             if len(grid) < 2 or not searchable(parameter, grid):
                 continue
-            places = _Places.between(grid)
-            for stride, reach in ((PLACE_STRIDE, PLACE_STEPS // PLACE_STRIDE), (1, PLACE_STRIDE - 1)):
+            for every, reach in ((stride, PLACE_STEPS // stride), (1, stride - 1)):
                 at = float(np.clip(best[term][parameter.name], grid[0], grid[-1]))
-                choices = [{**best[term], parameter.name: x} for x in (at, *places.around(at, stride, reach))]
+                choices = [{**best[term], parameter.name: x} for x in (at, *_around(at, grid, every, reach))]
                 problem.foresee(term, choices, best)
                 errors = problem.errors([{**best, term: shape} for shape in choices], skew)
                 best[term] = choices[first_least(errors)]
     return best
+
+
+def _around(place: float, grid: Array, every: int, reach: int) -> list[float]:
+    """Of places PLACE_STEPS to a step of an even grid, one of `every` within `reach` of them to either side of a place,
+    the nearest first."""
+    first, step = float(grid[0]), float(grid[1] - grid[0]) / PLACE_STEPS
+    numbers = every * (round((place - first) / step / every) + np.arange(-reach, reach + 1))
+    inside = numbers[(numbers >= 0) & (numbers <= (len(grid) - 1) * PLACE_STEPS)]
+    found = first + step * inside
+    return [float(x) for x in found[np.argsort(np.abs(found - place), kind="stable")]]

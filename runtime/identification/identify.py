@@ -17,7 +17,7 @@ from runtime.identification.covariance import Inference, infer
 from runtime.identification.fitting import drivable, solve
 from runtime.identification.problem import Fit, Problem, weighted
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import INERTIA_CONFIGURATIONS, LOWERED_TO, LOWERINGS, MOST_COMPENSATED
+from runtime.identification.settings import INERTIA_CONFIGURATIONS, LOWERED_TO, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
 from runtime.motion.band import believable, choose_band, coupled, lowered, raised, rigid_inertia
@@ -125,7 +125,7 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     ratios = [joint.gear_ratio for joint in model.joints]
     band = raised(recordings, choose_band(recordings, inertia), inertia, ratios)
     first = motion = prepare(recordings, band, model)
-    for _ in range(LOWERINGS):
+    for _ in range(6):  # to an eighth
         if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:
             return motion
         lower = lowered(motion.band, LOWERED_TO)

@@ -76,10 +76,6 @@ PLACE_STEPS: Final = 16
 """number of steps to a step of a grid, to either side; a place at which a torque sets in is sought so finely, about
 what an arm goes in a sample; development recordings."""
 
-PLACE_STRIDE: Final = 4
-"""number of those steps; so far apart they are tried first; the error falls towards the place over many treads;
-development recordings."""
-
 SAME_ERROR: Final = 1e-10
 """part of the squared error; shapes whose errors differ by less are as good as each other; double precision."""
 
@@ -198,9 +194,6 @@ FAR_WORSE: Final = 2.0
 """ratio of squared errors; noise that is half of a column makes plain least squares leave half of what the truth does,
 and more than that is not compensated; errors in variables, by construction."""
 
-LOWERINGS: Final = 6
-"""number of lower bands that are tried, down to an eighth of the first; time; a choice."""
-
 LOWERED_TO: Final = 0.7071
 """part of a cut-off; of a band that lets too much noise in, the next is so much lower: the noise of an acceleration
 falls to a sixth; a choice."""
@@ -239,27 +232,10 @@ DOUBTED_RATIO: Final = 8.0
 """ratio of an inertia to the file's; where mistakes come together, from there on they are worth a look, though the
 inertia may as well be guessed: guesses are wrong by factors of 2 to 5; real recordings."""
 
-MISTAKES_AT_MOST: Final = 3
-"""number of times that the data are put right and looked at again; more mistakes in one file are found in the next
-look; a choice."""
-
-SIGNS_TRIED_TOGETHER: Final = 7
-"""number of joints; of so many all combinations of signs are tried, 127 small systems; time."""
-
-SUSPICION_SAMPLES: Final = 20_000
-"""samples; on so many a suspicion is tried: it concerns most of the torque; time."""
-
-LEAST_RECORDED: Final = 1e-30
-"""unit of a torque; a joint's that is smaller is none, as behind a filter when the recording has become zero: an error
-relative to it is no number, and nothing of how its columns are read can be told; definition."""
-
 # friction outside the data ------------------------------------------------------------------------------------------
 
 FRICTION_RANGE: Final = 4
 """ratio to the fastest speed of the data; up to it a friction that drives its joint is warned of; a choice."""
-
-FRICTION_SPEEDS: Final = 400
-"""number of speeds; a hundred between rest and the fastest of the data; by construction."""
 
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
@@ -267,22 +243,8 @@ SLOWEST_ROWS: Final = 0.1
 """part of the rows; an order is looked for if it is in the band in as many, where the motor is slowest: that much of a
 line tells its order and its size; a choice."""
 
-BAND_EDGE: Final = 1.25
-"""ratio to the cut-off; where the stop-band begins (TRANSITION of the motion's settings); by construction."""
-
 MIDDLE_OF_SPEEDS: Final = (0.02, 0.98)
 """parts of the way; between the speeds at them a line's frequencies are taken to lie; a choice."""
-
-OF_ITS_OWN: Final = 0.5
-"""part of a line's gain; if a wave over the time leaves less of it, both are one; between all and none of it; by
-construction."""
-
-MOST_LINES_TRIED: Final = 6
-"""number of lines; so many of the strongest are weighed against each other: the rest may be shadows of these, and comes
-up again once they are in the model; time."""
-
-ORDERS_SPREAD: Final = 12
-"""number of orders; where nothing tells which, so many over the whole span stand for all; a choice."""
 
 SLOPE_STEP: Final = 1e-4
 """rad, m and rad/s, m/s; torques so far to either side give how they grow with a position or a rate: their curvature

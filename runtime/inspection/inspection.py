@@ -29,10 +29,10 @@ from runtime.documents.recordings import (
     RepeatsEntry,
     SuspicionEntry,
 )
+from runtime.fit_warnings import Suspicion, doubts, suspicions
 from runtime.identification.compare import series
 from runtime.identification.estimate import Estimate
 from runtime.identification.identify import Identification, identify
-from runtime.identification.suspicions import Suspicion, doubts, suspicions
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF, UNRELATED, WELL_TOLD
 from runtime.inspection.signals import (
     clock_entry,

@@ -15,6 +15,7 @@ from runtime.diagnosis.remainder import physics
 from runtime.diagnosis.steps import Finding, Step
 from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEntry, ImprovementDocument, PeaksEntry
 from runtime.documents.fits import CompareDocument
+from runtime.fit_warnings import warnings
 from runtime.identification.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.loop.law_proposal import described
@@ -135,7 +136,7 @@ class ResultSummary:
     def document(self) -> LoopDocument:
         """As --json writes it."""
         if isinstance(self.result, Comparison):
-            return self.result.document()
+            return self.result.document(warnings(self.result.identification))
         follows = {
             "more_is_left": self.more_is_left,
             "peaks": [PeaksEntry(joint=k, frequencies_hz=f) for k, f in enumerate(self.peaks, 1) if f],

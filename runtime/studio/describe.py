@@ -11,10 +11,10 @@ import shlex
 from collections.abc import Mapping, Sequence
 
 from runtime.diagnosis.search import Search
+from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, structure_entries
 from runtime.identification.covariance import estimate
 from runtime.identification.estimate import Estimate
-from runtime.identification.suspicions import Suspicion
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime.diagnosis.diagnose import diagnose
+from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
 from runtime.identification.identify import identify, identify_motion, prepared
 from runtime.model.loader import Model
@@ -73,9 +74,8 @@ def test_a_delay_of_samples_is_found_in_time(drive: Model, samples: int) -> None
 def test_a_delay_is_named_first(drive: Model) -> None:
     """At 15 ms and 8 Hz no first order explains it; a cable or gravity was nearer."""
     recording = chirped(0.015)
-    assert any(
-        "0.015 s ahead of its motion" in w for w in kept(compare, drive, [recording]).document().to_json()["warnings"]
-    )
+    said = warnings(kept(compare, drive, [recording]).identification)
+    assert any("0.015 s ahead of its motion" in warning for warning in said)
     found = kept(diagnose, drive, [recording])
     assert found.findings[0].term == DELAY
     assert found.document().to_json()["delay"][0]["value"] == pytest.approx(0.0175, abs=2e-4)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.credibility import judged
 from runtime.diagnosis.diagnose import diagnose
-from runtime.identification.compare import compare, warnings
+from runtime.fit_warnings import doubts, suspicions, warnings
+from runtime.identification.compare import compare
 from runtime.identification.identify import identify
-from runtime.identification.suspicions import doubts, suspicions
 from runtime.loop.improve import improve
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording, RecordingError, read
@@ -82,7 +82,7 @@ def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
     fitted = judged(kept(identify, drive, [wrong]), [wrong])
     assert fitted.verdict == "refused"
     assert cure in fitted.reason
-    assert any(cure in warning for warning in kept(compare, drive, [wrong]).document().to_json()["warnings"])
+    assert any(cure in warning for warning in warnings(kept(compare, drive, [wrong]).identification))
     verdict = kept(diagnose, drive, [wrong])
     assert (verdict.verdict, verdict.findings) == ("refused", ())
     assert cure in verdict.reason
@@ -260,8 +260,8 @@ def test_a_passive_joint_is_left_out_and_said(model: Model, arm_recording: Recor
     tau = arm_recording.tau.copy()
     tau[1] = 0.0
     result = kept(compare, model, [replace(arm_recording, tau=tau)])
-    warnings = result.document().to_json()["warnings"]
-    assert any(w.startswith("joint 2: left out of the fit: tau2 is constant") for w in warnings)
+    said = warnings(result.identification)
+    assert any(w.startswith("joint 2: left out of the fit: tau2 is constant") for w in said)
     assert all(s.relative < 0.02 for s in result.joints)
 
 

@@ -1,0 +1,281 @@
+"""What a person should know before trusting a fit, in words: wrong data and what to type against them, joints that are
+left out, effects and inertias at their bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.identification.compare import driving_speed, has_proper_inertia
+from runtime.identification.identify import Identification
+from runtime.identification.regressors import OF_MASSES, arm_functions_read
+from runtime.identification.settings import FRICTION_RANGE
+from runtime.identification.wrong_data import (
+    CURRENT,
+    DEGREES,
+    MILLI,
+    MOTOR,
+    POSITION,
+    RATIO,
+    TORQUE,
+    WrongData,
+    doubtful_data,
+    turns,
+    wrong_data,
+)
+from runtime.recordings.columns import UNITS, normal_unit
+from runtime.recordings.contents import in_unit, map_option, negated
+from runtime.wording import number, quantity
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Something about the data that must be put right first. joint: 1-based; kind: in a word; cure: what to type.
+
+    maps   the options in the cure; they hold together with those of all other suspicions of the same data
+    """
+
+    joint: int
+    kind: str
+    found: str
+    cure: str
+    maps: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"joint {self.joint}: {self.found}; {self.cure}"
+
+
+def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
+    """What a fit of the model file's structure says is wrong with its recordings; empty where nothing is."""
+    return _Words(identification, wrong_data(identification)).all()
+
+
+def doubts(identification: Identification) -> tuple[Suspicion, ...]:
+    """What may be wrong with recordings in which `suspicions` finds nothing; no verdict follows from it."""
+    return _Words(identification, doubtful_data(identification)).all()
+
+
+class _Words:
+    """A sentence for each mistake, and the options that put right all that is wrong with a signal. Joints are 0-based.
+
+    alone   whether the reading puts right one kind of mistake only
+    """
+
+    def __init__(self, identification: Identification, wrong: WrongData) -> None:
+        self.motion, self.joints = identification.motion, identification.model.joints
+        self.wrong, self.reading = wrong, wrong.reading
+        self.degrees = {*wrong.reading.joints_in(DEGREES), *self._by_factor(DEGREES)}
+        self.motors = {*wrong.reading.joints_in(MOTOR), *self._by_factor(MOTOR)}
+        self.unit = {i: self._torque_unit(i) for i in {*self._by_factor(MILLI), *self._by_factor(CURRENT)}}
+        read = min(self.reading.signs) < 0, self.reading.joints_in(DEGREES, MOTOR), self.reading.exchanges()
+        self.alone = sum(map(bool, read)) == 1
+
+    def all(self) -> tuple[Suspicion, ...]:
+        return (
+            *(self._sign(i) for i, sign in enumerate(self.reading.signs) if sign < 0),
+            *(self._in_degrees(i) for i in sorted(self.degrees)),
+            *(self._of_motor(i) for i in sorted(self.motors)),
+            *(self._exchanged(*pair, what) for pair, what in self.reading.exchanges()),
+            *(self._in_unit(i) for i in sorted(self.unit)),
+            *(self._without_ratio(i) for i in self._by_factor(RATIO)),
+        )
+
+    def _by_factor(self, kind: str) -> list[int]:
+        return [i for i, factor in sorted(self.wrong.factors.items()) if kind in factor.kinds]
+
+    def _sign(self, joint: int) -> Suspicion:
+        before, after = self._errors(joint)
+        how = "turned round" if self.alone else "with all that is said here put right"
+        said = f"its torque has the wrong sign: as recorded the best fit misses {before} % of it, {how} {after} %"
+        cure = self._torque(joint)
+        expected = f"expected positive where it drives towards positive positions: pass {cure}"
+        return Suspicion(joint + 1, "sign", said, cure=expected, maps=(cure,))
+
+    def _in_degrees(self, joint: int) -> Suspicion:
+        cure = self._position(joint)
+        also = "".join(f"; if {self._alternative(kind, joint)}" for kind in self._alternatives(joint, DEGREES))
+        said = f"expected radians: if it is in degrees, pass {cure}{also}"
+        return Suspicion(joint + 1, "degrees", self._many_turns(joint), cure=said, maps=(cure,))
+
+    def _of_motor(self, joint: int) -> Suspicion:
+        kinds = (MOTOR, *self._alternatives(joint, MOTOR))
+        said = "; ".join(f"if {self._alternative(kind, joint)}" for kind in kinds)
+        return Suspicion(joint + 1, "motor", self._many_turns(joint), f"expected the joint's position: {said}")
+
+    def _exchanged(self, one: int, other: int, what: tuple[str, ...]) -> Suspicion:
+        a, b = one + 1, other + 1
+        columns = " and ".join(f"{name}{a}" for name in what)
+        said = f"what is recorded as {columns} fits joint {b}, and that of joint {b} fits joint {a}"
+        if len(what) == 1:
+            said = f"tau{a} follows the motion of joint {b}, and tau{b} that of joint {a}"
+        option_of = {POSITION: self._position, TORQUE: self._torque}
+        maps = tuple(option_of[name](joint) for name in what for joint in (one, other))
+        expected = "expected position and torque of a joint under its own number: pass"
+        return Suspicion(a, "exchanged", said, cure=f"{expected} {' '.join(maps)}", maps=maps)
+
+    def _in_unit(self, joint: int) -> Suspicion:
+        cure, kind = self._torque(joint), MILLI if MILLI in self.wrong.factors[joint].kinds else CURRENT
+        what = "torque" if self.unit[joint] == "mN m" else "motor's current, for the torque_constant to multiply,"
+        said = f"if its {what} is in {self.unit[joint]}, pass {cure}"
+        return Suspicion(joint + 1, kind, self._inertia(joint), cure=said, maps=(cure,))
+
+    def _without_ratio(self, joint: int) -> Suspicion:
+        cure = (
+            f"expected the motor's torque times the gear ratio of {self.joints[joint].gear_ratio:g}: multiply "
+            f"tau{joint + 1}, or the joint's torque_constant, by it"
+        )
+        return Suspicion(joint + 1, "ratio", self._inertia(joint), cure)
+
+    def _position(self, joint: int) -> str:
+        """The option that reads a joint's position as it should be."""
+        cell = self._cell(POSITION, self.reading.positions[joint])
+        return map_option(f"q{joint + 1}", in_unit(cell, "deg") if joint in self.degrees else cell)
+
+    def _torque(self, joint: int) -> str:
+        """The option that reads a joint's torque as it should be."""
+        cell = self._cell(TORQUE, self.reading.torques[joint])
+        cell = in_unit(cell, self.unit[joint]) if joint in self.unit else cell
+        return map_option(f"tau{joint + 1}", negated(cell) if self.reading.signs[joint] < 0 else cell)
+
+    def _cell(self, column: str, joint: int) -> str:
+        signal = f"{column}{joint + 1}"
+        return self.motion.cells.get(signal, signal)
+
+    def _torque_unit(self, joint: int) -> str:
+        """The unit with which a joint's torque would be right."""
+        kinds, stated = self.wrong.factors[joint].kinds, self.motion.units.get(f"tau{self.reading.torques[joint] + 1}")
+        if CURRENT in kinds or (stated and UNITS[normal_unit(stated)][0] == "current"):
+            return "mA" if MILLI in kinds else "A"
+        return "mN m" if self.joints[joint].type == "revolute" else "mN"
+
+    def _alternatives(self, joint: int, kind: str) -> tuple[str, ...]:
+        """What else may be wrong in the place of a mistake with a joint's position."""
+        if joint in self.wrong.alike:
+            return (MOTOR,)
+        factor = self.wrong.factors.get(joint)
+        return factor.alternatives if factor is not None and factor.kinds[0] == kind else ()
+
+    def _alternative(self, kind: str, joint: int) -> str:
+        """A mistake that explains a joint's inertia, and its cure."""
+        k, ratio = joint + 1, f"the gear ratio of {self.joints[joint].gear_ratio:g}"
+        if kind == MOTOR:
+            return f"it is the motor's, divide q{k}, and qd{k} if it is recorded, by {ratio}"
+        if kind == RATIO:
+            return f"only the torque is the motor's, multiply tau{k}, or the joint's torque_constant, by {ratio}"
+        cell = in_unit(self._cell(POSITION, self.reading.positions[joint]), "deg")
+        return f"it is in degrees, pass {map_option(f'q{k}', cell)}"
+
+    def _many_turns(self, joint: int) -> str:
+        """The range of a joint's position, and what a fit says of it."""
+        if joint in self.wrong.factors:
+            said = self._inertia(joint)
+        else:
+            before, after = self._errors(joint)
+            how = "with positions put right" if self.alone else "with all that is said here put right"
+            said = f"the best fit misses {before} % of its torque, {how} {after} %"
+        return f"its position covers {turns(self.motion, self.reading.positions[joint]):.3g} turns, and {said}"
+
+    def _inertia(self, joint: int) -> str:
+        fitted, stated = self.wrong.factors[joint].fitted, self.wrong.factors[joint].stated
+        comes, file = f"its inertia comes to {number(fitted, 3)}", f"the {number(stated, 3)} in the model file"
+        if fitted > stated:
+            return f"{comes}, {number(fitted / stated, 4)} times {file}"
+        return f"{comes}, 1/{number(stated / fitted, 3)} of {file}"
+
+    def _errors(self, joint: int) -> tuple[str, str]:
+        """Relative errors as recorded and put right, in percent."""
+        assert self.wrong.errors is not None
+        before, after = (f"{100 * errors[joint]:.3g}" for errors in self.wrong.errors)
+        return before, after
+
+
+# --- a fit to data that do not look wrong ---
+
+
+def warnings(identification: Identification) -> list[str]:
+    """All warnings about a fitted model; of wrong data only these, as whatever else is odd follows from them."""
+    wrong = suspicions(identification)
+    if wrong:
+        return [f"the data look wrong: {suspicion}" for suspicion in wrong]
+    return [
+        *(f"the data may be wrong: {doubt}" for doubt in doubts(identification)),
+        *_joints_left_out(identification),
+        *_early_torques(identification),
+        *_idle_terms(identification),
+        *improper_inertia(identification),
+        *_driving_friction(identification),
+        *_unknown_masses(identification),
+    ]
+
+
+def _joints_left_out(identification: Identification) -> list[str]:
+    """Joints of which nothing is fitted, and why."""
+    motion, found = identification.motion, []
+    for i in np.flatnonzero(np.isinf(motion.standstill)):
+        passive = all(float(np.ptp(p.tau[i])) == 0 for p in motion.pieces)
+        why = f"tau{i + 1} is constant, as of a joint without a motor" if passive else "it is held"
+        found.append(f"joint {i + 1}: left out of the fit: {why}")
+    return found
+
+
+def _early_torques(identification: Identification) -> list[str]:
+    """Joints whose torque leads the motion by more than a hold explains, and that no effect of the structure delays."""
+    model, fit = identification.model, identification.fit
+    if fit.ahead is None:
+        return []
+    delayed = {t.joint for t in fit.shapes if model.library.effects[t.effect].of_kind("lead")}
+    return [
+        f"joint {joint}: the recorded torque is {quantity(abs(time), 's', 3)} {'ahead of' if time > 0 else 'behind'} "
+        "its motion, beyond half a sample of a hold; that is left in the error: tendon diagnose says by which effect"
+        for joint, time in enumerate(fit.ahead.times, start=1)
+        if time and joint not in delayed
+    ]
+
+
+def _idle_terms(identification: Identification) -> list[str]:
+    """Effects whose coefficients have all come to zero, at the bound of what is physical."""
+    layout, solved = identification.problem.layout, identification.fit.coefficients
+    own = {str(term): solved[layout.slices[term]] for term in layout.terms}
+    idle = [term for term, part in own.items() if len(part) and not part.any()]
+    if not idle:
+        return []
+    has, it = ("has", "it") if len(idle) == 1 else ("have", "them")
+    return [f"{', '.join(idle)} {has} come to 0: the other effects do without {it}; leave {it} out if you agree"]
+
+
+def improper_inertia(identification: Identification) -> list[str]:
+    """That the fit wants an inertia that no arm has, and stopped at the bound of what is physical."""
+    if has_proper_inertia(identification):
+        return []
+    return [
+        "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
+        "or the data is wrong"
+    ]
+
+
+def _driving_friction(identification: Identification) -> list[str]:
+    """Speeds near those of the data from which a joint's identified friction would drive it."""
+    found = []
+    for i, joint in enumerate(identification.model.joints):
+        fastest = max(float(np.abs(p.qd[i]).max()) for p in identification.motion.pieces_of(i))
+        speed = driving_speed(identification, i, FRICTION_RANGE * fastest)
+        if speed is not None:
+            found.append(
+                f"joint {i + 1}: the friction found drives the joint from {speed:.3g} {joint.position_unit}/s on; "
+                f"the data reach {fastest:.3g}: use the model within them only"
+            )
+    return found
+
+
+def _unknown_masses(identification: Identification) -> list[str]:
+    """Terms whose values depend on masses that the model file leaves out, and what was taken in their place."""
+    model = identification.model
+    if not any({"mass", "com"} & {*joint.unknown} for joint in model.joints):
+        return []
+    return [
+        f"{term}: the model file leaves masses or centres of mass out: its values hold for 1 kg in the middle of each "
+        "such link; state gravity in the model file in its place, and the moments of the links are identified"
+        for term in identification.fit.prediction.values
+        if OF_MASSES in arm_functions_read(model, term)
+    ]
