@@ -33,7 +33,7 @@ from runtime.fit_warnings import Suspicion, doubts, suspicions
 from runtime.identification.compare import series
 from runtime.identification.estimate import Estimate
 from runtime.identification.identify import Identification, identify
-from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, RETURNED, SCALE_OFF, UNRELATED, WELL_TOLD
+from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
 from runtime.inspection.signals import (
     clock_entry,
     joint_entries,
@@ -64,7 +64,7 @@ _DIMENSIONS = {"q": ("angle",), "qd": ("angular rate",), "tau": ("torque", "curr
 
 def by_signals(recording: Recording) -> list[Suspicion]:
     """Suspicions that do not depend on the arm: fields read in SI although their names end in another unit, and rates
-    that do not fit positions."""
+    that are not the derivatives of their positions."""
     found = []
     for signal, cell in recording.cells.items():
         known = _JOINT_SIGNAL.fullmatch(signal)
@@ -72,10 +72,9 @@ def by_signals(recording: Recording) -> list[Suspicion]:
         if known is None or unit is None or UNITS[unit][0] not in _DIMENSIONS[known[1]]:
             continue
         if recording.types[int(known[2]) - 1] == "revolute":
-            cure = _in_unit(recording, signal, unit)
             said = f"{signal} is read in SI, and the name of its field, {quote(cell)}, ends in the unit {unit}"
             kind = "degrees" if unit == "deg" else "unit"
-            found.append(Suspicion(int(known[2]), kind, said, cure=f"if so, pass {cure}", maps=(cure,)))
+            found.append(_cured(int(known[2]), kind, said, "if so,", _in_unit(recording, signal, unit)))
     named = {suspicion.joint for suspicion in found}
     return [*found, *(s for s in of_rates(recording) if s.joint not in named)]
 
@@ -93,23 +92,21 @@ def of_rates(recording: Recording) -> list[Suspicion]:
     samples = max(recording.segments, key=lambda s: s.stop - s.start)
     t, q = recording.t[samples], recording.q[:, samples]
     complete = [i for i, qd in enumerate(recording.qd) if np.isfinite(qd).all() and np.ptp(q[i])]
-    rates = {i: cumulative_trapezoid(recording.qd[i, samples], t, initial=0) for i in complete}
-    moved = [i for i in rates if np.ptp(rates[i]) > 0]
-    for i in moved:
-        factor, explained = scale(q[i], rates[i], t)
+    integrals = {i: cumulative_trapezoid(recording.qd[i, samples], t, initial=0) for i in complete}
+    integrals = {i: integral for i, integral in integrals.items() if np.ptp(integral) > 0}
+    for i, integral in integrals.items():
+        factor, explained = scale(q[i], integral, t)
         if explained > FOLLOWS:
             found += _scaled(recording, i, factor)
             continue
-        others = {j: scale(q[i], rates[j], t)[1] for j in moved if j != i}
+        others = {j: scale(q[i], other, t)[1] for j, other in integrals.items() if j != i}
         best = max(others, key=lambda j: others[j], default=None)
+        position, rate = f"q{i + 1}", f"qd{i + 1}"
         if best is not None and others[best] > FOLLOWS:
-            cure = map_option(f"qd{i + 1}", _cell(recording, f"qd{best + 1}"))
-            said = f"qd{best + 1} is the derivative of q{i + 1}, and qd{i + 1} is not"
-            found.append(
-                Suspicion(i + 1, "exchanged", said, cure=f"expected both under one number: pass {cure}", maps=(cure,))
-            )
+            said = f"qd{best + 1} is the derivative of {position}, and {rate} is not"
+            cure = map_option(rate, _cell(recording, f"qd{best + 1}"))
+            found.append(_cured(i + 1, "exchanged", said, "expected both under one number:", cure))
         elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
-            position, rate = f"q{i + 1}", f"qd{i + 1}"
             said = f"{rate} is not the derivative of {position}, which explains {100 * explained:.2g} % of its integral"
             asked = f"are {position} and {rate} read from the right fields? Name them with --map, or drop {rate}"
             found.append(Suspicion(i + 1, MISREAD, said, asked))
@@ -118,14 +115,20 @@ def of_rates(recording: Recording) -> list[Suspicion]:
 
 def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspicion]:
     """Rates of joints (1-based) whose positions are in degrees, if they are the derivatives of these positions."""
+    if recording.qd is None:
+        return []
     wrong = {s.joint for s in of_rates(recording)}
-    found = []
-    for joint in joints if recording.qd is not None else ():
-        if joint not in wrong:
-            cure = _in_unit(recording, f"qd{joint}", "deg/s")
-            said = f"qd{joint} is read in the unit of q{joint} a second"
-            found.append(Suspicion(joint, "unit", said, cure=f"if that is deg/s, pass {cure}", maps=(cure,)))
-    return found
+    return [
+        _cured(
+            joint,
+            "unit",
+            f"qd{joint} is read in the unit of q{joint} a second",
+            "if that is deg/s,",
+            _in_unit(recording, f"qd{joint}", "deg/s"),
+        )
+        for joint in joints
+        if joint not in wrong
+    ]
 
 
 def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
@@ -136,14 +139,13 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
         if factor > 0:
             return []
         cure, other = (map_option(name, negated(_cell(recording, name))) for name in (qd, q))
-        return [
-            Suspicion(joint + 1, "sign", said, cure=f"expected the same sign: pass {cure}, or {other}", maps=(cure,))
-        ]
+        expected = f"expected the same sign: pass {cure}, or {other}"
+        return [Suspicion(joint + 1, "sign", said, cure=expected, maps=(cure,))]
     units = _units_of(abs(factor))
     if units is None:
         return [Suspicion(joint + 1, "unit", said, f"check the units of {qd}, {q} and t, and state them with --map")]
-    cures = tuple(_in_unit(recording, signal, unit) for signal, unit in zip((q, qd), units, strict=True) if unit)
-    return [Suspicion(joint + 1, "unit", said, cure=f"expected rad and rad/s: pass {' '.join(cures)}", maps=cures)]
+    cures = (_in_unit(recording, signal, unit) for signal, unit in zip((q, qd), units, strict=True) if unit)
+    return [_cured(joint + 1, "unit", said, "expected rad and rad/s:", *cures)]
 
 
 def _units_of(factor: float) -> tuple[str, str] | None:
@@ -159,16 +161,6 @@ def _units_of(factor: float) -> tuple[str, str] | None:
     return (q, qd) if off[q, qd] < np.log1p(SCALE_OFF) else None
 
 
-def _cell(recording: Recording, signal: str) -> str:
-    """The field of a signal, as `--map` takes it."""
-    return recording.cells.get(signal, signal)
-
-
-def _in_unit(recording: Recording, signal: str, unit: str) -> str:
-    """The option that reads a signal in a unit."""
-    return map_option(signal, in_unit(_cell(recording, signal), unit))
-
-
 def over_turns(recording: Recording) -> list[Suspicion]:
     """Positions over many turns without a stated unit, which may be degrees."""
     found = []
@@ -176,7 +168,7 @@ def over_turns(recording: Recording) -> list[Suspicion]:
         turns = float(np.ptp(q)) / (2 * pi)
         if recording.types[i] == "revolute" and turns > MANY_TURNS and f"q{i + 1}" not in recording.units:
             cure, said = _in_unit(recording, f"q{i + 1}", "deg"), f"its position covers {turns:.3g} turns"
-            found.append(Suspicion(i + 1, "degrees", said, cure=f"if it is in degrees, pass {cure}", maps=(cure,)))
+            found.append(_cured(i + 1, "degrees", said, "if it is in degrees,", cure))
     return found
 
 
@@ -186,8 +178,8 @@ def _braking(recording: Recording) -> list[Suspicion]:
     The sign may be wrong, or the torque may be another joint's; with several joints the message lists both.
     """
     work, part = _work(recording)
-    drives = part > AGAINST_MOTION
-    returned = np.abs(recording.q[:, -1] - recording.q[:, 0]) <= RETURNED * np.ptp(recording.q, axis=1)
+    # A joint that ends further from its start than half of its range may have done its work on a load.
+    returned = np.abs(recording.q[:, -1] - recording.q[:, 0]) <= np.ptp(recording.q, axis=1) / 2
     found = []
     for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
         joint, said = int(i) + 1, "its torque brakes the motion on average, as friction does and no motor"
@@ -195,15 +187,13 @@ def _braking(recording: Recording) -> list[Suspicion]:
         if f"tau{joint}" not in recording.currents:
             said = f"{said} (work of {work[i, i]:.3g} J)"
         if len(recording.q) == 1:
-            expected = f"expected positive torque towards positive positions: pass {cure}"
-            found.append(Suspicion(joint, "sign", said, cure=expected, maps=(cure,)))
+            found.append(_cured(joint, "sign", said, "expected positive torque towards positive positions:", cure))
             continue
         # Torques may be exchanged if each drives the other joint's motion.
         exchanges = []
-        for j in np.flatnonzero(drives[:, i] & drives[i]):
+        for j in np.flatnonzero((part[:, i] > AGAINST_MOTION) & (part[i] > AGAINST_MOTION)):
             names = f"tau{joint}", f"tau{int(j) + 1}"
-            options = " ".join(map_option(a, _cell(recording, b)) for a, b in (names, names[::-1]))
-            exchanges += [options] if j != i else []
+            exchanges.append(" ".join(map_option(a, _cell(recording, b)) for a, b in (names, names[::-1])))
         other = " or ".join(exchanges) or "name them in the order of the joints"
         expected = f"if its sign is wrong, pass {cure}; if torques are exchanged, {other}"
         found.append(Suspicion(joint, "sign or order", said, expected))
@@ -221,6 +211,20 @@ def _work(recording: Recording) -> tuple[Array, Array]:
         work += middle @ travel.T
         effort += np.outer(np.linalg.norm(middle, axis=1), np.linalg.norm(travel, axis=1))
     return work, np.divide(work, effort, out=np.zeros((n, n)), where=effort > 0)
+
+
+def _cured(joint: int, kind: str, said: str, when: str, *maps: str) -> Suspicion:
+    return Suspicion(joint, kind, said, cure=f"{when} pass {' '.join(maps)}", maps=maps)
+
+
+def _cell(recording: Recording, signal: str) -> str:
+    """The field of a signal, as `--map` takes it."""
+    return recording.cells.get(signal, signal)
+
+
+def _in_unit(recording: Recording, signal: str, unit: str) -> str:
+    """The option that reads a signal in a unit."""
+    return map_option(signal, in_unit(_cell(recording, signal), unit))
 
 
 @dataclass(frozen=True)
@@ -347,7 +351,8 @@ def _parameters(fitted: Identification) -> list[DeterminedParameter]:
     found = []
     for name, joint, e in rows:
         told = "together" if e.with_others else "no"
-        if not e.with_others and e.interval is not None and np.all(np.isfinite(e.interval)):
-            told = "well" if (e.interval[1] - e.interval[0]) / 2 < WELL_TOLD * abs(e.value) else "hardly"
+        if not e.with_others and e.known_interval is not None:
+            low, high = e.known_interval
+            told = "well" if high - low < abs(e.value) else "hardly"  # a half width of half of the value
         found.append(e.document().as_part_of(DeterminedParameter, name=name, joint=joint, told=told))
     return found

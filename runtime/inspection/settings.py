@@ -20,17 +20,8 @@ AGAINST_MOTION: Final = 0.02
 """part of the product of RMS torque and RMS rate that the negative work must exceed; friction makes the work of a
 returning joint positive, and a smaller part may be a load that another joint lifts; a choice."""
 
-RETURNED: Final = 0.5
-"""part of its range within which a joint must end near its start; else the work may be that of a load; a choice."""
-
 MANY_TURNS: Final = 1.5
 """number of turns; a position over more is the motor's or in degrees; joints of arms turn little more than once."""
-
-WELL_TOLD: Final = 0.5
-"""part of a parameter's value; with a smaller half width of the 95 % interval it is well determined; a choice."""
-
-SHIFT_PASSES: Final = 4
-"""number of Gauss-Newton steps to a delay; they converge quadratically; Ljung, System Identification, 1999."""
 
 SMALLEST_SHIFT: Final = 0.1
 """part of a sample; a smaller delay between two signals has no effect on results; a choice."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, SignalEntry
-from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SHIFT_PASSES, SMALLEST_SHIFT, TOP_SPEED
+from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SMALLEST_SHIFT, TOP_SPEED
 from runtime.motion.band import resolution
 from runtime.motion.clock import EvenGrid, grid
 from runtime.motion.noise import SampleNoise
@@ -232,7 +232,7 @@ def _lag(t: Array, q: Array, other: Array) -> float | None:
     """
     late = 0.0
     rate = np.gradient(q, t)
-    for _ in range(SHIFT_PASSES):
+    for _ in range(4):  # converges quadratically
         inside = (t - late >= t[0]) & (t - late <= t[-1])
         at = t[inside] - late
         columns = [np.interp(at, t, q), np.interp(at, t, rate), np.ones(len(at)), at - at[0]]
