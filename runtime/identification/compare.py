@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, StructureShare, WrittenError
 from runtime.identification.identify import Identification, identify
-from runtime.identification.problem import least_inertia
+from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import (
     HARDLY_POSITIVE,
@@ -125,31 +125,24 @@ def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
 
 
 def series(identification: Identification) -> tuple[JointSeries, ...]:
-    """Every joint's torque and prediction on the rows that count."""
-    motion, fit, found = identification.motion, identification.fit, repeats.find(identification.motion)
-    floors = []
-    for i, residual in enumerate(fit.residual):
-        noise, fixed_noise = identification.problem.noise_rows(i, fit.shapes)
-        floors.append(floor(motion, found[i], i, residual=residual, read=fit.coefficients @ noise + fixed_noise))
-    return laid_open(identification, motion, fit.residual, floors)
+    """Every joint's torque and prediction on the rows that were fitted."""
+    return series_on(identification, identification.problem, identification.fit.residual)
 
 
-def laid_open(
-    identification: Identification, motion: Motion, residuals: Sequence[Array], floors: Sequence[Floor]
-) -> tuple[JointSeries, ...]:
-    """Every joint's torque and prediction on a motion, that of the fit or another one, on the rows that count.
+def series_on(identification: Identification, problem: Problem, residuals: Sequence[Array]) -> tuple[JointSeries, ...]:
+    """Every joint's torque and prediction along the motion of a problem, that of the fit or another one, on the rows
+    that count.
 
-    residuals   per joint (M,) what the fit leaves of the torque on it     floors   of every joint there
+    residuals   (M,) a joint, on all rows of that motion
     """
-    model, fit = identification.model, identification.fit
-    regressors = Regressors(model, motion, fit.prediction)
-    out = []
-    for i, joint in enumerate(model.joints):
-        use = motion.moving(i)
-        tau = motion.recorded(i, fit.skew)
+    model, fit, motion = identification.model, identification.fit, problem.motion
+    repeated, regressors, found = repeats.find(motion), Regressors(model, motion, fit.prediction), []
+    for i, (joint, residual) in enumerate(zip(model.joints, residuals, strict=True)):
+        use, tau = motion.moving(i), motion.recorded(i, fit.skew)
         load = np.concatenate([np.asarray(s.at("load", i))[s.piece.centres] for s in regressors.signals(i)])
         warm = all(bool(p.measured[i]) for p in motion.pieces)
-        out.append(
+        noise, fixed_noise = problem.noise_rows(i, fit.shapes)
+        found.append(
             JointSeries(
                 i + 1,
                 joint.force_unit,
@@ -162,12 +155,12 @@ def laid_open(
                 load=load[use],
                 warmth=motion.rows("warmth", i)[i, use] if warm else None,
                 tau=tau[use],
-                predicted=(tau - residuals[i])[use],
-                floor=floors[i],
+                predicted=(tau - residual)[use],
+                floor=floor(motion, repeated[i], i, residual, read=fit.coefficients @ noise + fixed_noise),
                 name=joint.name,
             )
         )
-    return tuple(out)
+    return tuple(found)
 
 
 def structure_entries(series: JointSeries) -> list[StructureShare]:
@@ -201,8 +194,8 @@ def structure_shares(series: JointSeries) -> dict[str, float]:
 def _share(r: Array, values: Array) -> float:
     """Share of the variance of r (N,) that its means over quantile bins explain, less what chance would.
 
-    What the means leave tells how much of their squares is chance: if it hangs together from row to row, so many rows
-    are one. r itself does not tell that: a function of a slow signal is as slow.
+    The remainder around the means gives how much of their squares is chance; where it is correlated from row to row,
+    so many rows count as one. The correlation of r itself does not give this: a function of a slow signal is as slow.
     """
     edges = np.unique(np.quantile(values, np.linspace(0, 1, STRUCTURE_BINS + 1)[1:-1]))
     index = np.searchsorted(edges, values)
@@ -231,13 +224,12 @@ def as_written(identification: Identification) -> tuple[tuple[float, float], ...
         if any(p.name not in values and p.role != "given" for p in info.parameters):
             return None
     prediction = Prediction(identification.problem.layout.stated[: len(model.lumps)], known)
-    out = []
+    skew, found = identification.fit.skew, []
     for i in range(model.n):
         predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces_of(i)])
         use = motion.moving(i)
-        left = motion.torque(i, identification.fit.skew)[use] - predicted[use]
-        out.append(errors(left, motion.recorded(i, identification.fit.skew)[use]))
-    return tuple(out)
+        found.append(errors((motion.torque(i, skew) - predicted)[use], motion.recorded(i, skew)[use]))
+    return tuple(found)
 
 
 def errors(residual: Array, tau: Array) -> tuple[float, float]:

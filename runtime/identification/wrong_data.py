@@ -20,6 +20,7 @@ from math import isfinite, log, pi, prod
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.identification.compare import errors
 from runtime.identification.identify import Identification
 from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.settings import (
@@ -199,14 +200,10 @@ class _Fitted:
 
     @property
     def errors(self) -> Array:
-        """(n,) ‖τ − τ̂‖/‖τ‖ of every joint on its rows that count; 0 where there are none."""
+        """(n,) relative errors of the joints, on their rows that count."""
         motion, fit = self.identification.motion, self.identification.fit
-        found = np.zeros(motion.n)
-        for i in range(motion.n):
-            use = motion.moving(i)
-            total = float(np.linalg.norm(motion.torque(i, fit.skew)[use]))
-            found[i] = float(np.linalg.norm(fit.residual[i][use])) / total if total else 0.0
-        return found
+        rows = [(residual, motion.torque(i, fit.skew), motion.moving(i)) for i, residual in enumerate(fit.residual)]
+        return np.array([errors(residual[use], torque[use])[1] for residual, torque, use in rows])
 
     @property
     def doubtful(self) -> bool:

@@ -15,14 +15,13 @@ from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_entry
 from runtime.diagnosis.steps import Finding, Step, residuals_elsewhere
 from runtime.documents.diagnosis import FitsEntry, HistoryEntry, ImprovementBase
 from runtime.documents.fits import FitDocument
-from runtime.identification.compare import JointSeries, laid_open
+from runtime.identification.compare import JointSeries, series_on
 from runtime.identification.identify import Identification, without_tip_rests
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import structure
-from runtime.motion import repeats
 from runtime.motion.motion import Motion, prepare
-from runtime.motion.repeats import Floor, floor
+from runtime.motion.repeats import Floor
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -49,9 +48,6 @@ class CompiledModel(Protocol):
 
 class ModelSource(Protocol):
     """A model file that can be edited and compiled, as in runtime/workspace/source.py."""
-
-    @property
-    def text(self) -> str: ...
 
     @property
     def edits(self) -> EditedModel: ...
@@ -167,12 +163,8 @@ def left(identification: Identification, recordings: Sequence[Recording]) -> Hel
     model, fit = identification.model, identification.fit
     motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, ahead=fit.ahead)
-    found, residuals = repeats.find(motion), residuals_elsewhere(identification, motion)
-    floors = []
-    for i, residual in enumerate(residuals):
-        noise, fixed_noise = problem.noise_rows(i, fit.shapes)
-        floors.append(floor(motion, found[i], i, residual, read=fit.coefficients @ noise + fixed_noise))
-    return HeldOut(motion, tuple(residuals), laid_open(identification, motion, residuals, floors))
+    residuals = residuals_elsewhere(identification, motion)
+    return HeldOut(motion, tuple(residuals), series_on(identification, problem, residuals))
 
 
 def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
