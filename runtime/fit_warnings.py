@@ -25,7 +25,7 @@ from runtime.identification.wrong_data import (
     wrong_data,
 )
 from runtime.recordings.columns import UNITS, normal_unit
-from runtime.recordings.contents import in_unit, map_option, negated
+from runtime.recordings.contents import map_option
 from runtime.wording import number, quantity
 
 
@@ -129,18 +129,13 @@ class _Words:
 
     def _position(self, joint: int) -> str:
         """The option that reads a joint's position as it should be."""
-        cell = self._cell(POSITION, self.reading.positions[joint])
-        return map_option(f"q{joint + 1}", in_unit(cell, "deg") if joint in self.degrees else cell)
+        source = f"q{self.reading.positions[joint] + 1}"
+        return map_option(self.motion.cells, f"q{joint + 1}", source, unit="deg" if joint in self.degrees else "")
 
     def _torque(self, joint: int) -> str:
         """The option that reads a joint's torque as it should be."""
-        cell = self._cell(TORQUE, self.reading.torques[joint])
-        cell = in_unit(cell, self.unit[joint]) if joint in self.unit else cell
-        return map_option(f"tau{joint + 1}", negated(cell) if self.reading.signs[joint] < 0 else cell)
-
-    def _cell(self, column: str, joint: int) -> str:
-        signal = f"{column}{joint + 1}"
-        return self.motion.cells.get(signal, signal)
+        source, turned = f"tau{self.reading.torques[joint] + 1}", self.reading.signs[joint] < 0
+        return map_option(self.motion.cells, f"tau{joint + 1}", source, self.unit.get(joint, ""), turned=turned)
 
     def _torque_unit(self, joint: int) -> str:
         """The unit with which a joint's torque would be right."""
@@ -163,8 +158,8 @@ class _Words:
             return f"it is the motor's, divide q{k}, and qd{k} if it is recorded, by {ratio}"
         if kind == RATIO:
             return f"only the torque is the motor's, multiply tau{k}, or the joint's torque_constant, by {ratio}"
-        cell = in_unit(self._cell(POSITION, self.reading.positions[joint]), "deg")
-        return f"it is in degrees, pass {map_option(f'q{k}', cell)}"
+        source = f"q{self.reading.positions[joint] + 1}"
+        return f"it is in degrees, pass {map_option(self.motion.cells, f'q{k}', source, 'deg')}"
 
     def _many_turns(self, joint: int) -> str:
         """The range of a joint's position, and what a fit says of it."""

@@ -36,12 +36,9 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     """Offset and scale by which a grid's low and high are read for this term; `known`: values chosen so far."""
     if of == "one":
         return 0.0, 1.0
-    joints = joints_of(regressors.model, term)
-    info = regressors.model.library.effects[term.effect]
-    if info.gives_way:
+    info, joints = regressors.model.library.effects[term.effect], joints_of(regressors.model, term)
+    if info.gives_way or of == "line":
         joints = joints[:1]
-    if of == "line":
-        return known[info.line.name] if info.line else nan, period(regressors, term)
     if of == "critical":
         inertia = max(_span(regressors, term, "link_inertia", known)[1], 0.0)
         return 0.0, 2 * float(np.sqrt(_of_kind(info, "stiffness", known) * inertia))
@@ -51,19 +48,15 @@ def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[f
     key = (of, joints)
     if key not in regressors.extents:
         regressors.extents[key] = _extent(regressors, of, joints)
-    return regressors.extents[key]
-
-
-def period(regressors: Regressors, term: Term) -> float:
-    """Order of one period over the whole motion of the term's joint."""
-    key = ("period", joints_of(regressors.model, term)[:1])
-    if key not in regressors.extents:
-        regressors.extents[key] = 0.0, motor_angle(regressors.model, regressors.motion, key[1][0]).period
-    return regressors.extents[key][1]
+    offset, scale = regressors.extents[key]
+    return known[info.line.name] if of == "line" and info.line else offset, scale
 
 
 def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[float, float]:
+    """Offset and scale from what some joints (0-based) do over the motion."""
     pieces = regressors.motion.pieces_of(joints[0])
+    if of == "line":
+        return nan, motor_angle(regressors.model, regressors.motion, joints[0]).period
     if of == "duration":
         return 0.0, max(float(p.t[-1]) for p in pieces)
     if of == "elapsed":
@@ -133,8 +126,10 @@ def points(regressors: Regressors, term: Term, orders: Array | None = None) -> l
     info = regressors.model.library.effects[term.effect]
     for parameter in sorted(info.shape, key=lambda p: p.grid is not None and p.grid.continuous):
         if parameter is info.line:
-            own = spread(regressors, term) if orders is None else orders
-            found = [{**v, parameter.name: float(x)} for v in found for x in own]
+            if orders is None:
+                joint = joints_of(regressors.model, term)[0]
+                orders = motor_angle(regressors.model, regressors.motion, joint).spread()
+            found = [{**v, parameter.name: float(x)} for v in found for x in orders]
         else:
             found = [{**v, parameter.name: float(x)} for v in found for x in axis(regressors, term, parameter, v)]
     usable = [v for v in found if all(np.isfinite(x) for x in v.values())]
@@ -143,12 +138,6 @@ def points(regressors: Regressors, term: Term, orders: Array | None = None) -> l
         for v in usable
         if _of_kind(info, "begin", v, -inf) <= _of_kind(info, "end", v, inf) and _of_kind(info, "stiffness", v, 1.0) > 0
     ]
-
-
-def spread(regressors: Regressors, term: Term) -> Array:
-    """Orders all over what the motion of the term's joint shows."""
-    joint = joints_of(regressors.model, term)[0]
-    return motor_angle(regressors.model, regressors.motion, joint).spread()
 
 
 def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:

@@ -49,7 +49,7 @@ from runtime.motion import repeats
 from runtime.motion.clock import grid
 from runtime.recordings import recording
 from runtime.recordings.columns import UNITS, RecordedArm
-from runtime.recordings.contents import Contents, RecordingError, Refusal, in_unit, map_option, negated, printable
+from runtime.recordings.contents import Contents, RecordingError, Refusal, map_option, printable
 from runtime.recordings.recording import Recording, read
 from symbolic.model_file.checks import quote
 
@@ -74,7 +74,7 @@ def by_signals(recording: Recording) -> list[Suspicion]:
         if recording.types[int(known[2]) - 1] == "revolute":
             said = f"{signal} is read in SI, and the name of its field, {quote(cell)}, ends in the unit {unit}"
             kind = "degrees" if unit == "deg" else "unit"
-            found.append(_cured(int(known[2]), kind, said, "if so,", _in_unit(recording, signal, unit)))
+            found.append(_cured(int(known[2]), kind, said, "if so,", map_option(recording.cells, signal, unit=unit)))
     named = {suspicion.joint for suspicion in found}
     return [*found, *(s for s in of_rates(recording) if s.joint not in named)]
 
@@ -104,7 +104,7 @@ def of_rates(recording: Recording) -> list[Suspicion]:
         position, rate = f"q{i + 1}", f"qd{i + 1}"
         if best is not None and others[best] > FOLLOWS:
             said = f"qd{best + 1} is the derivative of {position}, and {rate} is not"
-            cure = map_option(rate, _cell(recording, f"qd{best + 1}"))
+            cure = map_option(recording.cells, rate, f"qd{best + 1}")
             found.append(_cured(i + 1, "exchanged", said, "expected both under one number:", cure))
         elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
             said = f"{rate} is not the derivative of {position}, which explains {100 * explained:.2g} % of its integral"
@@ -115,20 +115,13 @@ def of_rates(recording: Recording) -> list[Suspicion]:
 
 def rates_in_degrees(recording: Recording, joints: Sequence[int]) -> list[Suspicion]:
     """Rates of joints (1-based) whose positions are in degrees, if they are the derivatives of these positions."""
-    if recording.qd is None:
-        return []
-    wrong = {s.joint for s in of_rates(recording)}
-    return [
-        _cured(
-            joint,
-            "unit",
-            f"qd{joint} is read in the unit of q{joint} a second",
-            "if that is deg/s,",
-            _in_unit(recording, f"qd{joint}", "deg/s"),
-        )
-        for joint in joints
-        if joint not in wrong
-    ]
+    found, wrong = [], {s.joint for s in of_rates(recording)}
+    for joint in joints if recording.qd is not None else ():
+        if joint not in wrong:
+            said = f"qd{joint} is read in the unit of q{joint} a second"
+            cure = map_option(recording.cells, f"qd{joint}", unit="deg/s")
+            found.append(_cured(joint, "unit", said, "if that is deg/s,", cure))
+    return found
 
 
 def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
@@ -138,13 +131,13 @@ def _scaled(recording: Recording, joint: int, factor: float) -> list[Suspicion]:
     if abs(abs(factor) - 1) < SCALE_OFF:
         if factor > 0:
             return []
-        cure, other = (map_option(name, negated(_cell(recording, name))) for name in (qd, q))
+        cure, other = (map_option(recording.cells, name, turned=True) for name in (qd, q))
         expected = f"expected the same sign: pass {cure}, or {other}"
         return [Suspicion(joint + 1, "sign", said, cure=expected, maps=(cure,))]
     units = _units_of(abs(factor))
     if units is None:
         return [Suspicion(joint + 1, "unit", said, f"check the units of {qd}, {q} and t, and state them with --map")]
-    cures = (_in_unit(recording, signal, unit) for signal, unit in zip((q, qd), units, strict=True) if unit)
+    cures = (map_option(recording.cells, name, unit=of) for name, of in zip((q, qd), units, strict=True) if of)
     return [_cured(joint + 1, "unit", said, "expected rad and rad/s:", *cures)]
 
 
@@ -167,7 +160,7 @@ def over_turns(recording: Recording) -> list[Suspicion]:
     for i, q in enumerate(recording.q):
         turns = float(np.ptp(q)) / (2 * pi)
         if recording.types[i] == "revolute" and turns > MANY_TURNS and f"q{i + 1}" not in recording.units:
-            cure, said = _in_unit(recording, f"q{i + 1}", "deg"), f"its position covers {turns:.3g} turns"
+            cure, said = map_option(recording.cells, f"q{i + 1}", unit="deg"), f"its position covers {turns:.3g} turns"
             found.append(_cured(i + 1, "degrees", said, "if it is in degrees,", cure))
     return found
 
@@ -183,7 +176,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
     found = []
     for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
         joint, said = int(i) + 1, "its torque brakes the motion on average, as friction does and no motor"
-        cure = map_option(f"tau{joint}", negated(_cell(recording, f"tau{joint}")))
+        cure = map_option(recording.cells, f"tau{joint}", turned=True)
         if f"tau{joint}" not in recording.currents:
             said = f"{said} (work of {work[i, i]:.3g} J)"
         if len(recording.q) == 1:
@@ -193,7 +186,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
         exchanges = []
         for j in np.flatnonzero((part[:, i] > AGAINST_MOTION) & (part[i] > AGAINST_MOTION)):
             names = f"tau{joint}", f"tau{int(j) + 1}"
-            exchanges.append(" ".join(map_option(a, _cell(recording, b)) for a, b in (names, names[::-1])))
+            exchanges.append(" ".join(map_option(recording.cells, a, b) for a, b in (names, names[::-1])))
         other = " or ".join(exchanges) or "name them in the order of the joints"
         expected = f"if its sign is wrong, pass {cure}; if torques are exchanged, {other}"
         found.append(Suspicion(joint, "sign or order", said, expected))
@@ -215,16 +208,6 @@ def _work(recording: Recording) -> tuple[Array, Array]:
 
 def _cured(joint: int, kind: str, said: str, when: str, *maps: str) -> Suspicion:
     return Suspicion(joint, kind, said, cure=f"{when} pass {' '.join(maps)}", maps=maps)
-
-
-def _cell(recording: Recording, signal: str) -> str:
-    """The field of a signal, as `--map` takes it."""
-    return recording.cells.get(signal, signal)
-
-
-def _in_unit(recording: Recording, signal: str, unit: str) -> str:
-    """The option that reads a signal in a unit."""
-    return map_option(signal, in_unit(_cell(recording, signal), unit))
 
 
 @dataclass(frozen=True)

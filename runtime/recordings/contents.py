@@ -151,19 +151,16 @@ def some(names: Sequence[str], most: int = 8) -> str:
     return ", ".join(quoted) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def map_option(signal: str, cell: str) -> str:
-    """The option that reads a signal from a field."""
+def map_option(cells: Mapping[str, str], signal: str, source: str = "", unit: str = "", turned: bool = False) -> str:
+    """The option that reads a signal from its field, or from that of another signal.
+
+    cells   signal -> field      unit   in which it is read      turned   with the opposite sign
+    """
+    cell = cells.get(source or signal, source or signal)
+    cell = f"{cell.split(' [')[0]} [{unit}]" if unit else cell
+    if turned:
+        cell = cell.removeprefix("-") if cell.startswith("-") else f"-{cell}"
     return f'--map {signal}="{cell}"'
-
-
-def negated(cell: str) -> str:
-    """A field for `--map`, with the opposite sign."""
-    return cell.removeprefix("-") if cell.startswith("-") else f"-{cell}"
-
-
-def in_unit(cell: str, unit: str) -> str:
-    """A field for `--map`, read in another unit."""
-    return f"{cell.split(' [')[0]} [{unit}]"
 
 
 _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
