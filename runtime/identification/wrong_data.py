@@ -272,30 +272,12 @@ def _explained(ratio: float, sizes: Mapping[str, float], least: float) -> tuple[
 # --- fits under other readings ---
 
 
-@dataclass(frozen=True)
-class _Equations:
-    """One joint's equations of motion with the positions read in one way, reduced to what a fit needs.
-
-    gram   (K, K) of the regressor        fixed         (K,) its product with the part without free coefficient
-    cross  (K, n) with each joint's torque at these rows
-    power, mixed, own   (n,), (n,), scalar: squares of the torques, their products with the fixed part, its square
-    rows   number of them
-    """
-
-    gram: Array
-    fixed: Array
-    cross: Array
-    power: Array
-    mixed: Array
-    own: float
-    rows: int
-
-
 class _Trials:
     """Fits of an identification's structure on an excerpt of its motion, under one reading after another.
 
-    The equations of motion are set up once for each way to read the positions; sign and place of a torque only choose
-    among moments, so that a trial costs one small system.
+    The equations of motion are set up once for each way to read the positions: of each joint the Gram matrix of its
+    regressor (K,), the part without free coefficient, and every joint's torque (n,) at its rows. Sign and place of a
+    torque only choose among its columns, so that a trial costs one small system.
     any_inertia   whether an inertia that no arm has is accepted
     able          joints (0-based) with a torque in the excerpt; of others nothing can be found
     """
@@ -306,7 +288,7 @@ class _Trials:
         self.motion, _ = identification.motion.excerpt(20_000)
         self.able = [i for i in range(self.motion.n) if self._has_torque(i)]
         self._prediction, self._layout = identification.problem.regressors.prediction, identification.problem.layout
-        self._tables: dict[tuple[tuple[int, ...], tuple[str, ...]], dict[int, _Equations]] = {}
+        self._tables: dict[tuple[tuple[int, ...], tuple[str, ...]], dict[int, Array]] = {}
         self._solved: dict[Reading, tuple[Array, Array]] = {}
 
     def errors(self, reading: Reading) -> Array:
@@ -333,27 +315,29 @@ class _Trials:
         return self._solved[reading]
 
     def _solve(self, reading: Reading) -> tuple[Array, Array]:
-        layout, errors, right = self._layout, np.zeros(self.motion.n), {}
-        gram, moment = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        for i, joint in self._table(reading).items():
-            source, sign = reading.torques[i], reading.signs[i]
-            if not _is_torque(joint.power[source], joint.rows):
+        layout, errors, weights = self._layout, np.zeros(self.motion.n), {}
+        size, grams = layout.size, self._grams(reading)
+        gram, moment = np.zeros((size, size)), np.zeros(size)
+        for i, own in grams.items():
+            source = size + 1 + reading.torques[i]
+            if not _is_torque(own[source, source]):
                 errors[i] = np.inf
                 continue
-            weight, product = 1 / joint.power[source], sign * joint.cross[:, source] - joint.fixed
-            right[i] = weight, product, joint.power[source] - 2 * sign * joint.mixed[source] + joint.own, joint.gram
-            gram += weight * joint.gram
-            moment += weight * product
+            weights[i] = 1 / own[source, source]
+            gram += weights[i] * own[:size, :size]
+            moment += weights[i] * (reading.signs[i] * own[:size, source] - own[:size, size])
         theta = bounded(gram, moment, layout.lower, upper=layout.upper, near=layout.stated)
         if not self.any_inertia and not self._is_physical(reading, theta[layout.lumps]):
             return np.full(self.motion.n, np.inf), theta
-        for i, (weight, product, power, own) in right.items():
-            errors[i] = float(np.sqrt(max(weight * (power - 2 * theta @ product + theta @ own @ theta), 0.0)))
+        for i, weight in weights.items():
+            residual = np.concatenate([theta, [1.0], np.zeros(self.motion.n)])
+            residual[size + 1 + reading.torques[i]] = -reading.signs[i]
+            errors[i] = float(np.sqrt(max(weight * (residual @ grams[i] @ residual), 0.0)))
         return errors, theta
 
     def _has_torque(self, joint: int) -> bool:
         torque = self.motion.torque(joint, self.fit.skew)[self.motion.moving(joint)]
-        return _is_torque(float(torque @ torque), len(torque))
+        return len(torque) > 0 and _is_torque(float(torque @ torque) / len(torque))
 
     def _is_physical(self, reading: Reading, lumps: Array) -> bool:
         """Whether D is positive definite along the motion."""
@@ -367,37 +351,25 @@ class _Trials:
         mix: Array = np.eye(len(scales))[list(reading.positions)] * scales[:, None]
         return mix
 
-    def _table(self, reading: Reading) -> dict[int, _Equations]:
+    def _grams(self, reading: Reading) -> dict[int, Array]:
+        """Joint (0-based) -> (K + 1 + n, K + 1 + n) moments, mean squares, of the joints with a torque."""
         key = reading.positions, reading.units
         if key not in self._tables:
             motion = _mixed(self.motion, self._mix(reading))
-            self._tables[key] = self._equations(Problem(self.model, motion, self._layout.terms, self._prediction))
+            problem = Problem(self.model, motion, self._layout.terms, self._prediction)
+            of_one = [motion.changed(partial(_all_torques_of, j)) for j in range(motion.n)]
+            self._tables[key] = {}
+            for i in self.able:
+                use = motion.moving(i)
+                x, fixed = (rows[..., use] for rows in problem.rows(i, self.fit.shapes))
+                stacked = np.stack([*x, fixed, *(other.torque(i, self.fit.skew)[use] for other in of_one)])
+                self._tables[key][i] = stacked @ stacked.T / max(len(fixed), 1)
         return self._tables[key]
 
-    def _equations(self, problem: Problem) -> dict[int, _Equations]:
-        motion = problem.motion
-        of_one = [motion.changed(partial(_all_torques_of, j)) for j in range(motion.n)]
-        found = {}
-        for i in self.able:
-            use = motion.moving(i)
-            x, fixed = (rows[..., use] for rows in problem.rows(i, self.fit.shapes))
-            torques = np.array([other.torque(i, self.fit.skew)[use] for other in of_one])
-            power = np.sum(torques**2, axis=1)
-            found[i] = _Equations(
-                x @ x.T,
-                x @ fixed,
-                x @ torques.T,
-                power=power,
-                mixed=torques @ fixed,
-                own=float(fixed @ fixed),
-                rows=len(fixed),
-            )
-        return found
 
-
-def _is_torque(power: float, rows: int) -> bool:
-    """Whether a sum of squares over rows is more than what a filter leaves once a recorded torque has become zero."""
-    return power > rows * 1e-30**2
+def _is_torque(mean_square: float) -> bool:
+    """Whether a torque is more than what a filter leaves once the recorded one has become zero."""
+    return mean_square > 1e-30**2
 
 
 def _mixed(motion: Motion, mix: Array) -> Motion:
