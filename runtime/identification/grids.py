@@ -16,7 +16,6 @@ from runtime.identification.regressors import Regressors
 from runtime.identification.settings import (
     GRID_EDGE,
     MIDDLE_OF_SPEEDS,
-    PLACE_STEPS,
     SLOWEST_ROWS,
 )
 from runtime.model.loader import EffectInfo, Model
@@ -274,9 +273,10 @@ def least_places(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) ->
     """Shapes with every place at which a torque sets in at the least error within a step of its grid.
 
     A torque sets in at a sample, so that the error over the place is a staircase without a useful derivative. Fixed
-    places are tried, first some apart and then between them: wherever the search began, their columns are shared.
+    places are tried, 16 to a step of the grid, about as far as an arm goes in a sample: first every fourth and then
+    those between. Their columns are shared, wherever the search began.
     """
-    best, stride = dict(shapes), 4
+    best, fine, coarse = dict(shapes), 16, 4
     for term in problem.layout.terms:
         for parameter in problem.model.library.effects[term.effect].shape:
             if parameter.grid is None or parameter.grid.of not in _OF_PLACES:
@@ -284,20 +284,22 @@ def least_places(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) ->
             grid = axis(problem.regressors, term, parameter, best[term])
             if len(grid) < 2 or not searchable(parameter, grid):
                 continue
-            for every, reach in ((stride, PLACE_STEPS // stride), (1, stride - 1)):
+            for every, reach in ((coarse, fine // coarse), (1, coarse - 1)):
                 at = float(np.clip(best[term][parameter.name], grid[0], grid[-1]))
-                choices = [{**best[term], parameter.name: x} for x in (at, *_around(at, grid, every, reach))]
+                choices = [
+                    {**best[term], parameter.name: x} for x in (at, *_around(at, grid, fine, every=every, reach=reach))
+                ]
                 problem.foresee(term, choices, best)
                 errors = problem.errors([{**best, term: shape} for shape in choices], skew)
                 best[term] = choices[first_least(errors)]
     return best
 
 
-def _around(place: float, grid: Array, every: int, reach: int) -> list[float]:
-    """Of places PLACE_STEPS to a step of an even grid, one of `every` within `reach` of them to either side of a place,
-    the nearest first."""
-    first, step = float(grid[0]), float(grid[1] - grid[0]) / PLACE_STEPS
+def _around(place: float, grid: Array, fine: int, every: int, reach: int) -> list[float]:
+    """Of places `fine` to a step of an even grid, one of `every` within `reach` of them to either side of a place, the
+    nearest first."""
+    first, step = float(grid[0]), float(grid[1] - grid[0]) / fine
     numbers = every * (round((place - first) / step / every) + np.arange(-reach, reach + 1))
-    inside = numbers[(numbers >= 0) & (numbers <= (len(grid) - 1) * PLACE_STEPS)]
+    inside = numbers[(numbers >= 0) & (numbers <= (len(grid) - 1) * fine)]
     found = first + step * inside
     return [float(x) for x in found[np.argsort(np.abs(found - place), kind="stable")]]

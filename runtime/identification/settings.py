@@ -72,10 +72,6 @@ SEARCH_STEP: Final = 1e-4
 """part of a grid's stretch; over it a derivative by a shape is taken, and a search that moves less has ended; between
 rounding and curvature."""
 
-PLACE_STEPS: Final = 16
-"""number of steps to a step of a grid, to either side; a place at which a torque sets in is sought so finely, about
-what an arm goes in a sample; development recordings."""
-
 SAME_ERROR: Final = 1e-10
 """part of the squared error; shapes whose errors differ by less are as good as each other; double precision."""
 
@@ -89,7 +85,8 @@ SEARCH_INSIDE: Final = 1e-6
 """part of a grid's stretch; a search begins so far inside its bounds, which its method asks for; by construction."""
 
 GRID_EDGE: Final = 0.02
-"""part of a grid's stretch; a shape nearer to an end was not found but stopped there; development recordings."""
+"""part of a grid's range; a shape nearer to an end is not a minimum but the bound of the search; development
+recordings."""
 
 # the width of a gap -------------------------------------------------------------------------------------------------
 
@@ -181,8 +178,8 @@ NEUTRAL_INERTIA: Final = 1e-6
 is positive definite; less than any joint moves, more than the rounding of D's eigenvalues; by construction."""
 
 HARDLY_POSITIVE: Final = 0.01
-"""part of the smallest eigenvalue of the file's own D; a fit that has less stopped at the bound of what is physical;
-development recordings."""
+"""part of the smallest eigenvalue of D that the model file or the torques give; a fit below it stopped at the bound
+of what is physical; development recordings."""
 
 # the limits of compensation -----------------------------------------------------------------------------------------
 
@@ -195,13 +192,13 @@ FAR_WORSE: Final = 2.0
 and more than that is not compensated; errors in variables, by construction."""
 
 LOWERED_TO: Final = 0.7071
-"""part of a cut-off; of a band that lets too much noise in, the next is so much lower: the noise of an acceleration
-falls to a sixth; a choice."""
+"""part of a cut-off; the next cut-off tried where a band lets too much noise in: the noise of an acceleration falls to
+a sixth; a choice."""
 
 # over what a residual is structured ---------------------------------------------------------------------------------
 
 STRUCTURE_BINS: Final = 24
-"""bins of equal count; a curve over a signal has room for a dozen turns; development recordings."""
+"""bins of equal count; a curve over a signal may turn a dozen times; development recordings."""
 
 STRUCTURE_LEAST_SHARE: Final = 0.02
 """part of the residual's variance; a signal that explains less is not named; development recordings."""
@@ -209,28 +206,28 @@ STRUCTURE_LEAST_SHARE: Final = 0.02
 # wrong data ---------------------------------------------------------------------------------------------------------
 
 SUSPECTED_FROM: Final = 0.05
-"""part of a joint's torque; a fit that leaves less has explained inertia and friction, and no torque of another sign,
-unit or joint does that; by construction, and development recordings."""
+"""part of a joint's torque; a smaller residual is that of right data: with a wrong sign, unit or joint more of inertia
+and friction remains; by construction, and development recordings."""
 
 TURNED_FALLS_TO: Final = 0.8
-"""part of a joint's error; to less it must fall with the other sign, or in degrees, before the data are suspected: on
-data that are right it rises, as inertia and friction then come to their bounds; development and real recordings."""
+"""part of a joint's error; to less it must fall with the other sign, or in degrees, before data are suspected: with
+right data it rises, as inertia and friction reach their bounds; development and real recordings."""
 
 EXCHANGED_FALLS_TO: Final = 0.6
-"""part of a torque's error; to less both must fall where two joints are exchanged: motions of neighbours may be alike;
+"""part of a joint's error; to less both must fall with two joints exchanged: motions of neighbours are similar;
 development and real recordings."""
 
-LEAST_TELLING_RATIO: Final = 20.0
-"""ratio of a gear; a missing one that is smaller is no surer than a guess: inertias that users guess are wrong by
-factors of 2 to 5; real recordings."""
+SUSPECTED_RATIO: Final = 20.0
+"""ratio of an inertia to the file's, or of a gear; a smaller one may be a bad guess: inertias that users guess are
+wrong by factors of 2 to 5; real recordings."""
 
 FACTOR_OF_INERTIA: Final = 2.0
-"""ratio; so near must a factor of the inertia come to the gear ratio, or to the degrees in a radian, to be that; within
-it lie what a drawing and a data sheet leave open; a choice."""
+"""ratio; within it a wrong inertia must equal the gear ratio, or the degrees in a radian, to be explained by it: data
+sheets are as uncertain; a choice."""
 
 DOUBTED_RATIO: Final = 8.0
-"""ratio of an inertia to the file's; where mistakes come together, from there on they are worth a look, though the
-inertia may as well be guessed: guesses are wrong by factors of 2 to 5; real recordings."""
+"""ratio of an inertia to the file's; from it a mistake is mentioned without a verdict, as guesses are wrong by factors
+of 2 to 5; real recordings."""
 
 # friction outside the data ------------------------------------------------------------------------------------------
 
@@ -240,11 +237,11 @@ FRICTION_RANGE: Final = 4
 # lines over the motor's angle ---------------------------------------------------------------------------------------
 
 SLOWEST_ROWS: Final = 0.1
-"""part of the rows; an order is looked for if it is in the band in as many, where the motor is slowest: that much of a
-line tells its order and its size; a choice."""
+"""part of the rows, the slowest; an order is looked for if it is in the band at these: enough for its order and
+amplitude; a choice."""
 
 MIDDLE_OF_SPEEDS: Final = (0.02, 0.98)
-"""parts of the way; between the speeds at them a line's frequencies are taken to lie; a choice."""
+"""parts of the way; the speeds between them give the frequencies of a line; a choice."""
 
 SLOPE_STEP: Final = 1e-4
 """rad, m and rad/s, m/s; torques so far to either side give how they grow with a position or a rate: their curvature

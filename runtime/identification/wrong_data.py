@@ -27,8 +27,8 @@ from runtime.identification.settings import (
     DOUBTED_RATIO,
     EXCHANGED_FALLS_TO,
     FACTOR_OF_INERTIA,
-    LEAST_TELLING_RATIO,
     SUSPECTED_FROM,
+    SUSPECTED_RATIO,
     TURNED_FALLS_TO,
 )
 from runtime.motion.motion import Motion
@@ -136,11 +136,11 @@ def wrong_data(identification: Identification) -> WrongData:
         return WrongData(given)
     fitted, trials = _Fitted(identification, able), _Trials(identification)
     if not fitted.doubtful or not trials.able:
-        return WrongData(given, factors=fitted.inertia_factors(given, fitted.lumps, LEAST_TELLING_RATIO))
+        return WrongData(given, factors=fitted.inertia_factors(given, fitted.lumps, SUSPECTED_RATIO))
     before = fitted.errors_at_most(trials)
     reading, alike = _degrees_first(trials, _Search(trials, before).all_mistakes())
     lumps = fitted.lumps if reading == given else trials.lumps(reading)
-    factors = fitted.inertia_factors(reading, lumps, LEAST_TELLING_RATIO)
+    factors = fitted.inertia_factors(reading, lumps, SUSPECTED_RATIO)
     return WrongData(reading, (before, trials.errors(reading)), factors, alike)
 
 
@@ -244,7 +244,7 @@ class _Fitted:
         """By what each mistake that is possible at a joint (0-based) divides its inertia."""
         info, motion = self.identification.model.joints[joint], self.identification.motion
         sizes = {MILLI: UNITS["mA"][1]}
-        if info.gear_ratio > LEAST_TELLING_RATIO:
+        if info.gear_ratio > SUSPECTED_RATIO:
             sizes[RATIO] = info.gear_ratio
         if info.torque_constant is not None and f"tau{reading.torques[joint] + 1}" not in motion.units:
             sizes[CURRENT] = info.torque_constant
@@ -406,7 +406,7 @@ def _degrees_first(trials: _Trials, reading: Reading) -> tuple[Reading, Collecti
     for i in reading.joints_in(DEGREES, MOTOR):
         degrees, motors = (reading.measured_in(unit, (i,)) for unit in (DEGREES, MOTOR))
         low, high = sorted(trials.errors(r)[i] for r in (degrees, motors))
-        if trials.model.joints[i].gear_ratio > LEAST_TELLING_RATIO and low > TURNED_FALLS_TO * high:
+        if trials.model.joints[i].gear_ratio > SUSPECTED_RATIO and low > TURNED_FALLS_TO * high:
             reading, alike = degrees, alike | {i}
     return reading, alike
 
@@ -474,7 +474,7 @@ class _Search:
         """Positions in degrees, or of the motor: of one joint that covers more than a turn, or of all that do."""
         for joints in self._all_or_one(self.trials.wide(self.reading)):
             yield self.reading.measured_in(DEGREES, joints), joints, TURNED_FALLS_TO
-            if min(self.trials.model.joints[i].gear_ratio for i in joints) > LEAST_TELLING_RATIO:
+            if min(self.trials.model.joints[i].gear_ratio for i in joints) > SUSPECTED_RATIO:
                 yield self.reading.measured_in(MOTOR, joints), joints, TURNED_FALLS_TO
 
     def _exchanged(self) -> Iterator[_Trial]:

@@ -9,7 +9,6 @@ import pytest
 
 from runtime.identification import grids
 from runtime.identification.problem import Problem, Skew
-from runtime.identification.settings import PLACE_STEPS
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term
 from runtime.motion.band import Band
@@ -17,6 +16,7 @@ from runtime.motion.motion import prepare
 from runtime.recordings.recording import Recording
 
 DT = 1e-3
+FINE = 16  # places to a step of a grid
 SPRING = Term("parallel_spring", 1)
 STIFFNESS = 8.0  # N m/rad
 
@@ -52,8 +52,8 @@ def test_the_same_place_from_whatever_start(drive: Model, seed: int) -> None:
     for start in place + step * np.array([-0.7, -0.1, 0.0, 1e-9, 0.4, 0.8]):
         shapes = {t: {} for t in of.layout.terms} | {SPRING: {**best, shape.name: float(start)}}
         found.add(grids.least_places(of, shapes, Skew(0.5))[SPRING][shape.name])
-    assert max(found) - min(found) <= step / PLACE_STEPS
-    assert all(abs(x - place) < 2 * step / PLACE_STEPS for x in found)
+    assert max(found) - min(found) <= step / FINE
+    assert all(abs(x - place) < 2 * step / FINE for x in found)
 
 
 def _error(of: Problem, choice: dict[str, float]) -> float:
