@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ from runtime.motion.clock import grid
 from runtime.motion.motion import Motion, prepare
 from runtime.motion.rests import at_rest
 from runtime.motion.settings import STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED
-from runtime.recordings.contents import fast_clock, given_twice
 from runtime.recordings.recording import Recording, RecordingError
+from runtime.recordings.settings import FASTEST_STEP
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -82,20 +82,19 @@ def identify(model: Model, recordings: Sequence[Recording], skew: float | None =
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
-    """Recordings in the band that suits their noise and the model's inertia, less torques of rests of the end-effector.
-
-    Raises RecordingError.
+    """Recordings in the band that suits their noise and the model's inertia, without samples at which dry friction at
+    the end-effector is indeterminate. Raises RecordingError.
     """
     return without_tip_rests(model, _as_it_acts(model, recordings, _in_its_band(model, recordings)))
 
 
 def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -> Motion:
-    """The motion with torques at uneven instants as signals that go on between them, or as commands that are each held
-    until the next: as what the model's motion explains them better.
+    """The motion with torques at uneven instants interpolated, or as commands that are held until the next, whichever
+    the model explains better.
 
-    A controller whose periods waver holds each command for its own period. Interpolated, it counts for half of the
-    periods to either side instead; that is no mere noise, as a period follows on the one over which the controller had
-    measured the rate, and takes from friction and inertia.
+    A controller whose periods waver holds each command for its own period; interpolated, it counts for half of the
+    periods to either side. That error is correlated with the rate measured a period before, and biases friction and
+    inertia.
     """
     if motion.rigid_given or not any(grid(r).wavers for r in recordings):
         return motion
@@ -115,8 +114,8 @@ def without_tip_rests(model: Model, motion: Motion) -> Motion:
 def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     """Recordings in the band that suits their noise and the model's inertia.
 
-    An inertia of the file that is far too small makes it too wide: then the first lower one in which the encoders'
-    noise is no more of an inertial column than can be compensated. Raises RecordingError.
+    A far too small inertia in the model file makes that band too wide: then the first lower band in which the share of
+    the encoders' noise in the inertial columns can be compensated. Raises RecordingError.
     """
     refuse_copies(recordings)
     refuse_fast_clocks(recordings)
@@ -132,25 +131,28 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
         if lower is None:
             break
         motion = prepare(recordings, lower, model)
-    # A joint that hardly moves has nothing but noise in any band, and the others shall not pay for it.
+    # A joint that hardly moves has only noise in any band; the others keep theirs.
     return first
 
 
 def refuse_copies(recordings: Sequence[Recording]) -> None:
     """Raises RecordingError where two recordings hold the same samples: they would count twice, or judge themselves."""
-    same = given_twice([(r.q, r.tau) for r in recordings])
-    if same is not None:
-        one, other = (str(recordings[k].path) for k in same)
-        what = "is given twice" if one == other else f"holds the same samples as {one}"
-        raise RecordingError(f"{other}: {what}; expected every recording once, fitted or held out; leave one out")
+    for one, other in combinations(recordings, 2):
+        if np.array_equal(one.q, other.q) and np.array_equal(one.tau, other.tau):
+            same = str(one.path) == str(other.path)
+            what = "is given twice" if same else f"holds the same samples as {one.path}"
+            expected = "expected every recording once, fitted or held out; leave one out"
+            raise RecordingError(f"{other.path}: {what}; {expected}")
 
 
 def refuse_fast_clocks(recordings: Sequence[Recording]) -> None:
-    """Raises RecordingError where a clock cannot be meant in seconds: its filters would be as long as it is fast."""
-    for recording in recordings:
+    """Raises RecordingError where samples are so dense that the filters would be longer than the recording."""
+    for recording in (r for r in recordings if r.dt < FASTEST_STEP):
         cell = recording.cells.get("t", "t").split(" [")[0]
-        if wrong := fast_clock(recording.dt, cell):
-            raise RecordingError(f"{recording.path}: {wrong}")
+        raise RecordingError(
+            f"{recording.path}: the median step of t is {recording.dt:.4g} s; expected at least {FASTEST_STEP:g} s "
+            f'between samples; if t is in s, pass --map t="{cell} [s]", else write t in seconds'
+        )
 
 
 def identify_motion(
@@ -161,8 +163,7 @@ def identify_motion(
 
 
 def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:
-    """(n, n) kg m² (kg), what each joint's torque asks for each joint's acceleration: as the model file has it all over
-    the recordings' configurations, as far as it is believed."""
+    """(n, n) kg m² (kg), RMS of the model file's D over the recordings' configurations, as far as it is believable."""
     n = model.n
     if not model.lumps_known:
         return coupled(np.full((n, n), np.nan), believable(np.full(n, np.nan), recordings))

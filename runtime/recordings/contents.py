@@ -13,14 +13,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from itertools import combinations
 from typing import NoReturn, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.recordings.settings import (
-    FASTEST_STEP,
     GAP,
     LARGEST,
     MIN_SAMPLES,
@@ -167,29 +165,10 @@ _FINER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units of time in s, the longest first."""
 
 
-def fast_clock(step: float, cell: str) -> str | None:
-    """A message if the median step (s) is so short that filters would be longer than the recording; else None."""
-    if not step < FASTEST_STEP:
-        return None
-    return (
-        f"the median step of t is {step:.4g} s; expected at least {FASTEST_STEP:g} s between samples; "
-        f'if t is in s, pass --map t="{cell} [s]", else write t in seconds'
-    )
-
-
 def unpowered(tau: Array) -> NDArray[np.bool_]:
     """(n,) joints whose torque (n, N) is constant: passive joints, or joints without a recorded torque."""
     constant: NDArray[np.bool_] = np.ptp(tau, axis=1) < SMALLEST
     return constant
-
-
-def given_twice(samples: Sequence[tuple[Array, Array]]) -> tuple[int, int] | None:
-    """Indices of the first two recordings with equal positions and torques, each (n, N); None if all differ."""
-    for one, other in combinations(range(len(samples)), 2):
-        pairs = list(zip(samples[one], samples[other], strict=True))
-        if all(x.shape == y.shape and np.array_equal(x, y) for x, y in pairs):
-            return one, other
-    return None
 
 
 def check_finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
