@@ -21,7 +21,7 @@ from runtime.diagnosis.search import Search
 from runtime.fit_warnings import Suspicion, suspicions
 from runtime.identification.compare import Comparison, compare
 from runtime.identification.identify import Identification, identify
-from runtime.loop.law_proposal import propose
+from runtime.loop.improve import propose
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
@@ -175,7 +175,7 @@ class KeptVerbs:
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
         patch.setattr("runtime.diagnosis.diagnose.diagnose", self._diagnose)
-        patch.setattr("runtime.loop.law_proposal.propose", self._propose)
+        patch.setattr("runtime.loop.improve.propose", self._propose)
 
     def _diagnose(self, _: Model, recordings: Sequence[Recording], wider: Wider) -> Diagnosis:
         self.asked = wider.__self__, recordings

@@ -85,21 +85,21 @@ def _drafted(
     reading   options with which the recordings were read
     """
     from runtime import files
-    from runtime.loop import law_proposal
-    from runtime.report import terminal
+    from runtime.loop import improve
+    from runtime.report import drafts, terminal
     from symbolic.effects.source import python_source
 
     if result.verdict != "unexplained":
-        return {"draft_reason": law_proposal.needless(result)}
+        return {"draft_reason": drafts.needless(result)}
     with terminal.working("trying guesses at what is missing"):
         wider = source.compiled.with_guesses()
-        found = law_proposal.propose(result, *source.compiled.model_with_guesses())
+        found = improve.propose(result, *source.compiled.model_with_guesses())
     if found is None:
-        return {"draft_reason": law_proposal.none_found(result)}
+        return {"draft_reason": drafts.none_found(result)}
     own = invocation.effects
     beside = None if own is None else os.path.relpath(own.resolve(), target.resolve().parent)
-    notes = law_proposal.notes(found, source.path.name, [path.name for path in invocation.recordings])
+    notes = drafts.notes(found, source.path.name, [path.name for path in invocation.recordings])
     files.replace(target, python_source(wider.library[found.term.effect], notes, beside).encode())
-    following = law_proposal.next_steps(found, invocation.model, invocation.recordings, reading, target=target)
+    following = drafts.next_steps(found, invocation.model, invocation.recordings, reading, target=target)
     following = [invocation.copy(), *following] if invocation.like else following
     return {"draft": found.document().as_part_of(DraftEntry, file=str(target), next=following)}

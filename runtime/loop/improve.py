@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
-from msgspec import UNSET
+from msgspec import UNSET, structs
 from numpy.typing import NDArray
 
 from runtime.diagnosis.branches import complete
 from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_entry
+from runtime.diagnosis.grammar_search import Draft, best
+from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.steps import Finding, Step, residuals_elsewhere
-from runtime.documents.diagnosis import FitsEntry, HistoryEntry, ImprovementBase
+from runtime.documents.diagnosis import DiagnosisBase, FitsEntry, HistoryEntry, ImprovementBase
 from runtime.documents.fits import FitDocument
-from runtime.identification.compare import JointSeries, series_on
+from runtime.identification.compare import JointSeries, series_on, structure_entries
 from runtime.identification.identify import Identification, without_tip_rests
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
@@ -170,3 +172,31 @@ def left(identification: Identification, recordings: Sequence[Recording]) -> Hel
 def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
     """Noise floor of each joint on recordings that were not fitted, in the band of the fit; empty without any."""
     return tuple(joint.floor for joint in left(identification, recordings).joints) if recordings else ()
+
+
+# --- drafts for what is left ---
+
+
+def unexplained(step: Step) -> tuple[int, ...]:
+    """Joints (from 0) whose residual is more than noise."""
+    return tuple(i for i in range(len(step.joints)) if remainder(step, i) is not None)
+
+
+def propose(diagnosis: Diagnosis, model: Model, guesses: Collection[str]) -> Draft | None:
+    """The simplest draft that explains nearly as much as any; None if none passes the gates.
+
+    model   arm of the diagnosis, its library extended by the effects named in `guesses`
+    """
+    step = diagnosis.steps[-1]
+    return best(step, model, guesses, unexplained(step))
+
+
+def described(diagnosis: Diagnosis) -> DiagnosisBase:
+    """A diagnosis with the signals that the residual follows at each unexplained joint."""
+    document = diagnosis.document()
+    if diagnosis.verdict != "unexplained":
+        return document
+    joints, step = list(document.joints), diagnosis.steps[-1]
+    for k in unexplained(step):
+        joints[k] = structs.replace(joints[k], structure=structure_entries(step.joints[k]))
+    return structs.replace(document, joints=joints)

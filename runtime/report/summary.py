@@ -17,8 +17,7 @@ from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEn
 from runtime.documents.fits import CompareDocument
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import Comparison, JointSeries
-from runtime.loop.improve import Improvement
-from runtime.loop.law_proposal import described
+from runtime.loop.improve import Improvement, described
 from runtime.model.terms import Term, at, joints_of
 from runtime.motion import spectra
 from runtime.motion.repeats import Floor

@@ -1,31 +1,14 @@
-"""A drafted law for an unexplained residual: what it explains and what to do with it."""
+"""What is said of a draft for an unexplained residual: why there is none, what it explains, what to do with it."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from msgspec.structs import replace
-
 from runtime.diagnosis.diagnose import Diagnosis
-from runtime.diagnosis.grammar_search import Draft, best
-from runtime.diagnosis.remainder import remainder
-from runtime.diagnosis.steps import Step
-from runtime.documents.diagnosis import DiagnosisBase
-from runtime.identification.compare import structure_entries
-from runtime.model.loader import Model
-
-
-def described(diagnosis: Diagnosis) -> DiagnosisBase:
-    """A diagnosis with the signals that the residual follows at each unexplained joint."""
-    document = diagnosis.document()
-    if diagnosis.verdict != "unexplained":
-        return document
-    joints, step = list(document.joints), diagnosis.steps[-1]
-    for k in unexplained(step):
-        joints[k] = replace(joints[k], structure=structure_entries(step.joints[k]))
-    return replace(document, joints=joints)
+from runtime.diagnosis.grammar_search import Draft
+from runtime.loop.improve import unexplained
 
 
 def needless(diagnosis: Diagnosis) -> str:
@@ -74,17 +57,3 @@ def next_steps(
         shlex.join(["tendon", "improve", str(model), *map(str, recordings), *reading, *own]),
         shlex.join(["tendon", "add", str(model), draft.term.effect, *where, *own]),
     ]
-
-
-def unexplained(step: Step) -> tuple[int, ...]:
-    """Joints (from 0) whose residual is more than noise."""
-    return tuple(i for i in range(len(step.joints)) if remainder(step, i) is not None)
-
-
-def propose(diagnosis: Diagnosis, model: Model, guesses: Collection[str]) -> Draft | None:
-    """The simplest draft that explains nearly as much as any; None if none passes the gates.
-
-    model   arm of the diagnosis, its library extended by the effects named in `guesses`
-    """
-    step = diagnosis.steps[-1]
-    return best(step, model, guesses, unexplained(step))
