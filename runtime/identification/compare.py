@@ -1,9 +1,10 @@
-"""Where does the model fail? The residual of every joint, its share of the torque, and where it sits."""
+"""Where the model fails: the residual torque of every joint, and the signals that it follows."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 from msgspec import UNSET
@@ -13,11 +14,7 @@ from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, S
 from runtime.identification.identify import Identification, identify
 from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import (
-    HARDLY_POSITIVE,
-    STRUCTURE_BINS,
-    STRUCTURE_LEAST_SHARE,
-)
+from runtime.identification.settings import HARDLY_POSITIVE, STRUCTURE_BINS, STRUCTURE_LEAST_SHARE
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
@@ -31,9 +28,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointSeries:
-    """One joint (1-based) in the band, for figures: rows that count only, each array (M,).
+    """A joint's (1-based) torque and prediction in its band, on the rows that count; each array (M,).
 
-    residual = tau − predicted; load and temperature's rise are None where there is none.
+    load     torque that the joint transmits to its link
+    warmth   rise of the temperature, K; None where it was not recorded
     """
 
     joint: int
@@ -67,18 +65,10 @@ class JointSeries:
         return errors(self.residual, self.tau)[1]
 
     def signals(self) -> dict[str, Array]:
-        """What a residual may be structured over, by the names that `compare --json` uses."""
-        found = {
-            "position": self.q,
-            "velocity": self.qd,
-            "direction": np.sign(self.qd),
-            "acceleration": self.qdd,
-            "load": self.load,
-            "time": self.t,
-        }
-        if self.warmth is not None:
-            found["temperature"] = self.warmth
-        return found
+        """Signals that a residual may follow, by the names that `compare --json` uses."""
+        found = {"position": self.q, "velocity": self.qd, "direction": np.sign(self.qd), "acceleration": self.qdd}
+        found |= {"load": self.load, "time": self.t}
+        return found if self.warmth is None else found | {"temperature": self.warmth}
 
     def document(self) -> JointEntry:
         """A joint's part of every document of a fit."""
@@ -104,11 +94,10 @@ class Comparison:
 
     def document(self, warnings: list[str]) -> CompareDocument:
         """As `tendon compare --json`."""
-        errors = [None] * len(self.joints) if self.written is None else self.written
-        written = [None if e is None else WrittenError(rms=e[0], relative=e[1]) for e in errors]
+        written = [None if e is None else WrittenError(rms=e[0], relative=e[1]) for e in self.written or ()]
         joints = [
             series.document().as_part_of(ComparedJoint, structure=structure_entries(series), as_written=error)
-            for series, error in zip(self.joints, written, strict=True)
+            for series, error in zip_longest(self.joints, written)
         ]
         return CompareDocument(
             band=self.identification.motion.band.document(),
@@ -119,7 +108,7 @@ class Comparison:
 
 
 def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
-    """Fit the model file's structure to the recordings and lay its residual open."""
+    """Fit the model file's structure to recordings."""
     identification = identify(model, recordings)
     return Comparison(identification, series(identification), as_written(identification))
 
@@ -164,17 +153,17 @@ def series_on(identification: Identification, problem: Problem, residuals: Seque
 
 
 def structure_entries(series: JointSeries) -> list[StructureShare]:
-    """Signals over which the residual is structured, the largest share first."""
+    """Signals that the residual follows, the largest share first."""
     shares = sorted(structure_shares(series).items(), key=lambda item: -item[1])
     found = [entry for entry in shares if entry[1] > STRUCTURE_LEAST_SHARE]
     return [StructureShare(signal=signal, share=share) for signal, share in found]
 
 
 def structure_shares(series: JointSeries) -> dict[str, float]:
-    """Share of the residual's variance that curves over each signal explain, one for each direction of motion.
+    """Share of the residual's variance that curves over each signal explain, one curve for each direction of motion.
 
-    Friction leaves opposite residuals in the two directions, which a single curve would miss; so the
-    difference between the directions counts as "direction" and in every other signal.
+    Friction leaves opposite residuals in the two directions, which a single curve would miss: the difference between
+    the directions counts as "direction" and for every other signal.
     """
     r = series.residual
     total = float(np.sum((r - r.mean()) ** 2)) if len(r) else 0.0
@@ -204,12 +193,12 @@ def _share(r: Array, values: Array) -> float:
     left = r - means[index]
     bins, power = int(np.count_nonzero(count)), float(left @ left)
     lag = float(np.clip((left[1:] @ left[:-1]) / power, 0.0, 1.0)) if power else 0.0
-    # Rows that are as good as one, of which some must be over once every bin has had its mean.
+    # Correlated rows that count as one; degrees of freedom are left once every bin has its mean.
     alike = (1 + lag) / max(1 - lag, 1e-12)
-    over = len(r) - bins * alike
-    if over <= 0:
+    freedom = len(r) - bins * alike
+    if freedom <= 0:
         return 0.0
-    chance = (bins - 1) * alike * power / over
+    chance = (bins - 1) * alike * power / freedom
     return float(np.clip(1 - (power + chance) / float(r @ r), 0.0, 1.0))
 
 
@@ -263,7 +252,7 @@ def has_proper_inertia(identification: Identification) -> bool:
 
 
 def _least_apparent(motion: Motion) -> float:
-    """The least inertia that the torque of a joint which moves asks for, kg m² (kg); 0 if none asks for any."""
+    """The smallest inertia that fits a moving joint's torque by itself, kg m² (kg); 0 where none does."""
     found = []
     for i in range(motion.n):
         use = motion.moving(i)

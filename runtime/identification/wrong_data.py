@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations, product
 from math import isfinite, log, pi, prod
 
@@ -131,11 +131,9 @@ class WrongData:
 
 def wrong_data(identification: Identification) -> WrongData:
     """What a fit of the model file's structure says of its recordings."""
-    able, given = _able(identification), Reading.given(identification.model.n)
-    if not able:
-        return WrongData(given)
-    fitted, trials = _Fitted(identification, able), _Trials(identification)
-    if not fitted.doubtful or not trials.able:
+    fitted, given = _Fitted(identification), Reading.given(identification.model.n)
+    trials = _Trials(identification) if fitted.doubtful else None
+    if trials is None or not trials.able:
         return WrongData(given, factors=fitted.inertia_factors(given, fitted.lumps, SUSPECTED_RATIO))
     before = fitted.errors_at_most(trials)
     reading, alike = _degrees_first(trials, _Search(trials, before).all_mistakes())
@@ -151,22 +149,14 @@ def doubtful_data(identification: Identification) -> WrongData:
     An effect that is missing at one joint, a wrist's coupled gear, spoils the inertia of every reading, and with it the
     surer test of `wrong_data`. For people to look at: no verdict follows from it.
     """
-    able, given = _able(identification), Reading.given(identification.model.n)
-    if not able:
-        return WrongData(given)
-    fitted, trials = _Fitted(identification, able), _Trials(identification)
-    if not (fitted.doubtful and trials.able and np.isinf(trials.errors(given)).any()):
+    fitted, given = _Fitted(identification), Reading.given(identification.model.n)
+    trials = _Trials(identification) if fitted.doubtful else None
+    if trials is None or not trials.able or not np.isinf(trials.errors(given)).any():
         return WrongData(given, factors=fitted.inertia_factors(given, fitted.lumps, DOUBTED_RATIO))
     trials = _Trials(identification, any_inertia=True)
     before = fitted.errors_at_most(trials)
     reading = _Search(trials, before).likeliest()
     return WrongData(reading, (before, trials.errors(reading)))
-
-
-def _able(identification: Identification) -> list[int]:
-    """Joints (0-based) that move, none where the user's own model gives the rigid torque."""
-    motion = identification.motion
-    return [] if motion.rigid_given else [i for i in range(motion.n) if motion.moving(i).any()]
 
 
 def turns(motion: Motion, joint: int) -> float:
@@ -189,16 +179,21 @@ _TOGETHER = (
 
 @dataclass(frozen=True)
 class _Fitted:
-    """A fit of the data as they are; able: joints (0-based) that move."""
+    """A fit of the data as they are."""
 
     identification: Identification
-    able: Sequence[int]
+
+    @cached_property
+    def able(self) -> list[int]:
+        """Joints (0-based) that move; none where the user's own model gives the rigid torque."""
+        motion = self.identification.motion
+        return [] if motion.rigid_given else [i for i in range(motion.n) if motion.moving(i).any()]
 
     @property
     def lumps(self) -> Array:
         return self.identification.fit.coefficients[self.identification.problem.layout.lumps]
 
-    @property
+    @cached_property
     def errors(self) -> Array:
         """(n,) relative errors of the joints, on their rows that count."""
         motion, fit = self.identification.motion, self.identification.fit
@@ -211,7 +206,7 @@ class _Fitted:
         fit, layout = self.identification.fit, self.identification.problem.layout
         terms = [layout.slices[t] for t in layout.terms if t.joint and t.joint - 1 in self.able]
         idle = any(part.stop > part.start and not fit.coefficients[part].any() for part in terms)
-        return idle or float(self.errors[list(self.able)].max()) > SUSPECTED_FROM
+        return idle or float(self.errors[self.able].max(initial=0.0)) > SUSPECTED_FROM
 
     def errors_at_most(self, trials: _Trials) -> Array:
         """(n,) relative errors of the data as they are, in the fit or in the trial, whichever are smaller.
