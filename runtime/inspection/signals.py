@@ -16,10 +16,12 @@ from runtime.motion.clock import EvenGrid, grid
 from runtime.motion.noise import SampleNoise
 from runtime.recordings import recording as recorded
 from runtime.recordings.columns import UNITS, normal_unit
-from runtime.recordings.contents import RecordedField
+from runtime.recordings.contents import RecordedField, map_option
 from runtime.recordings.names import FAMILY, bare
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import GAP, ROUNDING
+
+Array = NDArray[np.float64]
 
 _WORDS: Mapping[str, str] = {
     "t": r"t|time|times|timestamp|stamp|sec|seconds|zeit",
@@ -67,7 +69,7 @@ def map_options(fields: Sequence[RecordedField]) -> list[str]:
             named = {signal: stem if several else bare(best.name)}
         else:
             named = {f"{signal}{k}": bare(name) for k, name in enumerate(_alike(best.name, fields), 1)}
-        found += [f'--map {name}="{field}{f" [{unit}]" if unit else ""}"' for name, field in named.items()]
+        found += [map_option({}, name, field, unit or "") for name, field in named.items()]
     return found
 
 
@@ -112,7 +114,7 @@ def unit_in_name(name: str) -> str | None:
     return next((unit for words, unit in _UNIT_WORDS if re.search(rf"(?:^|_)(?:{words})$", ending)), None)
 
 
-Array = NDArray[np.float64]
+# --- signals ---
 
 
 def clock_entry(recording: Recording) -> ClockEntry:
@@ -190,27 +192,21 @@ def _noise(values: Array, even: EvenGrid) -> float:
 
 
 def shift_entries(recording: Recording) -> list[ShiftEntry]:
-    """Delay in s of each signal behind its joint's motor position, where it can be determined."""
+    """Delay in s of each signal that follows its joint's motor position, where it can be determined."""
     samples = max(recording.segments, key=lambda s: s.stop - s.start)
-    t = recording.t[samples]
-    found = []
-    for name, joint, values in followers(recording):
-        q, other = recording.q[joint, samples], values[samples]
-        if name.startswith("qd"):
-            q, other = q - q.mean(), cumulative_trapezoid(other, t, initial=0)
-        late = _lag(t, q, other)
-        if late is not None and abs(late) > SMALLEST_SHIFT * recording.dt:
-            found.append(ShiftEntry(signal=name, value=late, unit="s"))
-    return found
-
-
-def followers(recording: Recording) -> Iterator[tuple[str, int, Array]]:
-    """Signals that follow a joint's position or rate: name, joint (0-based) and values (N,)."""
+    t, found = recording.t[samples], []
     groups = {"qd{}": recording.qd, "q{}_link": recording.q_link, "q{}_desired": recording.q_desired}
     for pattern, rows in groups.items():
         for joint, values in enumerate(rows if rows is not None else ()):
-            if np.isfinite(values).all() and np.ptp(recording.q[joint]) > 0:
-                yield pattern.format(joint + 1), joint, values
+            if not np.isfinite(values).all() or not np.ptp(recording.q[joint]):
+                continue
+            q, other = recording.q[joint, samples], values[samples]
+            if rows is recording.qd:
+                q, other = q - q.mean(), cumulative_trapezoid(other, t, initial=0)
+            late = _lag(t, q, other)
+            if late is not None and abs(late) > SMALLEST_SHIFT * recording.dt:
+                found.append(ShiftEntry(signal=pattern.format(joint + 1), value=late, unit="s"))
+    return found
 
 
 def scale(q: Array, x: Array, t: Array) -> tuple[float, float]:
