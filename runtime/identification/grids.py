@@ -21,7 +21,7 @@ from runtime.identification.settings import (
 from runtime.model.loader import EffectInfo, Model
 from runtime.model.terms import Term, Values, joints_of
 from runtime.motion.motion import Motion
-from runtime.motion.settings import LEAST_PERIODS, TRANSITION
+from runtime.motion.settings import LEAST_PERIODS, ROWS_OVER_CUTOFF
 from runtime.motion.spectra import angle_spectrum, lines, wave_beside
 from symbolic.described import DescribedParameter, ParameterKind
 
@@ -209,8 +209,8 @@ class MotorAngle:
         octaves = low * 2 ** np.arange(np.ceil(np.log2(high / low)) + 1)
         found: dict[float, float] = {}
         for start, stop in pairwise(np.minimum(octaves, high)):
-            # Where the motor is too fast for an order to be in the band, the rows hold nothing of it.
-            slow = self.speed * start < 2 * np.pi * (1 + TRANSITION / 2) * self.cutoff
+            # Where the motor is too fast, an order lies in the stop-band, and the rows hold nothing of it.
+            slow = self.speed * start < 2 * np.pi * (ROWS_OVER_CUTOFF / 2) * self.cutoff
             part = replace(self, angle=self.angle[slow], speed=self.speed[slow], time=self.time[slow])
             rows = left[slow], base[:, slow], projection
             found |= part._without_waves_over_time(lines(part.angle, *rows, (start, stop), among), *rows)

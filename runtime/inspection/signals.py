@@ -11,9 +11,8 @@ from scipy.integrate import cumulative_trapezoid
 
 from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, SignalEntry
 from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SMALLEST_SHIFT, TOP_SPEED
-from runtime.motion.band import resolution
 from runtime.motion.clock import EvenGrid, grid
-from runtime.motion.noise import SampleNoise
+from runtime.motion.noise import SampleNoise, resolution
 from runtime.recordings import recording as recorded
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import RecordedField, map_option

@@ -1,10 +1,9 @@
 """The bands in which model and measurement are compared, one for every joint's equation, chosen from the data.
 
-A cut-off too high lets the encoders' noise, twice differentiated, into the regressors, and a memory
-effect is then found that is not there; one too low throws away what would tell effects apart. A joint's
-cut-off is where the noise of all q̈, times what inertia couples them to the joint, has a quarter of the
-variance that the noise of its torque has inside the band: then whatever smooths accelerations cannot pass
-for physics. A wrist's small inertia bears a band several times that of a base.
+A cut-off too high lets the encoders' noise, twice differentiated, into the regressors, where it looks like an effect
+with a memory; one too low removes what distinguishes effects. At a joint's cut-off the noise of all q̈, times the
+inertias that couple them to the joint, has a quarter of the variance of the joint's torque noise. A wrist's small
+inertia permits a band several times that of a base.
 """
 
 from __future__ import annotations
@@ -18,30 +17,19 @@ from numpy.typing import NDArray
 from runtime.documents.parts import BandEntry
 from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator, welch
-from runtime.motion.noise import MeasuredRate, SampleNoise, judged
+from runtime.motion.noise import MeasuredRate, SampleNoise, judged, resolution
 from runtime.motion.settings import (
     CLOSE_CUTOFFS,
     CUTOFF_OF_SAMPLING,
     ENCODER_SHARE,
     ENOUGH_FOR_NOISE,
-    EXCITATION_CAUTION,
-    EXCITATION_WINDOW_S,
     HIGHEST_CUTOFF,
-    INERTIA_GUESSED,
     INERTIA_SEEN,
+    LEAST_PERIODS,
     LINE_INSIDE,
-    LINE_TURNS,
-    LINE_WORTH,
+    LINE_SHARE,
     LOWEST_CUTOFF,
-    MOST_INERTIA_ROWS,
-    NOISE_OF_LINES,
-    SEGMENT_HALVES,
-    SLOW_FOR_LINES,
-    STEP_OF_ALL,
-    STEP_ONE,
-    STEP_QUANTILE,
-    STEP_ROUNDED,
-    STEP_SINGLE,
+    SLOW_MOTION,
     WIDE_ENOUGH,
 )
 from runtime.motion.spectra import lines
@@ -52,8 +40,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LineAbove:
-    """A line of a joint's (0-based) torque over the motor's angle: order, periods a revolution; Hz at the middle
-    speed of the motor; RMS, N m (N)."""
+    """A line of a joint's (0-based) torque over the motor's angle, above the band.
+
+    order      periods a revolution
+    frequency  Hz, at the motor's middle speed
+    rms        N m (N)
+    """
 
     joint: int
     order: float
@@ -63,11 +55,17 @@ class LineAbove:
 
 @dataclass(frozen=True)
 class Band:
-    """cutoffs (n,) Hz, of every joint's equation; reason, for people, of the narrowest; noise densities one-sided per
-    joint (unit²/Hz) of torque and position; resolution (n,) the positions' step, rad (m), 0 where they have none;
-    rates: what is made of measured rates, by joint; None where there are none; above: lines of the torque over the
-    motor's angle that a joint's band does not hold; held: torques at uneven instants are commands, each held until the
-    next; mistimed: the instants at which positions were read are uncertain, in every recording."""
+    """The bands of all joints' equations, and the instruments' noise from which they follow.
+
+    cutoffs           (n,) Hz
+    reason            of the narrowest, for people
+    torque_density    (n,) one-sided, unit²/Hz, of the torques' noise; position_density: of the positions'
+    resolution        (n,) rad (m), the positions' step, 0 where they have none
+    rates             how measured rates are used, by joint; None where there are none
+    above             lines of the torque over the motor's angle above a joint's band
+    held              torques at uneven instants are commands, each held until the next
+    mistimed          the instants at which positions were read are uncertain, in every recording
+    """
 
     cutoffs: Array
     reason: str
@@ -81,20 +79,16 @@ class Band:
 
     @property
     def cutoff(self) -> float:
-        """Hz, of the narrowest band, in which all joints can be read."""
+        """Hz, of the narrowest band."""
         return float(self.cutoffs.min())
 
     def document(self) -> BandEntry:
-        """As every verb has it: the narrowest cut-off and its reason, and each joint's own."""
-        return BandEntry(cutoff_hz=self.cutoff, cutoffs_hz=self.cutoffs.tolist(), reason=self.explained)
-
-    @property
-    def explained(self) -> str:
-        """The reason, and which joints are read in wider bands."""
+        """The narrowest cut-off with its reason, and each joint's own."""
         wider = sorted({float(f) for f in self.cutoffs if f > self.cutoff})
         joints = ((f, [str(i + 1) for i, own in enumerate(self.cutoffs) if own == f]) for f in wider)
         said = (f"{'joint' if len(names) == 1 else 'joints'} {', '.join(names)} up to {f:g} Hz" for f, names in joints)
-        return "; ".join([self.reason, *said])
+        reason = "; ".join([self.reason, *said])
+        return BandEntry(cutoff_hz=self.cutoff, cutoffs_hz=self.cutoffs.tolist(), reason=reason)
 
     def rate_noise(self, joint: int) -> float | None:
         """One-sided density of a joint's (0-based) measured rate, (unit/s)²/Hz; None where it is not used."""
@@ -102,154 +96,98 @@ class Band:
         return rate.density if rate is not None and rate.used else None
 
     def torque_floor(self) -> Array:
-        """Standard deviation of white torque noise inside the band, (n,)."""
+        """(n,) standard deviation of the torques' white noise in their bands."""
         return np.sqrt(self.torque_density * self.cutoffs)
 
 
-def resolution(q: Array) -> float:
-    """The step of which nearly all differences of q (N,) are multiples; 0 if there is none."""
-    steps = np.abs(np.diff(q[:ENOUGH_FOR_NOISE]))
-    steps = steps[steps > 1e-12 * (np.ptp(q) + 1e-300)]
-    if not len(steps):
-        return 0.0
-    # Printed digits round each position, hence each step by a little.
-    least = float(np.quantile(steps, STEP_QUANTILE))
-    size = float(np.median(steps[steps < STEP_ONE * least]))
-    multiples = steps / size
-    fits = np.abs(multiples - np.round(multiples)) < STEP_ROUNDED
-    return size if fits.mean() > STEP_OF_ALL and (multiples < STEP_ONE).mean() > STEP_SINGLE else 0.0
-
-
 def excitation(qdd: Array, rate: float, density: float, derivative: int) -> Array:
-    """Part (F,) of accelerations qdd (N,) that is motion, evenly from 0 to half the sampling rate (Wiener's filter);
-    the rest is white noise of this density of what they are the first or second derivative of."""
-    f, power = welch(qdd[:ENOUGH_FOR_NOISE], rate, min(len(qdd), round(EXCITATION_WINDOW_S * rate)) // 2 * 2)
-    noise = density * (2 * np.pi * f) ** (2 * derivative)
-    part = np.clip(1 - EXCITATION_CAUTION * noise / np.maximum(power, 1e-300), 0.0, 1.0)
-    return np.where(f < LOWEST_CUTOFF, 1.0, part)
+    """Wiener filter (F,), at even frequencies from 0 to half the sampling rate, of accelerations qdd (N,): the part of
+    the power that is motion.
 
-
-def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
-    """(n,) kg m² (kg), what the rigid-body torque of the user's own model asks for an acceleration, beside what it asks
-    for a posture; None where not all recordings have that torque."""
-    n = len(recordings[0].q)
-    moment, square = np.zeros(n), np.zeros(n)
-    for r in recordings:
-        if r.tau_rigid is None:
-            return None
-        clock = grid(r)
-        derive = differentiator(LOWEST_CUTOFF, 1 / clock.period)
-        for s in (s for s in clock.stretches if s.size > SEGMENT_HALVES * derive.half):
-            parts = [derive(row) for row in s.of(r.q[:, s.samples])]
-            q, qdd = (np.array([part[k] for part in parts]) for k in (0, 2))
-            moving = beyond_posture(q, qdd)
-            moment += np.sum(moving * s.of(r.tau_rigid[:, s.samples])[:, derive.half : -derive.half], axis=1)
-            square += np.sum(moving**2, axis=1)
-    inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
-    return np.maximum(inertia, 1e-12)
-
-
-def beyond_posture(q: Array, x: Array) -> Array:
-    """What of signals x (k, N) no torque of the posture q (n, N) can be: no constant, and no wave of a joint's angle or
-    of a link's, as gravity makes them."""
-    angles = np.vstack([q, np.cumsum(q, axis=0)[1:]])
-    base = np.vstack([np.ones((1, q.shape[1])), np.cos(angles), np.sin(angles)])
-    left: Array = x - np.linalg.lstsq(base.T, x.T, rcond=None)[0].T @ base
-    return left
-
-
-def coupled(D: Array, inertia: Array) -> Array:
-    """(n, n) kg m² (kg), what each joint's torque asks for each joint's acceleration, at most.
-
-    D (n, n): of the model file, NaN where that leaves it open: then as much as two bodies with these inertias may be
-    coupled. inertia (n,): as far as the file's own diagonal is believed.
+    density: of white noise, whose first or second derivative the accelerations hold. It counts twice, as its estimate
+    varies and noise that passes for load is amplified at a resonance; spectra of a second resolve the lowest cut-off.
     """
-    believed, own = np.sqrt(inertia), np.sqrt(np.abs(np.diagonal(D)))
-    # A joint that is held may be as heavy as can be.
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        most, part = np.outer(believed, believed), np.minimum(np.abs(D) / np.outer(own, own), 1.0)
-    found: Array = np.where(np.isfinite(part), part, 1.0) * most
-    return found
+    f, power = welch(qdd[:ENOUGH_FOR_NOISE], rate, min(len(qdd), round(rate)) // 2 * 2)
+    noise = density * (2 * np.pi * f) ** (2 * derivative)
+    return np.where(f < LOWEST_CUTOFF, 1.0, np.clip(1 - 2 * noise / np.maximum(power, 1e-300), 0.0, 1.0))
+
+
+# --- the choice of cut-offs ---
 
 
 def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
-    """Cut-offs for all recordings together.
-
-    inertia (n, n): what a joint's torque asks for each joint's acceleration, kg m² (kg).
-    """
+    """Cut-offs for all recordings together; inertia (n, n) kg m² (kg): of each joint's torque for each joint's
+    acceleration."""
     grids = [grid(r) for r in recordings]
-    rate = min(1 / g.spacing for g in grids)
+    noise = [SampleNoise.on(g.longest, 1 / g.period) for g in grids]
     n = len(inertia)
     torque, position, step = np.zeros(n), np.zeros(n), np.zeros(n)
-    noise = [SampleNoise.on(g.longest, 1 / g.period) for g in grids]
     for i in range(n):
         step[i] = max(resolution(r.q[i, g.longest.samples]) for r, g in zip(recordings, grids, strict=True))
         torque[i] = np.median([d.density(r.tau[i]) for r, d in zip(recordings, noise, strict=True)])
         position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
-    ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * rate)
-    band = Band(*_cut(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling), torque, position, step)
-    band = replace(band, mistimed=all(d.mistimed(r.q) for r, d in zip(recordings, noise, strict=True)))
-    band = replace(band, rates=judged(recordings, grids, band.cutoffs, position))
+    ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * min(1 / g.spacing for g in grids))
+    cutoffs, reason = _cutoffs(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling)
+    mistimed = all(d.mistimed(r.q) for r, d in zip(recordings, noise, strict=True))
+    rates = judged(recordings, grids, cutoffs, position)
+    band = Band(cutoffs, reason, torque, position_density=position, resolution=step, rates=rates, mistimed=mistimed)
     quiet = np.array([band.rate_noise(i) for i in range(n)], dtype=float)
     if np.isnan(quiet).all():
         return band
     of_rate = np.isfinite(quiet)
     densities = np.where(of_rate, 0.0, position), np.where(of_rate, quiet, 0.0)
-    cutoffs, reason = _cut(inertia, torque, *densities, ceiling)
+    cutoffs, reason = _cutoffs(inertia, torque, *densities, ceiling)
     wider = np.maximum(cutoffs, band.cutoffs)
     return replace(band, cutoffs=wider, reason=reason if wider.min() > band.cutoff else band.reason)
 
 
-def _cut(inertia: Array, torque: Array, position: Array, rate: Array, ceiling: float) -> tuple[Array, str]:
+def _cutoffs(inertia: Array, torque: Array, position: Array, rate: Array, ceiling: float) -> tuple[Array, str]:
     """The cut-offs (n,) and the reason of the narrowest.
 
-    torque, position, rate (n,): densities of noise; a joint's position or rate is what is differentiated, the other's
-    is 0. The band in which each joint's own acceleration would not rival its torque's noise is the least for all: a
-    coupling may be no more than what two inertias permit.
+    torque, position, rate (n,): densities of noise; that of a joint's position or rate is 0, as only the other is
+    differentiated. No cut-off lies below the lowest that a joint's own acceleration asks for, as couplings are known
+    only up to what two inertias permit.
     """
     alone = _balance(np.diag(np.diagonal(inertia)), torque, position, rate)
     joint = int(np.argmin(alone))
     least = float(f"{np.clip(alone[joint], LOWEST_CUTOFF, ceiling):.3g}")
     widest = min(max(least, WIDE_ENOUGH), ceiling)
     every = np.clip(np.minimum(_balance(inertia, torque, position, rate), alone), least, widest)
-    # A joint that is passive is in no fit, and needs no band of its own.
+    # A passive joint has no equation in the fit.
     cutoffs = np.array([least if silent else float(f"{f:.3g}") for f, silent in zip(every, torque == 0, strict=True)])
+    # Close cut-offs become the lower one: each further one is a further view of all recordings.
+    order = np.argsort(cutoffs)
+    lowest = cutoffs[order[0]]
+    for i in order:
+        lowest = cutoffs[i] if cutoffs[i] > CLOSE_CUTOFFS * lowest else lowest
+        cutoffs[i] = lowest
     if alone[joint] >= ceiling:
-        return _shared(cutoffs), f"the position is clean enough for the whole band up to {least:g} Hz"
+        return cutoffs, f"the position is clean enough for the whole band up to {least:g} Hz"
     if alone[joint] <= LOWEST_CUTOFF:
-        return _shared(cutoffs), f"above {least:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
+        return cutoffs, f"above {least:g} Hz the encoder of joint {joint + 1} tells nothing about the torque"
     who = f"the encoder noise of joint {joint + 1}"
-    return _shared(cutoffs), f"above {least:g} Hz {who}, as an inertial torque, would rival the torque noise"
+    return cutoffs, f"above {least:g} Hz {who}, as an inertial torque, would rival the torque noise"
 
 
 def _balance(inertia: Array, torque: Array, position: Array, rate: Array) -> Array:
-    """(n,) Hz, above which accelerations, as an inertial torque, rival the noise of a joint's own; as `_cut`.
+    """(n,) Hz, up to which the encoders' noise as an inertial torque has ENCODER_SHARE of the torque noise's variance;
+    arguments as `_cutoffs`.
 
-    One-sided white noise twice and once differentiated, up to f: (2π)⁴ f⁵/5 and (2π)² f³/3 of its density.
+    White noise of a one-sided density, twice and once differentiated, has (2π)⁴ f⁵/5 and (2π)² f³/3 of it up to f.
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         square = inertia**2
         fourth, second = square @ position * (2 * np.pi) ** 4 / 5, square @ rate * (2 * np.pi) ** 2 / 3
         share = ENCODER_SHARE * torque
-        # Stable whichever of the two is 0: f² of fourth f⁴ + second f² = share.
+        # f² of fourth f⁴ + second f² = share, stable where either is 0.
         found = np.sqrt(2 * share / (second + np.sqrt(second**2 + 4 * fourth * share)))
-    # A torque that never changes has no noise to be rivalled: the joint is passive, and left out of the fit.
+    # A torque that never changes has no noise: the joint is passive, and not fitted.
     found[(torque == 0) | np.isnan(found)] = np.inf
     return np.asarray(found)
 
 
-def _shared(cutoffs: Array) -> Array:
-    """Cut-offs (n,) of which those that are close are one, the lower: each more is a further view of all recordings."""
-    found, order = cutoffs.copy(), np.argsort(cutoffs)
-    lowest = cutoffs[order[0]]
-    for i in order:
-        lowest = cutoffs[i] if cutoffs[i] > CLOSE_CUTOFFS * lowest else lowest
-        found[i] = lowest
-    return found
-
-
 def lowered(band: Band, factor: float) -> Band | None:
-    """Narrower bands of the same recordings; None where nothing of the motion would be left in them."""
+    """Narrower bands of the same recordings; None where the lowest cut-off is reached."""
     if band.cutoff <= LOWEST_CUTOFF:
         return None
     cutoffs = np.array([float(f"{max(factor * f, LOWEST_CUTOFF):.3g}") for f in band.cutoffs])
@@ -257,64 +195,82 @@ def lowered(band: Band, factor: float) -> Band | None:
     return replace(band, cutoffs=cutoffs, reason=f"above {cutoffs.min():g} Hz {what}")
 
 
-def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
-    """(n,) kg m² (kg): the stated inertias, those excepted that are far below what the recordings show, or unknown
-    (NaN): there what they show, or if they show none the most that their torque can be for.
+# --- inertias, of the model file and of the recordings ---
 
-    One that is too large costs bandwidth and no more. What a recording shows may be too small itself, where something
-    delays or withholds a torque.
+
+def coupled(D: Array, inertia: Array) -> Array:
+    """(n, n) kg m² (kg), at most, of each joint's torque for each joint's acceleration.
+
+    D (n, n): of the model file; NaN where it is not stated, which stands for the strongest coupling of two bodies.
+    inertia (n,): the joints' own, as `believable` gives them.
     """
-    motion = _slow_motion(recordings)
-    if motion is None:
+    believed, own = np.sqrt(inertia), np.sqrt(np.abs(np.diagonal(D)))
+    # A joint that is held may have any inertia.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        most, part = np.outer(believed, believed), np.minimum(np.abs(D) / np.outer(own, own), 1.0)
+    found: Array = np.where(np.isfinite(part), part, 1.0) * most
+    return found
+
+
+def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
+    """(n,) kg m² (kg), of the rigid-body torque of the user's own model, without the torque of the posture; None where
+    a recording has no such torque."""
+    n = len(recordings[0].q)
+    moment, square = np.zeros(n), np.zeros(n)
+    for r in recordings:
+        if r.tau_rigid is None:
+            return None
+        clock = grid(r)
+        derive = differentiator(LOWEST_CUTOFF, 1 / clock.period)
+        for s in (s for s in clock.stretches if derive.fits(s.size)):
+            q, _, qdd = derive.rows(s.of(r.q[:, s.samples]))
+            # Gravity is no constant, but waves of joints' and links' angles.
+            angles = np.vstack([q, np.cumsum(q, axis=0)[1:]])
+            posture = np.vstack([np.ones((1, q.shape[1])), np.cos(angles), np.sin(angles)])
+            moving = qdd - np.linalg.lstsq(posture.T, qdd.T, rcond=None)[0].T @ posture
+            moment += np.sum(moving * s.of(r.tau_rigid[:, s.samples])[:, derive.half : -derive.half], axis=1)
+            square += np.sum(moving**2, axis=1)
+    inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
+    return np.maximum(inertia, 1e-12)
+
+
+def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
+    """(n,) kg m² (kg): the stated inertias, except those that are unknown (NaN) or less than half of the recordings'
+    own, as a guess is. These are the recordings', or where none is measurable the most that the torque permits.
+
+    An inertia that is too large only costs bandwidth; that of a recording may be too small where a torque is delayed.
+    """
+    parts = [p for r in recordings if (p := _slow_signals(r)) is not None]
+    if not parts:
         return np.where(np.isfinite(stated), stated, 1.0)
-    seen = _asked_at_all(motion)
-    _, _, qdd, tau = motion
-    with np.errstate(over="ignore"):  # a joint that is not accelerated may be as heavy as can be
+    q, qd, qdd, tau = (np.concatenate(signals, axis=1) for signals in zip(*parts, strict=True))
+    seen = np.array([asked(i, q, qd, qdd=qdd, tau=row) for i, row in enumerate(tau)])
+    with np.errstate(over="ignore"):  # a joint that is not accelerated may have any inertia
         most = np.linalg.norm(tau, axis=1) / np.maximum(np.linalg.norm(qdd, axis=1), 1e-300)
     known = np.where(np.isfinite(stated), stated, most)
-    return np.where(np.isfinite(seen) & ~(INERTIA_GUESSED * stated > seen), seen, known)
+    return np.where(np.isfinite(seen) & ~(2 * stated > seen), seen, known)
 
 
-def shown(recordings: Sequence[Recording]) -> Array:
-    """(n,) as `asked`, of every joint, below the lowest cut-off; NaN where no stretch is long enough."""
-    motion = _slow_motion(recordings)
-    return np.full(len(recordings[0].q), np.nan) if motion is None else _asked_at_all(motion)
-
-
-def _asked_at_all(motion: tuple[Array, Array, Array, Array]) -> Array:
-    q, qd, qdd, tau = motion
-    return np.array([asked(i, q, qd, qdd=qdd, tau=row) for i, row in enumerate(tau)])
-
-
-def _slow_motion(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array] | None:
-    parts = [p for r in recordings if (p := _smooth(r)) is not None]
-    if not parts:
-        return None
-    q, qd, qdd, tau = (np.concatenate(signals, axis=1) for signals in zip(*parts, strict=True))
-    return q, qd, qdd, tau
-
-
-def _smooth(recording: Recording) -> tuple[Array, Array, Array, Array] | None:
-    """q, qd, qdd, tau (n, M) below the lowest cut-off, thinned out; None if no stretch is long enough."""
+def _slow_signals(recording: Recording) -> tuple[Array, Array, Array, Array] | None:
+    """q, qd, qdd, tau (n, M) below the lowest cut-off, about 20,000 samples: an inertia is then known far better than
+    to a factor of two. None if no stretch is long enough."""
     clock = grid(recording)
     derive, stretch = differentiator(LOWEST_CUTOFF, 1 / clock.period), clock.longest
-    if stretch.size <= SEGMENT_HALVES * derive.half:
+    if not derive.fits(stretch.size):
         return None
-    window = slice(0, ENOUGH_FOR_NOISE)
-    thin = max(1, min(stretch.size, ENOUGH_FOR_NOISE) // MOST_INERTIA_ROWS)
-    position = stretch.of(recording.q[:, stretch.samples])[:, window]
-    torque = stretch.of(recording.tau[:, stretch.samples])[:, window]
-    parts = [derive(row) for row in position]
-    q, qd, qdd = (np.array([p[k][::thin] for p in parts]) for k in range(3))
-    return q, qd, qdd, np.array([derive(row)[0][::thin] for row in torque])
+    rows = 20_000
+    thin = max(1, min(stretch.size, ENOUGH_FOR_NOISE) // rows)
+    q, tau = (stretch.of(x[:, stretch.samples])[:, :ENOUGH_FOR_NOISE] for x in (recording.q, recording.tau))
+    position, rate, acceleration = (x[:, ::thin] for x in derive.rows(q))
+    return position, rate, acceleration, derive.rows(tau)[0][:, ::thin]
 
 
 def asked(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
-    """kg m² (kg), what a joint's torque tau (M,) asks for its acceleration, of all signals (n, M), beside friction,
-    gravity and what the other joints' accelerations ask; NaN where that explains too little of it to be told."""
-    turns = [f(row) for row in q for f in (np.sin, np.cos)]
+    """kg m² (kg), the inertia that a joint's torque tau (M,) shows beside friction, gravity and the other joints'
+    accelerations, of all signals (n, M); NaN where it explains too little of the torque."""
+    waves = [f(row) for row in q for f in (np.sin, np.cos)]
     others = [row for k, row in enumerate(qdd) if k != joint]
-    rest = np.array([qd[joint], np.sign(qd[joint]), np.ones(q.shape[1]), *turns, *others])
+    rest = np.array([qd[joint], np.sign(qd[joint]), np.ones(q.shape[1]), *waves, *others])
     y = np.array([qdd[joint], tau])
     beside = y - np.linalg.lstsq(rest.T, y.T, rcond=None)[0].T @ rest
     own, cross, whole = (float(a @ b) for a, b in (beside[[0, 0]], beside, beside[[1, 1]]))
@@ -323,23 +279,18 @@ def asked(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
     return cross / own
 
 
-def lines_above(recordings: Sequence[Recording], band: Band, ratios: Sequence[float]) -> list[LineAbove]:
-    """Lines of the measured torques that are above the band most of the way, the strongest first.
-
-    ratios (n,): gear ratios. The torque is taken as it is: what model and motion say of it lies below.
-    """
-    found = [line for i, ratio in enumerate(ratios) for line in _lines_of_joint(recordings, band, i, ratio)]
-    found.sort(key=lambda line: -line.rms)
-    return [line for line in found if line.rms**2 >= LINE_WORTH * found[0].rms ** 2]
+# --- lines of the torque above the band ---
 
 
 def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: Sequence[float]) -> Band:
-    """Every joint's band up to above the highest of the lines beyond it that the encoders' noise permits.
+    """Every joint's band up to the highest line above it that the encoders' noise permits; others stay in `above`.
 
-    inertia (n, n) as for `choose_band`. As an inertial torque in the raised band, that noise must be small against what
-    the joint's lines are; a line that would need more of it stays above.
+    inertia (n, n) as for `choose_band`; ratios (n,): gear ratios. As an inertial torque in the raised band, the
+    encoders' noise must be small against the joint's lines.
     """
-    above = lines_above(recordings, band, ratios)
+    above = [line for i, ratio in enumerate(ratios) for line in _lines_of_joint(recordings, band, i, ratio)]
+    above.sort(key=lambda line: -line.rms)
+    above = [line for line in above if line.rms**2 >= LINE_SHARE**2 * above[0].rms ** 2]
     highest = CUTOFF_OF_SAMPLING * min(1 / r.dt for r in recordings)
     cutoffs, reasons = band.cutoffs.copy(), []
     for joint in sorted({line.joint for line in above}):
@@ -349,7 +300,7 @@ def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: 
             cutoff = float(f"{LINE_INSIDE * line.frequency:.3g}")
             # One-sided white noise of the positions, twice differentiated, up to the cut-off.
             noise = float(np.sqrt(inertia[joint] ** 2 @ band.position_density * (2 * np.pi) ** 4 * cutoff**5 / 5))
-            if cutoff <= highest and noise < NOISE_OF_LINES * together:
+            if cutoff <= highest and noise < LINE_SHARE * together:
                 reasons.append(
                     f"the band of joint {joint + 1} is raised from {cutoffs[joint]:g} to {cutoff:g} Hz to hold a line "
                     f"of its torque that repeats {line.order:.4g} times per turn of the motor, "
@@ -362,18 +313,19 @@ def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: 
 
 
 def _lines_of_joint(recordings: Sequence[Recording], band: Band, joint: int, ratio: float) -> list[LineAbove]:
+    """Lines of the measured torque above the band; below it lies what the model explains."""
     cutoff = float(band.cutoffs[joint])
-    # A stretch of each is enough to see a line, as it is for noise.
     stretches = [(r, slice(s.start, min(s.stop, s.start + ENOUGH_FOR_NOISE))) for r in recordings for s in r.segments]
-    parts = [_along(r.q[joint, s], r.tau[joint, s], r.dt, ratio=ratio, cutoff=cutoff) for r, s in stretches]
+    parts = [_over_angle(r.q[joint, s], r.tau[joint, s], r.dt, ratio=ratio, cutoff=cutoff) for r, s in stretches]
     angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
-    use = speed > SLOW_FOR_LINES * speed.max(initial=0.0)
+    use = speed > SLOW_MOTION * speed.max(initial=0.0)
     angle, speed, torque = angle[use], speed[use], torque[use]
-    if not len(angle) or np.ptp(angle) < 2 * np.pi * LINE_TURNS:
+    # In few turns a wave over time passes for one over the angle.
+    if not len(angle) or np.ptp(angle) < 2 * np.pi * LEAST_PERIODS:
         return []
     ordered = np.sort(speed)
     middle = float(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])
-    # Above the band at the middle speed, and below what a raised band could hold.
+    # Above the band at the middle speed, and below the highest cut-off.
     span = 2 * np.pi * cutoff / middle, 2 * np.pi * CUTOFF_OF_SAMPLING / recordings[0].dt / middle
     among = max(2, round((span[1] - span[0]) * float(np.ptp(angle)) / (2 * np.pi)))
     rows = angle, torque - torque.mean(), np.ones((1, len(angle))), np.array([[1 / len(angle)]])
@@ -383,8 +335,8 @@ def _lines_of_joint(recordings: Sequence[Recording], band: Band, joint: int, rat
     ]
 
 
-def _along(q: Array, tau: Array, dt: float, ratio: float, cutoff: float) -> tuple[Array, Array, Array]:
-    """The motor's angle and speed, and the torque less its slow part, each (N,)."""
+def _over_angle(q: Array, tau: Array, dt: float, ratio: float, cutoff: float) -> tuple[Array, Array, Array]:
+    """The motor's angle and speed, and the torque without its part below the cut-off, each (N,)."""
     width = max(1, round(1 / (cutoff * dt)))
     if len(q) <= 2 * width:
         return np.empty(0), np.empty(0), np.empty(0)

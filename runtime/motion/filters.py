@@ -8,8 +8,8 @@ scipy.signal takes longer to load than most recordings take to be identified; te
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import ceil, pi
 from typing import Literal
 
@@ -19,32 +19,20 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from runtime.model.loader import Library
-from runtime.motion.settings import (
-    BAND_OF_SAMPLING,
-    BAND_STOPBAND_DB,
-    BLOCK_OF_KERNEL,
-    KAISER_BETA,
-    KAISER_TAPS,
-    KEPT_SKEWS,
-    MOST_DELAY,
-    ROWS_OVER_CUTOFF,
-    SMOOTHING_OF_SAMPLING,
-    SMOOTHING_OVER_CUTOFF,
-    SMOOTHING_STOPBAND_DB,
-    STOPBAND_OF_SAMPLING,
-    TRANSITION,
-)
+from runtime.motion.settings import MOST_DELAY, ROWS_OVER_CUTOFF, SMOOTHING_OVER_CUTOFF
 
 Array = NDArray[np.float64]
 
 
 def convolved(x: Array, kernels: Array) -> Array:
-    """(R, N − T + 1) x (N,) with kernels (R, T), N >= T: what whole kernels cover.
+    """(R, N − T + 1) x (N,) convolved with kernels (R, T), N >= T, where a whole kernel fits.
 
     Source: overlap and save, Oppenheim & Schafer, Discrete-Time Signal Processing; spectra of x are computed once.
     """
     taps, count = kernels.shape[1], len(x) - kernels.shape[1] + 1
-    size = next_fast_len(min(BLOCK_OF_KERNEL * taps, len(x)), real=True)
+    # Blocks of eight kernels cost least.
+    block = 8 * taps
+    size = next_fast_len(min(block, len(x)), real=True)
     hop = size - taps + 1
     blocks = ceil(count / hop)
     padded = np.pad(x, (0, blocks * hop + taps - 1 - len(x)))
@@ -77,21 +65,20 @@ def welch(x: Array, rate: float, segment: int, average: Literal["mean", "median"
 
 
 def kaiser_window(attenuation: float, width: float) -> tuple[int, float]:
-    """Number of taps and shape of a Kaiser window; attenuation in dB, above 50; width of the transition over half the
-    sampling rate. Source: Kaiser 1974."""
-    (least, a_tap), (flat, taper) = KAISER_TAPS, KAISER_BETA
-    return ceil((attenuation - least) / (a_tap * pi * width) + 1), taper * (attenuation - flat)
+    """Number of taps and shape beta of a Kaiser window; attenuation in dB, above 50; width of the transition over half
+    the sampling rate. Source: Kaiser 1974."""
+    return ceil((attenuation - 7.95) / (2.285 * pi * width) + 1), 0.1102 * (attenuation - 8.7)
 
 
 def windowed_sinc(taps: int, cutoff: float, beta: float) -> Array:
-    """(taps,) low-pass to `cutoff`, over half the sampling rate, one at rest, through a Kaiser window."""
+    """(taps,) low-pass of unit gain to `cutoff`, over half the sampling rate, by a Kaiser window."""
     kernel = np.sinc(cutoff * (np.arange(taps) - (taps - 1) / 2)) * np.kaiser(taps, beta)
     return np.asarray(kernel / kernel.sum())
 
 
 @dataclass(frozen=True)
 class Differentiator:
-    """FIR kernels (2 half + 1,) for position, rate and acceleration out of sampled positions."""
+    """FIR kernels (2 half + 1,) that make position, rate and acceleration of sampled positions."""
 
     position: Array
     rate: Array
@@ -99,31 +86,39 @@ class Differentiator:
 
     @property
     def half(self) -> int:
-        """Samples that it reaches to either side."""
+        """Number of samples that a kernel reaches to either side."""
         return len(self.position) // 2
 
+    def fits(self, size: int) -> bool:
+        """Whether two kernels fit into so many samples; fewer do not separate an inertia from other torques."""
+        return size > 2 * (len(self.position) - 1)
+
     def __call__(self, x: Array) -> tuple[Array, Array, Array]:
-        """x (N,) -> smoothed x, x', x'' (N − 2 half,) each: only samples that a whole kernel covers."""
-        # Together, so that the spectra of x are computed once.
+        """x (N,) -> smoothed x, x', x'' (N − 2 half,) each, where a whole kernel fits."""
         kernels = np.array([self.position, self.rate, self.acceleration])
         position, rate, acceleration = convolved(x - x[0], kernels)
         return position + x[0], rate, acceleration
 
+    def rows(self, x: Array) -> tuple[Array, Array, Array]:
+        """x (n, N) -> x, x', x'' (n, N − 2 half) of every signal."""
+        position, rate, acceleration = (np.array(part) for part in zip(*map(self, x), strict=True))
+        return position, rate, acceleration
+
 
 def differentiator(cutoff: float, rate: float) -> Differentiator:
-    """Kernels flat up to `cutoff` Hz and stopping at SMOOTHING_OVER_CUTOFF times that; `rate` in Hz.
+    """Kernels that are flat up to `cutoff` and stop at SMOOTHING_OVER_CUTOFF times it, Hz; `rate` of sampling, Hz.
 
-    The derivatives are (jω)^k times the smoothing's own response, so they agree with it at every
-    frequency; the moments are then made exact, so that constants, ramps and parabolas come out
-    exactly (a droop at DC would be read as an offset or a spring).
+    The derivatives are (jω)^k times the response of the smoothing. Their moments are then made exact: constants, ramps
+    and parabolas pass unchanged, as a droop at zero frequency would look like an offset or a spring.
 
-    Source: linear-phase differentiators by windowing, Oppenheim & Schafer, Discrete-Time Signal Processing; the
-    window and its length from ripple and transition, Kaiser 1974; moments as constraints, as in the filters of
-    Savitzky & Golay 1964.
+    Source: linear-phase differentiators by windowing, Oppenheim & Schafer, Discrete-Time Signal Processing; window and
+    length, Kaiser 1974; moments as constraints, Savitzky & Golay 1964.
     """
-    cutoff = min(cutoff, SMOOTHING_OF_SAMPLING * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
-    passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, STOPBAND_OF_SAMPLING * rate)
-    taps, beta = kaiser_window(SMOOTHING_STOPBAND_DB, (stopband - passband) / (rate / 2))
+    # The middle of the transition lies below 0.45 of the sampling rate, the stop-band below half of it.
+    cutoff = min(cutoff, 0.45 * rate / (1 + SMOOTHING_OVER_CUTOFF) * 2)
+    passband, stopband = cutoff, min(SMOOTHING_OVER_CUTOFF * cutoff, 0.499 * rate)
+    # The second derivative raises noise at three cut-offs by (2 pi f)^2; 70 dB attenuate it again.
+    taps, beta = kaiser_window(70, (stopband - passband) / (rate / 2))
     taps |= 1
     smoothing = windowed_sinc(taps, (passband + stopband) / rate, beta)
     pad, size = taps // 2, 8 * taps
@@ -157,14 +152,14 @@ class Smoother:
 
 
 def smoother(response: Array) -> Smoother:
-    """Of a response (F,) at frequencies evenly from 0 to half the sampling rate."""
+    """The smoother with a response (F,) at even frequencies from 0 to half the sampling rate."""
     kernel = np.fft.fftshift(np.fft.irfft(response))[1:]
     return Smoother(kernel * np.hanning(len(kernel)))
 
 
 @dataclass(frozen=True)
 class LowPass:
-    """Linear-phase low-pass to `cutoff` Hz with decimation by `factor`; kernel (2 half + 1,)."""
+    """Linear-phase low-pass to `cutoff` Hz with decimation by `factor`; kernel (2 half + 1,), Kaiser's beta."""
 
     cutoff: float
     rate: float
@@ -175,7 +170,7 @@ class LowPass:
 
     def __call__(self, x: Array, delay: float = 0.0) -> Array:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x `delay` samples late (|delay| < MOST_DELAY)."""
-        return self.library.decimate(self._centred if delay == 0 else self._late(delay), self.factor, x)
+        return self.library.decimate(self._taps(delay), self.factor, x)
 
     def columns(
         self,
@@ -185,12 +180,9 @@ class LowPass:
         choices: Sequence[Mapping[str, float]],
         dt: float,
     ) -> Array:
-        """(S, J, 1 + k, M) in-band columns of an effect at J joints for many choices of its shape; the rest as
-        `Library.columns`.
-
-        library   the effect's own: guesses are tried on a motion that was prepared without them
-        """
-        return library.columns_in_band(effect, signals, choices, dt=dt, kernel=self._centred, factor=self.factor)
+        """(S, J, 1 + k, M) in-band columns of an effect of `library` at J joints for many choices of its shape; the
+        rest as `Library.columns`."""
+        return library.columns_in_band(effect, signals, choices, dt=dt, kernel=self._taps(0.0), factor=self.factor)
 
     def rows(self, samples: slice, within: int, size: int) -> slice:
         """Rows, of `size`, whose centres lie within so many samples of these."""
@@ -199,46 +191,35 @@ class LowPass:
         return slice(min(max(first, 0), size), min(max(last + 1, 0), size))
 
     def response(self, samples: slice, rows: slice) -> Array:
-        """(rows, samples): what a row has of each sample."""
+        """(rows, samples): weight of each sample in each row."""
         at = np.arange(samples.start, samples.stop) - self.factor * np.arange(rows.start, rows.stop)[:, None]
         inside = (at >= 0) & (at <= 2 * self.half)
-        return np.where(inside, self._centred[np.clip(at, 0, 2 * self.half)], 0.0)
+        return np.where(inside, self._taps(0.0)[np.clip(at, 0, 2 * self.half)], 0.0)
 
-    def _kernel(self, delay: float) -> Array:
-        n = np.arange(-self.half, self.half + 1) - delay
-        inside = np.clip(1 - (n / (self.half + MOST_DELAY)) ** 2, 0, None)
-        window = np.i0(self.beta * np.sqrt(inside))
-        kernel = np.sinc(2 * self.cutoff / self.rate * n) * window
-        kernel /= kernel.sum()
-        # Cutting the kernel off moves its centre a little; a ramp must come out late by `delay` exactly.
-        tilt = window * (n - (window @ n) / window.sum())
-        return kernel - tilt * (kernel @ n) / (tilt @ n)
-
-    @cached_property
-    def _centred(self) -> Array:
-        return self._kernel(0.0)[::-1]
-
-    def _late(self, delay: float) -> Array:
-        """The taps at a delay, kept for the other joints and stretches, which are late by the same."""
-        if delay not in self._kept:
-            if len(self._kept) >= KEPT_SKEWS:
-                self._kept.clear()
-            self._kept[delay] = np.ascontiguousarray(self._kernel(delay)[::-1])
-        return self._kept[delay]
-
-    @cached_property
-    def _kept(self) -> dict[float, Array]:
-        return {}
+    def _taps(self, delay: float) -> Array:
+        return _delayed_taps(self.cutoff / self.rate, self.half, self.half + MOST_DELAY, self.beta, delay)
 
     def centres(self, size: int) -> NDArray[np.intp]:
-        """Indices of the input samples on which the outputs sit."""
+        """(M,) indices of the samples at the centres of the rows."""
         return np.arange(self.half, size - self.half, self.factor)
 
     def narrowed(self, rows: Array, cutoff: float) -> Array:
-        """In-band rows (..., M) of which only what lies below a lower cut-off is left; the ends as a `Smoother` has
-        them."""
+        """In-band rows (..., M) low-passed to a lower cut-off, Hz; the ends as a `Smoother` continues them."""
         narrow = low_pass(cutoff, self.rate / self.factor, self.library)
-        return self.library.decimate(narrow._centred, 1, _continued(rows, narrow.half))
+        return replace(narrow, factor=1)(_continued(rows, narrow.half))
+
+
+@lru_cache(maxsize=32)
+def _delayed_taps(cutoff: float, half: int, room: float, beta: float, delay: float) -> Array:
+    """(2 half + 1,) taps, in the order of the samples, of a low-pass `delay` samples late; cutoff over the rate, room:
+    half of the window."""
+    n = np.arange(-half, half + 1) - delay
+    window = np.i0(beta * np.sqrt(np.clip(1 - (n / room) ** 2, 0, None)))
+    kernel = np.sinc(2 * cutoff * n) * window
+    kernel /= kernel.sum()
+    # Truncation moves the kernel's centre a little; a ramp must come out late by `delay` exactly.
+    tilt = window * (n - (window @ n) / window.sum())
+    return np.ascontiguousarray((kernel - tilt * (kernel @ n) / (tilt @ n))[::-1])
 
 
 def _continued(x: Array, by: int) -> Array:
@@ -247,9 +228,9 @@ def _continued(x: Array, by: int) -> Array:
 
 
 def low_pass(cutoff: float, rate: float, library: Library) -> LowPass:
-    """Half power at `cutoff`, stop-band a quarter above it, decimated to just above twice that."""
-    cutoff = min(cutoff, BAND_OF_SAMPLING * rate)
-    taps, beta = kaiser_window(BAND_STOPBAND_DB, TRANSITION * cutoff / (rate / 2))
-    return LowPass(
-        cutoff, rate, max(1, int(rate / (ROWS_OVER_CUTOFF * cutoff))), half=taps // 2, beta=beta, library=library
-    )
+    """Half power at `cutoff`, stop-band (60 dB) a quarter above it, decimated to just above twice that."""
+    # With its transition the filter ends below half of the sampling rate.
+    cutoff = min(cutoff, 0.39 * rate)
+    taps, beta = kaiser_window(60, (ROWS_OVER_CUTOFF - 2) * cutoff / (rate / 2))
+    factor = max(1, int(rate / (ROWS_OVER_CUTOFF * cutoff)))
+    return LowPass(cutoff, rate, factor, half=taps // 2, beta=beta, library=library)

@@ -1,4 +1,8 @@
-"""White noise of the instruments: its density, uncertain instants, and whether a measured rate is used."""
+"""White noise of the instruments: its density, the step of an encoder, uncertain instants, and measured rates.
+
+A tachometer, or an encoder that times its own steps, is quieter than differences of positions; most rates that a
+controller logs are such differences, filtered, and late by as much. Their noise decides which rate is used.
+"""
 
 from __future__ import annotations
 
@@ -11,41 +15,52 @@ from numpy.typing import NDArray
 from runtime.motion.clock import EvenGrid, Stretch
 from runtime.motion.filters import differentiator, welch
 from runtime.motion.settings import (
-    DENSITY_SEGMENT,
     ENOUGH_FOR_NOISE,
     FOLLOWS_RATE,
     LOWEST_CUTOFF,
     RATE_BETTER,
-    RATE_DELAYED,
-    RATE_FOLLOWS,
-    RATE_OWN,
     RATE_SCALE,
-    SEGMENT_HALVES,
-    TIMING_BLOCK,
-    TIMING_BLOCKS,
-    TIMING_DIFFERENCES,
-    WHITE_FROM,
-    WHITE_TO,
+    WHITE_BAND,
 )
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 
 
-def white_density(x: Array, rate: float) -> float:
-    """One-sided density of the white noise in x, near half the sampling rate, where no joint moves.
+def _density(x: Array, rate: float) -> tuple[Array, Array]:
+    """Frequencies (F,) Hz and one-sided density (F,) of x (N,); medians over time, as shocks are no noise."""
+    return welch(x, rate, 1024, "median")
 
-    Medians over time and frequency, so that shocks and single lines do not count as noise.
+
+def white_density(x: Array, rate: float) -> float:
+    """One-sided density of the white noise in x (N,), near half the sampling rate, where no joint moves; a median over
+    frequency, as single lines are no noise."""
+    f, density = _density(x[:ENOUGH_FOR_NOISE], rate)
+    return float(np.median(density[(f > WHITE_BAND[0] * rate) & (f < WHITE_BAND[1] * rate)]))
+
+
+def resolution(q: Array) -> float:
+    """The step of an encoder, of which nearly all differences of its angles q (N,) are multiples; 0 without one.
+
+    Printed digits round each position: a tenth of a step is permitted, and one difference in twenty may be an error.
+    One in fifty must be a single step (up to the middle between one and two), or the step is a chance divisor.
     """
-    f, density = welch(x[:ENOUGH_FOR_NOISE], rate, DENSITY_SEGMENT, "median")
-    inside = (f > WHITE_FROM * rate) & (f < WHITE_TO * rate)
-    return float(np.median(density[inside]))
+    steps = np.abs(np.diff(q[:ENOUGH_FOR_NOISE]))
+    steps = steps[steps > 1e-12 * (np.ptp(q) + 1e-300)]
+    if not len(steps):
+        return 0.0
+    # The least differences of all may be errors of printing.
+    least = float(np.quantile(steps, 0.001))
+    size = float(np.median(steps[steps < 1.5 * least]))
+    multiples = steps / size
+    fits = np.abs(multiples - np.round(multiples)) < 0.1
+    return size if fits.mean() > 0.95 and (multiples < 1.5).mean() > 0.02 else 0.0
 
 
 @dataclass(frozen=True)
 class SampleNoise:
-    """How white noise of samples is measured on a grid to which they were brought: `passed` is the part of its density
-    that interpolation leaves where it is looked for."""
+    """White noise of a stretch's samples, measured on its even grid (rate in Hz); `passed` is the part of its density
+    that the interpolation leaves."""
 
     stretch: Stretch
     rate: float
@@ -53,6 +68,7 @@ class SampleNoise:
 
     @classmethod
     def on(cls, stretch: Stretch, rate: float) -> SampleNoise:
+        """For a stretch; what interpolation leaves is measured on simulated noise."""
         if stretch.places is None:
             return cls(stretch, rate, 1.0)
         samples = stretch.samples.stop - stretch.samples.start
@@ -60,30 +76,29 @@ class SampleNoise:
         return cls(stretch, rate, white_density(stretch.of(white), rate) * rate / 2)
 
     def density(self, x: Array) -> float:
-        """One-sided density of the samples' white noise in x, of the whole recording."""
+        """One-sided density of the white noise in a signal x of the whole recording."""
         return white_density(self.stretch.of(x[self.stretch.samples]), self.rate) / self.passed
 
     def mistimed(self, q: Array) -> bool:
-        """Whether the instants at which positions q (n, N) were read are uncertain: their noise follows the rate.
-
-        A position that is read at another time than its stamp says is off by the rate times that error; an encoder's
-        error is the same at all rates.
-        """
+        """Whether the instants at which positions q (n, N) were read are uncertain: their noise then follows the rate,
+        as an error of the instant times the rate. An encoder's own error is the same at all rates."""
         read = self.stretch.of(q[:, self.stretch.samples][:, :ENOUGH_FOR_NOISE])
         return float(np.median([_follows_rate(x) for x in read])) > FOLLOWS_RATE
 
 
 def _follows_rate(x: Array) -> float:
-    """Correlation over blocks of samples of the noise of positions x (N,), squared, with their squared rate."""
-    half = TIMING_DIFFERENCES // 2 + 1
-    # High differences of a motion vanish; those of white noise do not.
-    noise, rate = np.diff(x, TIMING_DIFFERENCES) ** 2, (x[2 * half :] - x[: -2 * half]) ** 2
-    count = min(len(noise), len(rate)) // TIMING_BLOCK
-    if count < TIMING_BLOCKS:
+    """Correlation over blocks of samples of the squared noise of positions x (N,) with their squared rate.
+
+    Sixth differences of a motion vanish (5 Hz at 500 samples a second leave 1e-7), those of white noise do not. A
+    block's noise is known to a fifth; fewer than ten blocks show no correlation.
+    """
+    order, block, least = 6, 64, 10
+    half = order // 2 + 1
+    noise, rate = np.diff(x, order) ** 2, (x[2 * half :] - x[: -2 * half]) ** 2
+    count = min(len(noise), len(rate)) // block
+    if count < least:
         return 0.0
-    blocks = np.array(
-        [part[: count * TIMING_BLOCK].reshape(count, TIMING_BLOCK).mean(axis=1) for part in (noise, rate)]
-    )
+    blocks = np.array([part[: count * block].reshape(count, block).mean(axis=1) for part in (noise, rate)])
     apart = blocks - blocks.mean(axis=1, keepdims=True)
     size = np.sqrt(np.sum(apart**2, axis=1))
     return float(apart[0] @ apart[1] / (size[0] * size[1])) if size.all() else 0.0
@@ -91,12 +106,12 @@ def _follows_rate(x: Array) -> float:
 
 @dataclass(frozen=True)
 class MeasuredRate:
-    """What is made of a joint's measured rate.
+    """How a joint's measured rate is used.
 
-    used     it takes the place of the derivative of the positions, and its own derivative that of the second
+    used     it replaces the derivative of the positions, and its own derivative the second one
     density  one-sided, of its white noise, (unit/s)²/Hz
     why      for people
-    wrong    it contradicts the positions: the recording should be looked at
+    wrong    it contradicts the positions: the recording should be checked
     """
 
     used: bool
@@ -108,7 +123,7 @@ class MeasuredRate:
 def judged(
     recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoffs: Array, position_density: Array
 ) -> tuple[MeasuredRate | None, ...]:
-    """By joint; None where not all recordings have a rate, or none is long enough to tell.
+    """By joint; None where a recording has no rate or all are too short to compare.
 
     cutoffs (n,) Hz up to which it is compared; position_density (n,) of the positions' noise, unit²/Hz.
     """
@@ -119,31 +134,33 @@ def judged(
 def _judged(
     joint: int, recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoff: float, density: float
 ) -> MeasuredRate | None:
-    if any(r.qd is None or np.isnan(r.qd[joint]).any() for r in recordings):
+    measured = [r.qd[joint] for r in recordings if r.qd is not None]
+    if len(measured) < len(recordings) or any(np.isnan(qd).any() for qd in measured):
         return None
-    # Scale and delay are told where the positions' noise is nothing, or it would make the rate seem too small.
-    slow = _compared(recordings, grids, joint, LOWEST_CUTOFF)
-    quick = _compared(recordings, grids, joint, cutoff)
+    # Scale and delay are fitted where the positions have no noise; it would make the rate seem too small.
+    slow, quick = (_compared(recordings, grids, joint, up_to) for up_to in (LOWEST_CUTOFF, cutoff))
     if slow is None or quick is None:
         return None
     theta = np.linalg.lstsq(slow[1].T, slow[0], rcond=None)[0]
     if not np.isfinite(theta).all():  # of positions that hardly change, a rate is any multiple
         return None
     scale, late, period = float(theta[0]), -float(theta[1] / (theta[0] or 1.0)), grids[0].period
-    own = max(_rate_density(r, g, joint) for r, g in zip(recordings, grids, strict=True))
-    between, of_position = _in_band(quick[0] - theta @ quick[1], 1 / period, cutoff, density)
+    quarter = period / 4
+    own = max(SampleNoise.on(g.longest, 1 / g.period).density(qd) for qd, g in zip(measured, grids, strict=True))
+    between, of_position = _near_cutoff(quick[0] - theta @ quick[1], 1 / period, cutoff, density)
     rate, derivative = f"qd{joint + 1}", f"the derivative of q{joint + 1}"
     left = slow[0] - theta @ slow[1]
-    if left @ left > (1 - RATE_FOLLOWS) * slow[0] @ slow[0]:
+    if left @ left > 0.5 * slow[0] @ slow[0]:
         return MeasuredRate(False, own, f"{rate} does not follow {derivative}: it is not used", wrong=True)
     if not 1 / (1 + RATE_SCALE) < scale < 1 + RATE_SCALE:
         why = f"{rate} is {scale:.3g} times {derivative}: is its unit right? It is not used"
         return MeasuredRate(False, own, why, wrong=True)
     if own > RATE_BETTER * of_position:
         return MeasuredRate(False, own, f"{rate} is no quieter than {derivative}: not used")
-    if abs(late) > RATE_DELAYED * period:
+    # A difference to the reading before is half a period late.
+    if abs(late) > quarter:
         return MeasuredRate(False, own, f"{rate} is {late:.2g} s later than {derivative}, as if filtered: not used")
-    if between < RATE_OWN * of_position:
+    if between < of_position / 2:
         return MeasuredRate(False, own, f"{rate} has the noise of q{joint + 1}, whose difference it is: not used")
     quieter = float(np.sqrt(of_position / own)) if own > 0 else float("inf")
     return MeasuredRate(True, own, f"{rate} is {quieter:.2g} times quieter than {derivative}: used")
@@ -157,7 +174,7 @@ def _compared(
     measured, derived = [], []
     for recording, clock in zip(recordings, grids, strict=True):
         derive, stretch = differentiator(cutoff, 1 / clock.period), clock.longest
-        if recording.qd is not None and stretch.size > SEGMENT_HALVES * derive.half:
+        if recording.qd is not None and derive.fits(stretch.size):
             rows = np.array([recording.q[joint, stretch.samples], recording.qd[joint, stretch.samples]])
             position, rate = stretch.of(rows)[:, :ENOUGH_FOR_NOISE]
             derived.append(np.array(derive(position)[1:]))
@@ -165,13 +182,10 @@ def _compared(
     return (np.concatenate(measured), np.concatenate(derived, axis=1)) if measured else None
 
 
-def _rate_density(recording: Recording, clock: EvenGrid, joint: int) -> float:
-    return 0.0 if recording.qd is None else SampleNoise.on(clock.longest, 1 / clock.period).density(recording.qd[joint])
-
-
-def _in_band(left: Array, rate: float, cutoff: float, density: float) -> tuple[float, float]:
-    """Densities near the cut-off: of what two rates differ by, and of the noise of differentiated positions."""
-    f, power = welch(left, rate, DENSITY_SEGMENT, "median")
+def _near_cutoff(left: Array, rate: float, cutoff: float, density: float) -> tuple[float, float]:
+    """Densities near the cut-off: of the difference of two rates, left (N,), and of the noise of differentiated
+    positions."""
+    f, power = _density(left, rate)
     near = (f > cutoff / 2) & (f < cutoff)
     if not near.any():
         near = np.arange(len(f)) == int(np.argmin(np.abs(f - cutoff)))

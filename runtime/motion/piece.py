@@ -1,4 +1,4 @@
-"""One stretch of a recording as a band shows it: smoothed motion at full rate, torque and regressors in the band."""
+"""One stretch of a recording in a band: smoothed motion and sensors at full rate, torque and regressors in the band."""
 
 from __future__ import annotations
 
@@ -8,25 +8,21 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from runtime.motion.band import Band
 from runtime.motion.clock import Stretch, interpolated
 from runtime.motion.filters import Differentiator, LowPass, Smoother
 from runtime.motion.rests import UnknownTorque, at_rest
-from runtime.motion.settings import BLOCK_ROWS, CLEAR_RATE, MOST_DELAY, SPLINE_DEGREE, UNTOUCHED
+from runtime.motion.settings import MOST_DELAY, SLOW_MOTION
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-_SIGNALS = ("q_link", "q_desired", "tau_link", "tau_rigid", "force")
-
-
 @dataclass(frozen=True)
 class Sensors:
-    """Measured over the samples of a piece; None where not.
+    """Signals beside motor angles and torques over the samples of a piece; None where not measured.
 
     twist         (n, N) rad, motor less link, smoothed as the position is; NaN for a joint without link-side encoder
     twist_qdd     its second derivative
@@ -34,7 +30,7 @@ class Sensors:
     tau_rigid     (n, N) N m, the rigid-body torque of the user's own model
     force         (2, N) N on the end-effector along base x and y, in space (6, N) N and N m along and about x, y and z;
                   a component that is not measured is zero
-    q_desired     (n, N) rad (m) that were demanded; NaN for a joint of which it is not known
+    q_desired     (n, N) rad (m), demanded; NaN for a joint without it
     """
 
     twist: Array | None = None
@@ -50,19 +46,19 @@ class Sensors:
         return rows is not None and not bool(np.isnan(rows[joint, 0]))
 
     def cut(self, window: slice) -> Sensors:
-        """Those within a window of the samples."""
+        """Within a window of the samples."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
         return Sensors(**{k: None if x is None else np.ascontiguousarray(x[:, window]) for k, x in parts.items()})
 
     def moved(self, q: Array, qdd: Array) -> Sensors:
-        """The same with other errors of the motors' encoders: q and qdd (n, N) are added to their angles."""
+        """With errors q and qdd (n, N) added to the motors' angles and accelerations."""
         if self.twist is None or self.twist_qdd is None:
             return self
         return replace(self, twist=self.twist + q, twist_qdd=self.twist_qdd + qdd)
 
     def aligned(self, t: Array, q: Array, qdd: Array, late: Array) -> Sensors:
-        """The same with the link-side encoders read `late` (n,) s sooner, 0 where there is none: at the instants t (N,)
-        of the motors' angles q and their accelerations qdd (n, N)."""
+        """With the link-side encoders read `late` (n,) s sooner, 0 without one, at the instants t (N,) of the motors'
+        angles q and accelerations qdd (n, N)."""
         if self.twist is None or self.twist_qdd is None or not late.any():
             return self
         from scipy.interpolate import make_interp_spline  # where it is used: it takes longer to load than a fit
@@ -81,7 +77,7 @@ NOTHING = Sensors()
 def measured_in_all(recordings: Sequence[Recording]) -> dict[str, Mask]:
     """Of each signal, (n,) whether all recordings have it, by joint (by component for the force)."""
     found = {}
-    for name in _SIGNALS:
+    for name in ("q_link", "q_desired", "tau_link", "tau_rigid", "force"):
         rows = [getattr(r, name) for r in recordings]
         none = any(x is None for x in rows)
         found[name] = np.zeros(1, dtype=bool) if none else np.all([~np.isnan(x).all(axis=1) for x in rows], axis=0)
@@ -89,7 +85,7 @@ def measured_in_all(recordings: Sequence[Recording]) -> dict[str, Mask]:
 
 
 def read_sensors(recording: Recording, stretch: Stretch, derive: Differentiator, common: Mapping[str, Mask]) -> Sensors:
-    """The signals that all recordings have, over the places that the smoothed position has."""
+    """The signals that all recordings have (`measured_in_all`), over the samples of the smoothed position."""
 
     def raw(name: str, absent: float = np.nan) -> Array | None:
         if not common[name].any():
@@ -99,13 +95,13 @@ def read_sensors(recording: Recording, stretch: Stretch, derive: Differentiator,
 
     rigid = raw("tau_rigid") if common["tau_rigid"].all() else None
     found = Sensors(None, None, raw("tau_link"), tau_rigid=rigid, force=raw("force", 0.0), q_desired=raw("q_desired"))
-    if recording.q_link is None or not common["q_link"].any():
+    linked = common["q_link"]
+    if recording.q_link is None or not linked.any():
         return found
-    between = (recording.q - recording.q_link)[common["q_link"], stretch.samples]
-    parts = [derive(row) for row in stretch.of(between)]
-    twist = np.full((len(recording.q), len(parts[0][0])), np.nan)
+    smooth, _, curved = derive.rows(stretch.of((recording.q - recording.q_link)[linked, stretch.samples]))
+    twist = np.full((len(recording.q), smooth.shape[1]), np.nan)
     curvature = twist.copy()
-    twist[common["q_link"]], curvature[common["q_link"]] = [p[0] for p in parts], [p[2] for p in parts]
+    twist[linked], curvature[linked] = smooth, curved
     return replace(found, twist=twist, twist_qdd=curvature)
 
 
@@ -113,12 +109,16 @@ def read_sensors(recording: Recording, stretch: Stretch, derive: Differentiator,
 class Piece:
     """One gap-free stretch of one recording, on the recording's even grid.
 
-    t (N,) s; q, qd, qdd, tau (n, N); slow (n, N) qdd where the motion stands out of the encoder's noise;
-    warmth (n, N) K; measured (n,) whether a temperature was; places: in periods from the first, where the samples
-    were taken from which it was interpolated; None where they are those of the grid; rate_measured: joints
-    (0-based) whose qd and qdd are those of a measured rate; began: s from the recording's start to that of the run,
-    the runs one after another; without: of every joint, what takes a torque out of its rows that nobody knows; empty:
-    every torque is known.
+    recording       its number, from 0; run: the run's number in it
+    dt              s, from sample to sample
+    t               (N,) s
+    q, qd, qdd, tau (n, N)
+    slow            (n, N) qdd where the motion exceeds the encoder's noise: `excited` smooths each joint's
+    warmth          (n, N) K, since the beginning; measured: (n,) whether a temperature was
+    rate_measured   joints (0-based) whose qd and qdd are those of a measured rate
+    places          of the samples that were interpolated, in periods from the first; None where none were
+    began           s from the recording's start to that of the run, the runs one after another
+    without         of every joint the elimination of its unknown torque; empty where every torque is known
     """
 
     recording: int
@@ -142,26 +142,26 @@ class Piece:
     without: tuple[UnknownTorque, ...] = ()
 
     def perturbed(self, band: Band, seed: int) -> Piece:
-        """The piece as its encoders might have read it another time: other places of the steps, other noise.
+        """The piece with another realisation of the encoders' errors: other offsets of the steps, other noise.
 
-        Errors of coarse steps are no white noise where the motion is slow, so the steps themselves are taken again.
+        Errors of coarse steps are not white where the motion is slow, hence positions are rounded again.
         """
         rng = np.random.default_rng(seed)
-        noise = []
-        for q, step, density in zip(self.q, band.resolution, band.position_density, strict=True):
-            noise.append(self.derive(self._misread(q, step, density, rng)))
-        parts = np.array(noise)
-        rates, accelerations = parts[:, 1].copy(), parts[:, 2].copy()
+        steps = zip(self.q, band.resolution, band.position_density, strict=True)
+        error, rates, accelerations = self.derive.rows(
+            np.array([self._reading_error(q, step, density, rng) for q, step, density in steps])
+        )
+        of_encoder = accelerations.copy()
         for i in self.rate_measured:
-            error = self._misread(self.qd[i], 0.0, band.rate_noise(i) or 0.0, rng)
-            rates[i], accelerations[i], _ = self.derive(error)
-        q, qd, qdd = self.q + parts[:, 0], self.qd + rates, self.qdd + accelerations
+            of_rate = self._reading_error(self.qd[i], 0.0, band.rate_noise(i) or 0.0, rng)
+            rates[i], accelerations[i], _ = self.derive(of_rate)
+        q, qd, qdd = self.q + error, self.qd + rates, self.qdd + accelerations
         slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
-        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(parts[:, 0], parts[:, 2]))
+        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(error, of_encoder))
 
-    def _misread(self, q: Array, step: float, density: float, rng: np.random.Generator) -> Array:
-        """(N + 2 half,) errors of another reading of q (N,) on the grid: made where the samples were taken, and
-        interpolated as those were."""
+    def _reading_error(self, q: Array, step: float, density: float, rng: np.random.Generator) -> Array:
+        """(N + 2 half,) errors of another reading of q (N,), made at the places of the samples and interpolated as
+        these were; step: the encoder's, density: one-sided, of all its noise."""
         path = np.pad(q, self.derive.half, mode="reflect", reflect_type="odd")
         on_grid = np.arange(len(path)) - self.derive.half
         if self.places is not None:
@@ -174,11 +174,17 @@ class Piece:
         return error if self.places is None else interpolated(self.places, error, on_grid)
 
     def cut(self, window: slice) -> Piece:
-        """The piece within a window of its samples."""
+        """Within a window of its samples."""
 
         def part(x: Array) -> Array:
             return np.ascontiguousarray(x[:, window])
 
+        places = self.places
+        if places is not None:
+            # Those under the kernels, and ten more, from which the ends were interpolated.
+            reach = self.derive.half + 10
+            first, last = np.searchsorted(places, (window.start - reach, window.stop + reach))
+            places = places[first:last] - window.start
         return replace(
             self,
             t=self.t[window],
@@ -189,29 +195,25 @@ class Piece:
             tau=part(self.tau),
             warmth=part(self.warmth),
             sensors=self.sensors.cut(window),
-            places=self._places_in(window),
+            places=places,
             without=tuple(each.cut(window, self.low_pass) for each in self.without),
         )
 
-    def _places_in(self, window: slice) -> Array | None:
-        """The samples that the kernels see from a window, and some beyond, from which its ends were interpolated."""
-        if self.places is None:
-            return None
-        reach = self.derive.half + 2 * SPLINE_DEGREE
-        first, last = np.searchsorted(self.places, (window.start - reach, window.stop + reach))
-        return self.places[first:last] - window.start
-
     @cached_property
     def centres(self) -> NDArray[np.intp]:
-        """(M,) samples on which the rows stand."""
+        """(M,) samples at the centres of the rows."""
         return self.low_pass.centres(len(self.t))
 
     def in_band(self, x: Array) -> Array:
         """x (..., N) -> (..., M)."""
         return self.low_pass(x)
 
+    def unknown(self, joint: int) -> UnknownTorque:
+        """The elimination of a joint's (0-based) unknown torque."""
+        return self.without[joint] if self.without else UnknownTorque.nowhere(self.low_pass, len(self.t))
+
     def equation(self, x: Array, joint: int) -> Array:
-        """In-band rows x (..., M) of a joint (0-based) less what its unknown torque could have put into them."""
+        """In-band rows x (..., M) of a joint (0-based) with its unknown torque eliminated."""
         return self.without[joint](x) if self.without else x
 
     def equations(self, x: Array, joints: Collection[int]) -> dict[int, Array]:
@@ -219,19 +221,21 @@ class Piece:
         return {i: self.equation(self.low_pass(x[i]), i) for i in joints}
 
     def equations_in_blocks(self, make: Callable[[slice], Array], joints: Collection[int]) -> dict[int, Array]:
-        """As `equations`, of what `make` gives for so many samples at a time, (n, ..., N'): what is wide at full rate
-        need not stand there whole."""
-        band, count = self.low_pass, len(self.centres)
+        """As `equations`, of signals (n, ..., N') that `make` computes for some samples at a time.
+
+        500 rows at a time: their samples fit into the processor's caches, and wide signals never fill the memory.
+        """
+        band, count, block = self.low_pass, len(self.centres), 500
         parts: dict[int, list[Array]] = {i: [] for i in joints}
-        for first in range(0, count, BLOCK_ROWS):
-            last = min(first + BLOCK_ROWS, count) - 1
+        for first in range(0, count, block):
+            last = min(first + block, count) - 1
             x = make(slice(first * band.factor, last * band.factor + 2 * band.half + 1))
             for i, rows in parts.items():
                 rows.append(band(x[i]))
         return {i: self.equation(np.concatenate(rows, axis=-1), i) for i, rows in parts.items()}
 
     def late(self, x: Array, delay: float) -> Array:
-        """In-band x (N,), `delay` samples late; by whole samples what the filter has no room for, the ends held."""
+        """In-band x (N,), `delay` samples late; whole samples for which the filter has no room by holding the ends."""
         whole = round(delay) if abs(delay) > MOST_DELAY - 0.5 else 0
         if whole:
             reach = min(abs(whole), len(x))
@@ -239,24 +243,10 @@ class Piece:
             x = np.ascontiguousarray(np.pad(x, reach, mode="edge")[first : first + len(x)])
         return self.low_pass(x, delay - whole)
 
-    def moving(self, joint: int) -> Mask:
-        """(M,) rows of a joint (0-based) of which enough is known."""
-        return self.without[joint].counts if self.without else np.ones(len(self.centres), dtype=bool)
-
-    def untouched(self, joint: int) -> Mask:
-        """(M,) rows of a joint (0-based) that no unknown torque reaches."""
-        found: Mask = self.moving(joint) & (self.without[joint].left > UNTOUCHED if self.without else True)
-        return found
-
-    def eliminated(self, joint: int) -> sparse.csr_array:
-        """(M, K) combinations of the joint's rows (0-based) that were eliminated."""
-        return self.without[joint].directions if self.without else sparse.csr_array((len(self.centres), 0))
-
     def noise_left(self, joint: int) -> Array:
-        """(M,) of the variance that white noise of a joint's torque (0-based) has in a row, the part that is left.
+        """(M,) part of the variance of white torque noise that the elimination leaves in a joint's (0-based) rows.
 
-        In the band's rows, which are closer than their noise needs, an eliminated combination held more of it than one
-        of a row.
+        Rows are closer than their noise needs, so that an eliminated combination held more of it than one of a row.
         """
         if not self.without:
             return np.ones(len(self.centres))
@@ -264,19 +254,19 @@ class Piece:
         return np.maximum(1 - denser * (1 - self.without[joint].left), 0.0)
 
     def resting(self, standstill: Array, quiet: Array, joints: Collection[int]) -> Piece:
-        """The piece with some joints (0-based) at rest below these rates (n,); quiet (n,): torque noise in the band
-        over what dry friction may come to there, 0 where that is not known."""
+        """With the torques of some joints (0-based) unknown at rates below `standstill` (n,); quiet (n,): torque noise
+        in the band over dry friction, 0 where that is not known."""
         rests = np.zeros(self.q.shape, dtype=bool)
         for i in joints:
             rests[i] = at_rest(self.qd[i], self.dt, self.low_pass.cutoff, standstill[i])
         whole = replace(self, without=()).unknown_at(rests, quiet)
         # A joint that is stopped again and again would have no rows left.
-        clear = (quiet > 0) & (standstill < CLEAR_RATE * np.max(np.abs(self.qd), axis=1, initial=0.0))
+        clear = (quiet > 0) & (standstill < SLOW_MOTION * np.max(np.abs(self.qd), axis=1, initial=0.0))
         found = zip(whole.without, clear, strict=True)
         return replace(self, without=tuple(x.resolved(self.low_pass) if c and x.too_much else x for x, c in found))
 
     def unknown_at(self, samples: Mask, quiet: Array) -> Piece:
-        """The piece with the joints' torques unknown at more samples (n, N)."""
+        """With the joints' torques unknown at more samples (n, N)."""
         there = samples | np.array([each.samples for each in self.without]) if self.without else samples
         found = (UnknownTorque.of(self.low_pass, x, level) for x, level in zip(there, quiet, strict=True))
         return replace(self, without=tuple(found))

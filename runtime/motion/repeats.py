@@ -1,4 +1,7 @@
-"""Motion that a recording repeats: what repeats in the residual too is missing physics, the rest is noise."""
+"""Motion that a recording repeats, and the noise floor: what repeats in a residual too is missing physics.
+
+Without repeats the floor follows from the spectra of the instruments' noise.
+"""
 
 from __future__ import annotations
 
@@ -15,86 +18,84 @@ from runtime.motion.settings import (
     LASTING,
     REPEAT_ALIKE,
     REPEAT_ALIKE_RATE,
-    REPEAT_LEAST_ROWS,
-    REPEAT_LEAST_S,
     REPEAT_LEAST_TRAVEL,
-    REPEAT_SEARCH_HZ,
-    REPEAT_SIGMAS,
-    REPEAT_STRETCHES,
-    REPEAT_TAPS,
     REPEAT_WINDOW_S,
-    REPEAT_WINDOWS,
 )
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
 class RepeatedRows:
-    """In-band rows `first` and `second` (indices into all rows) at which the motion was the same, but for a part of a
-    row: at `second` it was so far ahead, and is the same `late` rows, less than one, after it."""
+    """In-band rows `first` and `second` (P,), of all rows, at which the motion was the same: exactly `late` rows, less
+    than one, after `second`."""
 
-    first: NDArray[np.intp]
-    second: NDArray[np.intp]
+    first: Rows
+    second: Rows
     late: float
 
-    def again(self, x: Array) -> Array:
-        """Signals x (..., M) when the motion came back, between their rows."""
-        return np.asarray(x[..., self._between] @ self._kernel)
+    @property
+    def _taps(self) -> Rows:
+        """Four rows to either side: they interpolate up to four fifths of the rows' bandwidth."""
+        return np.arange(-4, 5)
 
-    def count(self, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Whether pairs count: all rows that are in them do."""
+    @property
+    def _between(self) -> Rows:
+        return self.second[:, None] + self._taps
+
+    def again(self, x: Array) -> Array:
+        """Signals x (..., M) when the motion came back, interpolated between their rows (..., P)."""
+        away = self._taps - self.late
+        kernel: Array = np.sinc(away) * np.cos(np.pi / 2 * away / 5) ** 2
+        return np.asarray(x[..., self._between] @ (kernel / kernel.sum()))
+
+    def count(self, use: Mask) -> Mask:
+        """(P,) pairs of which all rows count; use (M,)."""
         return np.asarray(use[self.first] & use[self._between].all(axis=-1))
 
     def inside(self, size: int) -> bool:
-        """Whether all rows that are in pairs are there, of so many."""
-        return bool(self._between[0, 0] >= 0 and self._between[-1, -1] < size)
-
-    @property
-    def _between(self) -> NDArray[np.intp]:
-        return self.second[:, None] + np.arange(-REPEAT_TAPS, REPEAT_TAPS + 1)
-
-    @property
-    def _kernel(self) -> Array:
-        away = np.arange(-REPEAT_TAPS, REPEAT_TAPS + 1) - self.late
-        kernel: Array = np.sinc(away) * np.cos(np.pi / 2 * away / (REPEAT_TAPS + 1)) ** 2
-        return kernel / kernel.sum()
+        """Whether all rows of the pairs lie among so many."""
+        between = self._between
+        return bool(between[0, 0] >= 0 and between[-1, -1] < size)
 
 
 @dataclass(frozen=True)
 class Repeats:
-    """All pairs of repeated stretches, and for how long motion was repeated, s."""
+    """All pairs of repeated windows, and for how long motion was repeated, s."""
 
     pairs: tuple[RepeatedRows, ...]
     seconds: float
 
-    def pure_error(self, residual: Array, use: NDArray[np.bool_]) -> tuple[float, float] | None:
-        """Standard deviation of what does not repeat in a residual (M,), and of what surely does; None: too few rows.
+    def pure_error(self, residual: Array, use: Mask) -> tuple[float, float] | None:
+        """Standard deviation of the part of a residual (M,) that does not repeat, and of the part that does, less two
+        standard errors; None with fewer than 100 pairs of rows, whose variance is known to a seventh.
 
-        Between two passes the repeating part cancels in the difference and remains in the mean. That mean varies by
-        chance, as its stretches show: what it may owe to that is taken off.
+        Between two passes the repeating part cancels in the difference and remains in the mean product. That mean
+        varies by chance, as the means of ten stretches show.
         """
         both = [(residual[p.first], p.again(residual), p.count(use)) for p in self.pairs]
         a = np.concatenate([x[k] for x, _, k in both]) if both else np.zeros(0)
         b = np.concatenate([y[k] for _, y, k in both]) if both else np.zeros(0)
-        if len(a) < REPEAT_LEAST_ROWS:
+        if len(a) < 100:
             return None
         noise = float(np.mean((a - b) ** 2) / 2)
-        means = [float(stretch.mean()) for stretch in np.array_split(a * b, REPEAT_STRETCHES)]
-        chance = float(np.std(means, ddof=1)) / REPEAT_STRETCHES**0.5
-        repeating = float(np.mean(a * b)) - REPEAT_SIGMAS * chance
+        means = [float(stretch.mean()) for stretch in np.array_split(a * b, 10)]
+        chance = float(np.std(means, ddof=1)) / len(means) ** 0.5
+        repeating = float(np.mean(a * b)) - 2 * chance
         return float(np.sqrt(noise)), float(np.sqrt(max(repeating, 0.0)))
 
 
 def find(motion: Motion) -> tuple[Repeats, ...]:
-    """Stretches of at least two seconds whose joint angles come back the same, later in the same piece; of every joint
-    in the rows of its equation."""
+    """By joint, in the rows of its equation: windows of two seconds whose joint angles come back later in the same
+    piece."""
     found = {joint: repeats for view in motion.views for joint, repeats in _of_view(motion, view).items()}
     return tuple(found[i] for i in range(motion.n))
 
 
 def _of_view(motion: Motion, view: BandView) -> dict[int, Repeats]:
-    """By joint of a view, the same for all."""
+    """By joint of a view, the same for all; no pairs where fewer than two windows are repeated."""
     pairs: list[RepeatedRows] = []
     start = 0
     for piece in view.pieces:
@@ -102,36 +103,33 @@ def _of_view(motion: Motion, view: BandView) -> dict[int, Repeats]:
             pairs.append(replace(p, first=start + p.first, second=start + p.second))
         start += len(piece.centres)
     rows = sum(len(p.first) for p in pairs)
-    # A window is a whole number of rows, and may be a part of one shorter than it should be.
-    enough = len(pairs) * REPEAT_WINDOW_S >= REPEAT_LEAST_S
-    found = Repeats(tuple(pairs) if enough else (), rows / motion.row_rate(view.joints[0]))
+    found = Repeats(tuple(pairs) if len(pairs) >= 2 else (), rows / motion.row_rate(view.joints[0]))
     return dict.fromkeys(view.joints, found)
 
 
 def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:
     factor = piece.low_pass.factor
-    stride = max(1, round(1 / (piece.dt * REPEAT_SEARCH_HZ * factor)))
-    # A joint that is held comes back to where its friction leaves it; that says nothing of the motion.
+    # The search sees the motion at 50 Hz, and at most 60 windows, before it aligns to the nearest row.
+    stride, windows = max(1, round(1 / (piece.dt * 50 * factor))), 60
+    # A joint that is held comes back to where its friction leaves it, whatever the motion.
     free = np.isfinite(standstill)
     q, qd, standstill = piece.q[free][:, piece.centres], piece.qd[free][:, piece.centres], standstill[free]
-    coarse = q[:, ::stride]
+    coarse, step, reach = q[:, ::stride], qd * (piece.dt * factor), np.ptp(q, axis=1)
     width = round(REPEAT_WINDOW_S / (piece.dt * factor * stride))
-    found = []
-    for begin in range(0, coarse.shape[1] - 2 * width, width * max(1, coarse.shape[1] // (width * REPEAT_WINDOWS))):
+    every = width * max(1, coarse.shape[1] // (width * windows))
+    rows = []
+    for begin in range(0, coarse.shape[1] - 2 * width, every):
         window = coarse[:, begin : begin + width]
-        if not np.any(np.ptp(window, axis=1) > REPEAT_LEAST_TRAVEL * np.ptp(q, axis=1)):
+        # A window in which no joint moves comes back everywhere.
+        if not np.any(np.ptp(window, axis=1) > REPEAT_LEAST_TRAVEL * reach):
             continue
         lag = _same_later(coarse, window, begin, width)
-        if lag is not None:
-            found.append(
-                _align(
-                    q, qd * (piece.dt * factor), begin * stride, width=width * stride, lag=lag * stride, stride=stride
-                )
-            )
-    tolerance = REPEAT_ALIKE * np.ptp(q, axis=1)
-    rows = []
-    for p in (p for p in found if p.inside(q.shape[1])):
-        alike = np.sqrt(np.mean((q[:, p.first] - p.again(q)) ** 2, axis=1)) < tolerance
+        if lag is None:
+            continue
+        p = _align(q, step, begin * stride, width=width * stride, lag=lag * stride, stride=stride)
+        if not p.inside(q.shape[1]):
+            continue
+        alike = np.sqrt(np.mean((q[:, p.first] - p.again(q)) ** 2, axis=1)) < REPEAT_ALIKE * reach
         rates = np.sqrt(np.mean((qd[:, p.first] - p.again(qd)) ** 2, axis=1))
         quick = rates < REPEAT_ALIKE_RATE * np.abs(qd).max(axis=1) + standstill
         if alike.all() and quick.all():
@@ -140,7 +138,7 @@ def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:
 
 
 def _same_later(coarse: Array, window: Array, begin: int, width: int) -> int | None:
-    """Lag in coarse samples at which the window recurs best after its own end."""
+    """Lag, in coarse samples, at which the window recurs best after its own end; None where no room is left."""
     later = coarse[:, begin + width :]
     if later.shape[1] < width:
         return None
@@ -154,7 +152,7 @@ def _same_later(coarse: Array, window: Array, begin: int, width: int) -> int | N
 
 
 def _align(q: Array, step: Array, begin: int, width: int, lag: int, stride: int) -> RepeatedRows:
-    """The window's rows and those of its recurrence; step (n, M): by how much q grows in a row."""
+    """The window's rows and those of its recurrence, a lag later; step (n, M): growth of q in a row."""
     first = np.arange(begin, begin + width)
     best, rows = np.inf, first
     for shift in range(lag - stride, lag + stride + 1):
@@ -170,12 +168,12 @@ def _align(q: Array, step: Array, begin: int, width: int, lag: int, stride: int)
 
 @dataclass(frozen=True)
 class Floor:
-    """What a perfect model would leave.
+    """The noise floor of a residual: what a perfect model would leave.
 
-    value      standard deviation of that part of the residual that no model explains; at most the residual's own
+    value      standard deviation of noise in the residual; at most the residual's own
     source     "repeats" or "spectrum"
     spectrum   the same from white torque and encoder noise alone
-    repeating  standard deviation of what comes back with the motion; None without repeats
+    repeating  standard deviation of the part that comes back with the motion; None without repeats
     """
 
     value: float
@@ -191,10 +189,8 @@ class Floor:
 
 
 def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, read: Array) -> Floor:
-    """Floor of a residual (M,) that is zero where rows do not count.
-
-    read (M,): what another reading of the encoders would change in the predicted torque.
-    """
+    """Floor of a residual (M,), zero where rows do not count; read (M,): change of the predicted torque by another
+    realisation of the encoders' errors."""
     use = motion.moving(joint)
     torque = motion.band.torque_density[joint] * motion.cutoff(joint)
     left = float(np.mean(motion.noise_left(joint)[use])) if use.any() else 1.0

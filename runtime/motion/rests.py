@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,32 +12,23 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import (
-    DENSE_DIRECTIONS,
-    FRICTION_SIGMAS,
-    LEAST_LEFT,
-    LEAST_OF_ROW,
-    RATE_BLUR,
-    RESOLVED_REST,
-    SAME_DIRECTION,
-    UNKNOWN_OVER_NOISE,
-)
+from runtime.motion.settings import DENSE_DIRECTIONS, LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
 def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:
-    """(N,) samples of a rate (N,) at steps of dt at which it rests or turns, or is about to as far as it is known.
+    """(N,) samples of a rate (N,), at steps of dt, at which a joint rests or turns: there friction holds any torque.
 
-    What rubs holds any torque below its friction at rest. A rate that its noise may have turned is below `standstill`;
-    a turn lies between two samples, and the smoothing of the rate, `cutoff` Hz, blurs when a rest began.
+    Below `standstill` the sign of a rate is chance. A turn lies between two samples, and the smoothing of the rate,
+    down by half at twice the cut-off, blurs where a rest began by 1 / (2 pi 2) of the cut-off's period.
     """
     still = np.abs(rate) < standstill
     turning = np.diff(np.sign(rate)) != 0
     still[:-1] |= turning
     still[1:] |= turning
-    reach = max(1, int(np.ceil(RATE_BLUR / (cutoff * dt))))
+    reach = max(1, int(np.ceil(0.08 / (cutoff * dt))))
     count = np.concatenate([[0], np.cumsum(still)])
     at = np.arange(len(still))
     close: Mask = count[np.minimum(at + reach + 1, len(still))] > count[np.maximum(at - reach, 0)]
@@ -46,12 +36,11 @@ def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:
 
 
 def dry_friction(q: Array, qd: Array, qdd: Array, rigid: Array, tau: Array) -> float:
-    """N m (N), as much as it may be: the jump of a torque where a joint turns, beside what is smooth in its own motion,
-    (M,) each, and what the arm's rigid bodies may ask of it, rigid (k, M): the other joints' motion asks more of a
-    heavy one.
+    """Upper bound of a joint's dry friction, N m (N): the jump of its torque where it turns, plus two standard
+    deviations, beside smooth functions of its own motion (M,) and the rigid-body regressors, rigid (k, M).
 
-    A joint that hardly runs in one direction does not tell its friction from an offset; none would be the one wrong
-    answer, as its turns would then pass for known.
+    A bound, because a joint that hardly runs in one direction does not separate friction from an offset; too much
+    costs a few rows, too little leaves an unknown torque in them.
     """
     if not len(q):
         return 0.0
@@ -61,21 +50,22 @@ def dry_friction(q: Array, qd: Array, qdd: Array, rigid: Array, tau: Array) -> f
     inverse = np.linalg.pinv(columns @ columns.T, rcond=1e-9, hermitian=True)
     found = inverse @ (columns @ tau)
     left = float(np.linalg.norm(tau - found @ columns)) / np.sqrt(len(q))
-    most = (float(found[0]) + FRICTION_SIGMAS * left * np.sqrt(max(float(inverse[0, 0]), 0.0))) / float(size[0])
+    most = (float(found[0]) + 2 * left * np.sqrt(max(float(inverse[0, 0]), 0.0))) / float(size[0])
     return max(most, 0.0)
 
 
 @dataclass(frozen=True)
 class UnknownTorque:
-    """Rows (M,) less all that a torque at some samples could have put into them, whatever it was.
+    """Projects rows (M,) onto the complement of what an unknown torque at some samples can put into them.
 
-    A torque that is unknown at some samples is so many unknowns more. The band's filter lets few of their combinations
-    through: those are eliminated, from measured torque and regressors alike, by projecting the rows on what is
-    orthogonal to them. An equation stays one, noise that was white stays white in what is left, and as the combinations
-    are signals in the band, rows stay in it.
+    The band's filter passes few combinations of these samples: they are eliminated from measured torque and regressors
+    alike. White noise stays white in what is left, and rows stay in the band.
 
-    samples (N,), quiet: as given to `of`; directions (M, K) sparse, orthonormal within every run of samples; left (M,):
-    part of each row that is left; counts (M,): rows of which that is enough.
+    samples     (N,) at which the torque is unknown
+    quiet       torque noise in the band over the largest unknown torque, 0 where that may be anything
+    directions  (M, K) sparse, orthonormal within every run of samples
+    left        (M,) part of each row that is left
+    counts      (M,) rows of which enough is left
     Source: nuisance parameters in least squares, eliminated by projection: Frisch & Waugh 1933, Econometrica 1(4).
     """
 
@@ -87,28 +77,33 @@ class UnknownTorque:
 
     @classmethod
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
-        """Of samples (N,) at which it is unknown; quiet: torque noise in the band over what it may come to, 0 where it
-        may come to anything."""
-        left, found = _eliminated(low_pass, unknown, max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
-        left = np.maximum(left, 0.0)
-        return cls(unknown, quiet, _side_by_side(found, len(left)), left, left > LEAST_OF_ROW)
+        """For a torque unknown at samples (N,); arguments as the fields."""
+        left, directions = _eliminated(low_pass, unknown, max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
+        return cls(unknown, quiet, directions, left, left > LEAST_OF_ROW)
+
+    @classmethod
+    def nowhere(cls, low_pass: LowPass, samples: int) -> UnknownTorque:
+        """For a torque that is known at all of so many samples."""
+        rows = len(low_pass.centres(samples))
+        nothing = sparse.csr_array((rows, 0))
+        return cls(np.zeros(samples, dtype=bool), 0.0, nothing, np.ones(rows), np.ones(rows, dtype=bool))
 
     @property
     def too_much(self) -> bool:
-        """Whether too little is left of the rows that no rest holds whole."""
-        return bool(self.left.sum() < LEAST_LEFT * np.count_nonzero(self.left))
+        """Whether less than half is left of the rows that do not lie inside a rest."""
+        return bool(self.left.sum() < 0.5 * np.count_nonzero(self.left))
 
     def resolved(self, low_pass: LowPass) -> UnknownTorque:
-        """The same with the torque known in rests that the band does not resolve, in which friction comes and goes
-        within a period of the cut-off."""
+        """The same with the torque known in rests shorter than a period of the cut-off, which the band does not
+        resolve."""
         lasting = np.zeros(len(self.samples), dtype=bool)
         for run in _runs(self.samples):
-            lasting[run] = run.stop - run.start > RESOLVED_REST * low_pass.rate / low_pass.cutoff
+            lasting[run] = run.stop - run.start > low_pass.rate / low_pass.cutoff
         return self.of(low_pass, lasting, self.quiet)
 
     def cut(self, window: slice, low_pass: LowPass) -> UnknownTorque:
-        """Within a window of samples: no row counts there that a run of samples at its ends reaches, as it would have
-        to be known from outside."""
+        """Within a window of samples; rows that a run at its ends reaches do not count, as samples outside the window
+        belong to the run."""
         found = self.of(low_pass, self.samples[window], self.quiet)
         counts, size = found.counts.copy(), window.stop - window.start
         for run in _runs(found.samples):
@@ -118,7 +113,7 @@ class UnknownTorque:
 
     @cached_property
     def _across(self) -> sparse.csc_array:
-        """(K, M) the directions' transpose, which takes as long to make as to multiply by."""
+        """(K, M) transpose of the directions, kept as it takes as long to make as to multiply by."""
         return self.directions.T
 
     @cached_property
@@ -128,12 +123,12 @@ class UnknownTorque:
 
     @cached_property
     def _axes(self) -> tuple[Array, Array] | None:
-        """(M, K) orthonormal axes of the directions and (K,) what is taken of each; None where these are too many to
-        stand without zeros between them."""
+        """(M, K) orthonormal axes of the directions and (K,) the part of each that is taken out; None where a dense
+        matrix of them is too large."""
         rows, count = self.directions.shape
         if rows * count > DENSE_DIRECTIONS:
             return None
-        # Of the rows that they reach: the others keep their zeros to the last bit.
+        # Only of the rows that they reach, so that the others keep their zeros to the last bit.
         reached = np.flatnonzero(np.diff(self.directions.indptr))
         inside, size, _ = np.linalg.svd(self.directions[reached].toarray(), full_matrices=False)
         axes = np.zeros((rows, len(size)))
@@ -144,21 +139,20 @@ class UnknownTorque:
         """x (..., M) -> (..., M)."""
         if not self.directions.shape[1]:
             return x
+        rows = x.reshape(-1, x.shape[-1])
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
             if self._axes is not None:
                 axes, part = self._axes
-                rows = x.reshape(-1, x.shape[-1])
                 return np.asarray(rows - ((rows @ axes) * part) @ axes.T).reshape(x.shape)
-            flat = x.reshape(-1, x.shape[-1]).T
-            left: Array = flat - self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ flat))
+            left: Array = rows.T - self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ rows.T))
         return np.ascontiguousarray(left.T).reshape(x.shape)
 
 
-def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, list[tuple[slice, Array]]]:
+def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, sparse.csr_array]:
     """(M,) part of each row that is left without what a torque of at most 1 at samples (N,) puts more than `least`
-    into, exactly 0 deep inside a rest; and by runs of samples the rows that they reach and their combinations (m, k).
+    into, exactly 0 deep inside a rest; and (M, K) those combinations of rows.
 
-    Combinations of runs that reach the same rows count twice in what is left, which may be less than nothing.
+    Combinations of runs that reach the same rows count twice, hence what is left is bounded by 0.
     """
     rows, kernel = len(low_pass.centres(len(unknown))), 2 * low_pass.half
     left = np.ones(rows)
@@ -166,7 +160,7 @@ def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, 
     found: list[tuple[slice, Array]] = []
     for run in _runs(unknown):
         if run.stop - run.start > 2 * kernel:
-            # Deep inside no kernel reaches what is known.
+            # Deep inside no kernel reaches a known sample.
             ends = slice(run.start, run.start + kernel), slice(run.stop - kernel, run.stop)
             inside = low_pass.rows(slice(run.start + low_pass.half, run.stop - low_pass.half), 0, rows)
             left[inside] = 0.0
@@ -176,35 +170,38 @@ def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, 
         for samples, among in parts:
             reached = low_pass.rows(samples, low_pass.half, rows)
             reached = slice(max(reached.start, among.start), min(reached.stop, among.stop))
-            # What a row has of a sample hangs on how far they are apart alone.
+            # A row's weight of a sample depends on their distance alone.
             apart = samples.start - low_pass.factor * reached.start
             key = (apart, samples.stop - samples.start, reached.stop - reached.start)
             if key not in alike:
                 alike[key] = _basis(low_pass.response(samples, reached), least)
             left[reached] -= (alike[key] ** 2).sum(axis=1)
             found.append((reached, alike[key]))
-    return left, found
+    return np.maximum(left, 0.0), _side_by_side(found, rows)
 
 
 def _runs(there: Mask) -> Iterator[slice]:
-    """Stretches of samples (N,) that are there."""
+    """Runs of samples (N,) that are true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]])))
     return (slice(int(start), int(stop)) for start, stop in edges.reshape(-1, 2))
 
 
-def _side_by_side(bases: Sequence[tuple[slice, Array]], rows: int) -> sparse.csr_array:
-    """(rows, K) columns of bases (m, k), each in its rows of all."""
-    at = [np.repeat(np.arange(there.start, there.stop), basis.shape[1]) for there, basis in bases]
-    ends = np.cumsum([0, *(basis.shape[1] for _, basis in bases)])
-    number = [np.tile(np.arange(*edges), len(basis)) for edges, (_, basis) in zip(pairwise(ends), bases, strict=True)]
-    values = np.concatenate([np.zeros(0), *(basis.ravel() for _, basis in bases)])
-    place = (np.concatenate([np.zeros(0, int), *at]), np.concatenate([np.zeros(0, int), *number]))
-    return sparse.csr_array((values, place), shape=(rows, int(ends[-1])))
+def _side_by_side(bases: list[tuple[slice, Array]], rows: int) -> sparse.csr_array:
+    """(rows, K) columns of bases (m, k), each in its own rows."""
+    at, number, values, count = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)], 0
+    for reached, basis in bases:
+        size, width = basis.shape
+        at.append(np.repeat(np.arange(reached.start, reached.stop), width))
+        number.append(np.tile(np.arange(count, count + width), size))
+        values.append(basis.ravel())
+        count += width
+    place = np.concatenate(at), np.concatenate(number)
+    return sparse.csr_array((np.concatenate(values), place), shape=(rows, count))
 
 
 def _basis(response: Array, least: float) -> Array:
-    """(m, k) orthonormal combinations of rows through which a torque of at most 1 at samples (n) comes to more than
-    `least`; response (m, n)."""
+    """(m, k) orthonormal combinations of rows into which a torque of at most 1 at samples (n) puts more than `least`;
+    response (m, n)."""
     power, vectors = np.linalg.eigh(response @ response.T)
     largest = np.sqrt(np.maximum(power, 0.0) * response.shape[1])
     return np.asarray(vectors[:, largest > least])

@@ -20,128 +20,119 @@ from scipy.sparse import csc_array
 
 from runtime.motion.filters import welch
 from runtime.motion.settings import (
-    ANGLE_GRID,
-    BURST_STRETCHES,
-    LEAST_OF_WAVE,
     LEAST_PERIODS,
     LINE_ABOVE_CHANCE,
-    LINE_BLURRED,
-    LINE_CHANCE,
-    LINE_COLOUR,
     LINE_STANDS_OUT,
-    LINE_WIDTH,
-    MOST_ANGLES,
-    MOST_PEAKS,
-    NAMED_PEAKS,
-    NEAR_SURROUNDINGS,
-    ORDERS_A_PERIOD,
     PEAK_CHANCE,
-    PEAK_FAR,
-    PEAK_NEAR,
-    PEAK_OVERLAP,
-    PEAK_SEGMENT,
-    RESIDUAL_SEGMENT,
     ROWS_OVER_CUTOFF,
-    SHARED_BY,
     SLOW_PART,
     WHITE_PART,
-    WIDE_SURROUNDINGS,
 )
 
 Array = NDArray[np.float64]
 
 
+# --- over time ---
+
+
 @dataclass(frozen=True)
 class SpectralLine:
-    """A frequency, Hz, and the part of the power that lies there."""
+    """A frequency, Hz, and its share of the power."""
 
     frequency: float
     share: float
 
 
 def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
-    """The strongest line of a signal (M,) sampled at `rate`, Hz, which is zero where there is none; None if none stands
-    out, also of what chance makes of few samples.
+    """The strongest line of a signal (M,), zero where no row counts, sampled at `rate`, Hz; None if chance explains it.
 
-    A frequency is held against those around it: noise is coloured, an encoder's most of all, and where it is densest
-    the largest of chances is far above all others.
+    Each frequency is compared with those around it, as noise is coloured: the logarithm of its spectrum follows a
+    cubic. Of noise one signal in a thousand passes. A Hann window spreads a line, and the trend, over three bins, and
+    makes about two frequencies one: 1 + 2 (2/3)² + 2 (1/6)² times their power.
     Source: Fisher 1929, Tests of significance in harmonic analysis, Proceedings of the Royal Society A 125.
     """
+    width, blurred, degree, once_in_a_thousand = 3, 2, 3, 6.9
     power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
     inside = int(len(power) * 2 / ROWS_OVER_CUTOFF)
-    if inside <= 2 * LINE_WIDTH or not power.any():
+    if inside <= 2 * width or not power.any():
         return None
-    even = power[:inside] / _colour(power[:inside])
-    peak = int(np.argmax(even[LINE_WIDTH:])) + LINE_WIDTH
-    line = slice(max(LINE_WIDTH, peak - LINE_WIDTH), peak + LINE_WIDTH + 1)
+    band, bins = power[:inside], np.arange(inside)
+    level = np.log(np.maximum(band, np.finfo(float).eps * band.max()))
+    even = band / np.exp(Polynomial.fit(bins, level, degree)(bins))
+    peak = int(np.argmax(even[width:])) + width
+    line = slice(max(width, peak - width), peak + width + 1)
     share = float(power[line].sum() / power.sum())
-    frequencies = max(1.0, min(np.count_nonzero(residual) / 2, inside / LINE_BLURRED))
-    chance = (np.log(inside) + LINE_CHANCE) / frequencies + 2 * LINE_WIDTH / inside
+    frequencies = max(1.0, min(np.count_nonzero(residual) / 2, inside / blurred))
+    chance = (np.log(inside) + once_in_a_thousand) / frequencies + 2 * width / inside
     if share <= LINE_STANDS_OUT or float(even[line].sum() / even.sum()) <= chance:
         return None
     return SpectralLine(float(np.fft.rfftfreq(len(residual), 1 / rate)[peak]), share)
 
 
 def density(residual: Array, rate: float) -> tuple[Array, Array]:
-    """Frequencies (F,) Hz and one-sided density (F,) of a residual (M,), as it is drawn and searched for peaks."""
-    return welch(residual, rate, max(2 * PEAK_FAR, round(PEAK_SEGMENT * rate)))
+    """Frequencies (F,) Hz and one-sided density (F,) of a residual (M,), with bins of a third of a Hz, as it is drawn
+    and searched for peaks."""
+    least = 32
+    return welch(residual, rate, max(least, round(3 * rate)))
 
 
 def peaks(residual: Array, rate: float, cutoff: float) -> list[float]:
-    """Frequencies, Hz, at which the density of a residual (M,) up to `cutoff`, Hz, stands out of the bins on both sides
-    by more than chance, the strongest first. They may hold far less power than a line.
+    """Frequencies, Hz, of the three highest peaks of a residual's density (M,) below `cutoff`, Hz, above chance, the
+    strongest first. They may hold far less power than a line.
 
+    A bin is compared with the median of those 4 to 16 bins away on either side: nearer, the Hann window spreads it,
+    and further a slope of the noise would count. Spectra of Hann windows that overlap by half have 1.8 times the
+    freedom of those side by side.
     Source: the spread of an average of spectra, Welch 1967; quantiles of chi-square, Wilson & Hilferty 1931.
     """
+    near, far = 4, 16
     f, power = density(residual, rate)
     inside = int(np.searchsorted(f, cutoff, side="right"))
-    freedom = 2 * max(1.0, PEAK_OVERLAP * np.count_nonzero(residual) / (2 * (len(f) - 1)))
+    freedom = 2 * max(1.0, 1.8 * np.count_nonzero(residual) / (2 * (len(f) - 1)))
     most = (1 - 2 / (9 * freedom) + PEAK_CHANCE * np.sqrt(2 / (9 * freedom))) ** 3
     found = []
-    for k in range(PEAK_FAR, inside):
-        around = power[k - PEAK_NEAR : k + PEAK_NEAR + 1]
-        sides = power[k - PEAK_FAR : k - PEAK_NEAR], power[k + PEAK_NEAR + 1 : min(k + PEAK_FAR + 1, inside)]
-        level = max(float(np.median(side)) for side in sides if len(side) >= PEAK_NEAR)
+    for k in range(far, inside):
+        around = power[k - near : k + near + 1]
+        sides = power[k - far : k - near], power[k + near + 1 : min(k + far + 1, inside)]
+        level = max(float(np.median(side)) for side in sides if len(side) >= near)
         if power[k] == around.max() and power[k] > most * level:
             found.append((float(power[k]), float(f[k])))
-    return [frequency for _, frequency in sorted(found, reverse=True)[:NAMED_PEAKS]]
+    return [frequency for _, frequency in sorted(found, reverse=True)[:3]]
 
 
-def _colour(power: Array) -> Array:
-    """The smooth course of a spectrum (K,), whose logarithm lines hardly move, up to a factor."""
-    level = np.log(np.maximum(power, np.finfo(float).eps * power.max()))
-    at = np.arange(len(power))
-    return np.exp(Polynomial.fit(at, level, LINE_COLOUR)(at))
+def _slow_and_white(x: Array, rate: float, cutoff: float) -> tuple[Array, Array]:
+    """Density of x (M,) in the bins of the slow part of the band, and of its upper part, which slow physics does not
+    reach."""
+    f, power = welch(x, rate, 256)
+    return power[f < SLOW_PART * cutoff], power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]
 
 
 def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff: float) -> float:
     """Density of a residual (M,) at low frequencies over that in the upper part of the band; 1 for white noise."""
-    f, power = welch(residual, rate, RESIDUAL_SEGMENT)
-    white = power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]
+    slow, white = _slow_and_white(residual, rate, cutoff)
     if not use.any() or not len(white) or np.median(white) <= 0:
         return 1.0
-    return float(power[f < SLOW_PART * cutoff].mean() / np.median(white))
+    return float(slow.mean() / np.median(white))
 
 
 def white_inside(x: Array, rate: float, cutoff: float) -> float:
-    """One-sided density of the white noise in x (M,), in the upper part of the band, which slow physics does not
-    reach; infinite where the signal is too short to tell."""
-    f, power = welch(x, rate, RESIDUAL_SEGMENT)
-    inside = power[(f > WHITE_PART[0] * cutoff) & (f < WHITE_PART[1] * cutoff)]
-    return float(np.median(inside)) if len(inside) else float("inf")
+    """One-sided density of the white noise in x (M,), from the upper part of the band; infinite where x is too
+    short."""
+    _, white = _slow_and_white(x, rate, cutoff)
+    return float(np.median(white)) if len(white) else float("inf")
 
 
 def bursts(residual: Array, use: NDArray[np.bool_], expected: Array, rate: float) -> tuple[float, NDArray[np.intp]]:
-    """How much more variance than in most stretches of a second the second worst has, and the rows (S,) at which
-    the stretches begin that are at least half as bad.
+    """Variance of the second worst stretch of a second over the median stretch's, and the first rows (S,) of the
+    stretches with at least half of it.
 
-    expected (M,): variance that noise has there, known up to a factor.
+    expected (M,): variance of noise, up to a factor.
     """
     width = max(1, round(rate))
     starts = np.arange(0, len(residual) - width + 1, width)
     counts = np.array([use[s : s + width].sum() for s in starts])
     starts = starts[counts > width / 2]
-    if len(starts) < BURST_STRETCHES:
+    if len(starts) < 3:
         return 1.0, starts[:0]
     inside = [np.arange(s, s + width)[use[s : s + width]] for s in starts]
     power = np.array([np.mean(residual[k] ** 2) / np.mean(expected[k]) for k in inside])
@@ -150,11 +141,14 @@ def bursts(residual: Array, use: NDArray[np.bool_], expected: Array, rate: float
     return worst, starts[power > 0.5 * second]
 
 
+# --- over an angle ---
+
+
 @dataclass(frozen=True)
 class AngleSpectrum:
     """Orders (K,), ascending and evenly spaced, and by how much a wave of each lowers the squared error, gain (K,).
 
-    period   order of one period over the whole stretch of the angle: finer is not resolved
+    period   order of one period over the whole range of the angle: the resolution
     """
 
     order: Array
@@ -179,14 +173,14 @@ class AngleSpectrum:
         return float(self.order[best]), float(self.gain[best])
 
     def peaks(self, span: tuple[float, float]) -> Array:
-        """Orders (P,) within a span that gain most of all near them, the strongest first."""
-        near = maximum_filter1d(self.gain, 2 * NEAR_SURROUNDINGS * ORDERS_A_PERIOD + 1)
+        """The three highest peaks' orders (P,) in a span; nearer to a stronger one a peak may be its shadow."""
+        near = maximum_filter1d(self.gain, 2 * round(2 * LEAST_PERIODS) * 4 + 1)
         inside = (self.order >= span[0]) & (self.order <= span[1])
         found = np.flatnonzero((self.gain == near) & (self.gain > 0) & inside)
-        return self.order[found[np.argsort(-self.gain[found])]][:MOST_PEAKS]
+        return self.order[found[np.argsort(-self.gain[found])]][:3]
 
     def between(self, peak: float) -> float:
-        """The order of a peak, between those of the spectrum: where a parabola through three of them has its top."""
+        """The order of a peak, interpolated by a parabola through three orders."""
         k = int(np.argmin(np.abs(self.order - peak)))
         if not 0 < k < len(self.order) - 1:
             return float(peak)
@@ -197,14 +191,16 @@ class AngleSpectrum:
 
     def level(self, order: float) -> float:
         """Mean gain of chance about an order, from a median, which lines do not move: chance has an exponential
-        distribution. Broad structure over the angle falls with the order: about a low one fewer are like it."""
-        reach = surroundings(order, self.period)
-        return float(np.median(self.gain[np.abs(self.order - order) <= reach])) / float(np.log(2))
+        distribution."""
+        near = np.abs(self.order - order) <= surroundings(order, self.period)
+        return float(np.median(self.gain[near])) / float(np.log(2))
 
 
 def surroundings(order: float, period: float) -> float:
-    """How far to either side of an order chance is looked at; period: order of one period."""
-    return period * float(np.clip(order / period / 2, NEAR_SURROUNDINGS, WIDE_SURROUNDINGS))
+    """Half width of the orders about one whose gains are compared, 8 to 40 periods (`AngleSpectrum.period`): noise is
+    even over them, but broad structure over the angle falls with the order."""
+    near, wide = 2 * LEAST_PERIODS, 10 * LEAST_PERIODS
+    return period * float(np.clip(order / period / 2, near, wide))
 
 
 def lines(
@@ -212,9 +208,9 @@ def lines(
 ) -> dict[float, float]:
     """Orders of waves over the angle that stand out of a residual, and their gains; as for `angle_spectrum`.
 
-    among   number of orders that are looked at in all: a line is more than the largest of so many chances
-    The level of chance is that of what a line leaves: where little of the motion shows it, it is broad, and hides what
-    surrounds it. At least LEAST_PERIODS of its periods must be there, in whatever pieces.
+    among   number of orders that are looked at in all: a line exceeds the largest of so many chances
+    The level of chance is measured without the line: where little of the motion shows it, it is broad and hides its
+    surroundings. A line needs LEAST_PERIODS of its periods, in any pieces.
     """
     found: dict[float, float] = {}
     period = period_of(angle)
@@ -235,8 +231,8 @@ def lines(
 
 
 def wave_beside(phase: Array, left: Array, base: Array, projection: Array) -> Array:
-    """(M,) what a wave, with the columns of the model fitted again beside it, takes of a residual; phase (M,) rad, the
-    rest as for `angle_spectrum`."""
+    """(M,) part of a residual that a wave explains, with the model's columns fitted again beside it; phase (M,) rad,
+    the rest as for `angle_spectrum`."""
     wave = np.array([np.cos(phase), np.sin(phase)])
     cross = wave @ base.T
     own = wave @ wave.T - cross @ projection @ cross.T
@@ -246,23 +242,25 @@ def wave_beside(phase: Array, left: Array, base: Array, projection: Array) -> Ar
 
 
 def period_of(angle: Array) -> float:
-    """Order of one period over a whole stretch of an angle (M,), rad."""
+    """Order of one period over the whole range of an angle (M,), rad."""
     return 2 * np.pi / max(float(np.ptp(angle)) if len(angle) else 0.0, 1e-300)
 
 
 def angle_spectrum(
     angle: Array, left: Array, base: Array, projection: Array, span: tuple[float, float]
 ) -> AngleSpectrum:
-    """What waves over an angle explain of a residual left (M,) beside a model; the rest as for `Waves.of`."""
+    """Spectrum over an angle of a residual left (M,) beside a model; the rest as for `Waves.of`."""
     return Waves.of(angle, base, projection, span).spectrum(left)
 
 
 @dataclass(frozen=True)
 class Waves:
-    """Waves over an angle beside the columns of a model.
+    """Waves over an angle beside the columns of a model, for any number of residuals.
 
-    index (K,) of their orders among the grid's; own (3, K): what the columns leave of cosine and sine, their squares
-    and between these their product; grid: None where the angle is too short for a wave
+    grid    None where the angle's range is too short for a wave
+    index   (K,) of their orders among the grid's
+    own     (3, K) squares of what the columns leave of cosine and sine, and between these their product
+    count   number of samples
     """
 
     grid: _Grid | None
@@ -274,19 +272,23 @@ class Waves:
     @classmethod
     def of(cls, angle: Array, base: Array, projection: Array, span: tuple[float, float]) -> Waves:
         """angle (M,) rad; base (B, M) the model's columns and projection (B, B) the inverse of their Gram matrix, over
-        these samples and others where no wave is looked for; span: lowest and highest order, per 2 pi of the angle.
-        Fewer orders where the angle is too long."""
+        these samples and others where no wave is looked for; span: lowest and highest order, periods per 2 pi.
+
+        The angle's grid is 1.4 rad of the highest order's phase: the amplitude of an alias is then below a hundredth,
+        (1.4 / (2 pi - 1.4))^4. A range of more than 250,000 grid steps holds lower orders only.
+        """
+        fine, most = 1.4, 250_000
         extent, period = float(np.ptp(angle)) if len(angle) else 0.0, period_of(angle)
-        low, high = max(span[0], LEAST_PERIODS * period), min(span[1], MOST_ANGLES * ANGLE_GRID / max(extent, 1e-300))
+        low, high = max(span[0], LEAST_PERIODS * period), min(span[1], most * fine / max(extent, 1e-300))
         if not low < high or not len(angle):
             return cls(None, np.empty(0, dtype=np.intp), np.empty((3, 0)), 1.0, 0)
-        grid = _Grid.of(angle, ANGLE_GRID / high)
+        grid = _Grid.of(angle, fine / high)
         index = np.arange(int(np.ceil(low / grid.step)), int(high / grid.step) + 1)
         count = len(angle)
         window = grid.doubled().sums(np.ones((1, count)), index)[0]
         own: Array = np.array([count + window.real, -window.imag, count - window.real]) / 2
         value, vector = np.linalg.eigh(projection)
-        # The projection as a square, so that what the columns take of a wave is one.
+        # The projection as a square: what the columns explain of a wave stays positive.
         cross = grid.sums((vector * np.sqrt(np.maximum(value, 0.0))).T @ base, index)
         cosine, sine = cross.real, -cross.imag
         own -= [np.einsum("rk,rk->k", x, y) for x, y in ((cosine, cosine), (cosine, sine), (sine, sine))]
@@ -301,22 +303,23 @@ class Waves:
         return replace(self, index=self.index[part], own=self.own[:, part])
 
     def spectrum(self, left: Array) -> AngleSpectrum:
-        """What they explain of a residual (M,)."""
+        """By how much they lower the squared error of a residual (M,); 0 where the model's columns make the wave
+        themselves: of half a per cent that they leave their rounding decides."""
         if self.grid is None:
             return AngleSpectrum(np.empty(0), np.empty(0), 1.0)
         moment = self.grid.sums(left[None], self.index)[0]
         cosine, sine = moment.real, -moment.imag
         determinant = self.own[0] * self.own[2] - self.own[1] ** 2
         solved = self.own[2] * cosine**2 - 2 * self.own[1] * cosine * sine + self.own[0] * sine**2
-        # Where the model's columns can make the wave themselves, nothing of it is left to be seen.
-        seen = (determinant > (LEAST_OF_WAVE * self.count) ** 2) & (self.own[0] > 0)
+        seen = (determinant > (0.005 * self.count) ** 2) & (self.own[0] > 0)
         gain = np.where(seen, solved / np.where(seen, determinant, 1.0), 0.0)
         return AngleSpectrum(np.asarray(self.index * self.grid.step, dtype=np.float64), gain, self.period)
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """An even grid of the angle: place (M,) of the samples in its steps of `spacing`; its sums are `size` long."""
+    """An even grid of the angle: place (M,) of the samples in its steps of `spacing`, rad; an FFT over it has `size`
+    places, four for each that the samples span: a line between two orders loses a twentieth of its power."""
 
     place: Array
     spacing: float
@@ -325,7 +328,7 @@ class _Grid:
     @classmethod
     def of(cls, angle: Array, spacing: float) -> _Grid:
         place = (angle - angle.min()) / spacing
-        return cls(place, spacing, next_fast_len(ORDERS_A_PERIOD * (int(place.max()) + SHARED_BY), real=True))
+        return cls(place, spacing, next_fast_len(4 * (int(place.max()) + 4), real=True))
 
     @property
     def step(self) -> float:
@@ -333,23 +336,23 @@ class _Grid:
         return 2 * np.pi / (self.size * self.spacing)
 
     def doubled(self) -> _Grid:
-        """One of twice the orders: half as wide, with room for as many steps, as most of the sums are of nothing."""
+        """A grid for twice the orders, of half the spacing; its FFT has as many places, most of them empty."""
         return _Grid(2 * self.place, self.spacing / 2, self.size)
 
     @cached_property
     def _shares(self) -> csc_array:
-        """(size, M) how every sample is shared among its SHARED_BY neighbours: by a cubic B-spline."""
+        """(size, M) share of every sample in each of its four neighbours, by a cubic B-spline."""
         at = self.place.astype(np.intp)
         x = self.place - at
         y = 1 - x
         shares = np.stack([y**3, 4 - 3 * x**2 * (1 + y), 4 - 3 * y**2 * (1 + x), x**3], axis=1) / 6
-        places = at[:, None] + np.arange(SHARED_BY)
-        return csc_array((shares.ravel(), places.ravel(), SHARED_BY * np.arange(len(at) + 1)), (self.size, len(at)))
+        places = at[:, None] + np.arange(4)
+        return csc_array((shares.ravel(), places.ravel(), 4 * np.arange(len(at) + 1)), (self.size, len(at)))
 
     def sums(self, x: Array, index: NDArray[np.intp]) -> NDArray[np.complex128]:
         """(R, K) sums of x (R, M) e^(-i order angle) at orders of the grid, the angle from its least."""
         transformed = rfft(self._shares @ x.T, axis=0)[index].T
         phase = index * (2 * np.pi / self.size)
-        # A spline stands one step behind its first share, and takes of a wave what its width does.
-        found: NDArray[np.complex128] = transformed * np.exp(1j * phase) / np.sinc(phase / (2 * np.pi)) ** SHARED_BY
+        # A spline stands one step behind its first share; its spectrum is the fourth power of a sinc.
+        found: NDArray[np.complex128] = transformed * np.exp(1j * phase) / np.sinc(phase / (2 * np.pi)) ** 4
         return found
