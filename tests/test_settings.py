@@ -36,6 +36,7 @@ ELSEWHERE = {
     "experiments/pieces.py": "motions, written down as numbers: what is chosen among them is in the settings",
     "experiments/selection.py: WIDER": "factors that stand in words beside themselves",
     "identification/covariance.py: estimate": "digits of a number on a page",
+    "inspection/signals.py: joint_entries": "a quantile that is shown and decides nothing",
     "simulation/simulate.py": "the excitation, a motion written down as numbers",
     "simulation/demo.py": "the arm, the motion and the seeds of the demo, which stand for a user's",
 }

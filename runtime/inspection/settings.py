@@ -23,14 +23,8 @@ returning joint positive, and a smaller part may be a load that another joint li
 MANY_TURNS: Final = 1.5
 """number of turns; a position over more is the motor's or in degrees; joints of arms turn little more than once."""
 
-SMALLEST_SHIFT: Final = 0.1
-"""part of a sample; a smaller delay between two signals has no effect on results; a choice."""
-
 MOVES_FROM: Final = 20.0
 """ratio of a range to its resolution or noise; below it the joint is held; a choice."""
-
-TOP_SPEED: Final = 0.999
-"""part of the samples below the top speed; the fastest ones may be noise of differentiation; a choice."""
 
 LATEST_SHIFT: Final = 0.2
 """s; a longer delay belongs to another motion; buses and filters take some ms, networks some 100 ms."""

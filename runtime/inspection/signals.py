@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
 from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, SignalEntry
-from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM, SMALLEST_SHIFT, TOP_SPEED
+from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM
 from runtime.motion.clock import EvenGrid, grid
 from runtime.motion.noise import SampleNoise, resolution
 from runtime.recordings import recording as recorded
@@ -166,7 +166,8 @@ def joint_entries(recording: Recording, names: tuple[str | None, ...]) -> list[R
                 moves=moves(q, even),
                 unit="m" if recording.types[i] == "prismatic" else "rad",
                 range=float(np.ptp(q)),
-                top_speed=float(np.quantile(np.abs(rate), TOP_SPEED)),
+                # The very fastest samples are noise of the difference.
+                top_speed=float(np.quantile(np.abs(rate), 0.999)),
                 powered=bool(np.ptp(recording.tau[i]) > 0),
             )
         )
@@ -203,7 +204,7 @@ def shift_entries(recording: Recording) -> list[ShiftEntry]:
             if rows is recording.qd:
                 q, other = q - q.mean(), cumulative_trapezoid(other, t, initial=0)
             late = _lag(t, q, other)
-            if late is not None and abs(late) > SMALLEST_SHIFT * recording.dt:
+            if late is not None and abs(late) > recording.dt / 10.0:  # less has no effect on a fit
                 found.append(ShiftEntry(signal=pattern.format(joint + 1), value=late, unit="s"))
     return found
 
