@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 def _span(regressors: Regressors, term: Term, of: str, known: Values) -> tuple[float, float]:
-    """Offset and scale by which a grid's low and high are read for this term; `known`: values chosen so far."""
+    """Offset and scale of a term's grid, whose low and high are in units of `of`; known: shape values chosen so far."""
     if of == "one":
         return 0.0, 1.0
     info, joints = regressors.model.library.effects[term.effect], joints_of(regressors.model, term)
@@ -107,8 +107,8 @@ def _breaks(regressors: Regressors) -> list[float]:
 
 
 def searchable(parameter: DescribedParameter, values: Array) -> bool:
-    """Whether there is something between the ends of an axis: not at a joint that is held, nor where a fitted inertia
-    below zero turns the scale of a stiffness over."""
+    """Whether an axis has an extent: not at a joint that is held, nor where a negative fitted inertia gives a negative
+    scale of a stiffness."""
     low, high = float(values[0]), float(values[-1])
     logarithmic = parameter.grid is not None and parameter.grid.spacing == "log"
     return bool(np.isfinite([low, high]).all()) and low < high and not (logarithmic and low <= 0)
@@ -140,10 +140,10 @@ def points(regressors: Regressors, term: Term, orders: Array | None = None) -> l
 
 
 def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
-    """Whether the shape sits at an end of what was searched, where a search proves nothing.
+    """Whether a shape is at an end of its grid, and so the bound of the search and no minimum.
 
-    Only the first that is no choice of sides counts: it places the effect; the others round it off, and an end of
-    their grid (a damping too small to matter) is as good an answer as any.
+    Only the first continuous parameter counts, which places the effect; an end of the others' grids (a damping too
+    small to matter) is a valid value.
     """
     places = (p for p in regressors.model.library.effects[term.effect].shape if p.grid and p.grid.continuous)
     parameter = next(places, None)
@@ -156,7 +156,7 @@ def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
 
 
 def within(regressors: Regressors, term: Term, shape: Values) -> bool:
-    """Whether every shape parameter lies on its grid's stretch."""
+    """Whether every shape parameter lies within its grid."""
     for parameter in regressors.model.library.effects[term.effect].shape:
         values = axis(regressors, term, parameter, shape)
         slack = 1e-9 * abs(float(values[-1] - values[0]))
@@ -192,7 +192,7 @@ class MotorAngle:
         return LEAST_PERIODS * self.period, 2 * np.pi * self.cutoff / max(slow, 1e-300)
 
     def spread(self) -> Array:
-        """Orders all over the span, where none is known; none if the span is empty."""
+        """Orders evenly over the logarithm of the span; none if it is empty."""
         low, high = self.span
         return np.geomspace(low, high, 12) if low < high else np.empty(0)
 
@@ -200,7 +200,7 @@ class MotorAngle:
         """Orders (L,) of waves over the angle that stand out of a residual, the strongest first, and the number of
         orders among which they do; left (M,), base (B, M) and projection (B, B) as for `angle_spectrum`.
 
-        A line that comes out clearer over the time, and not beside that, is none of the motor's.
+        A line that a wave over the time explains better is not the motor's.
         """
         low, high = self.span
         if not low < high:
