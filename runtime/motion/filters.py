@@ -101,7 +101,9 @@ class Differentiator:
 
     def rows(self, x: Array) -> tuple[Array, Array, Array]:
         """x (n, N) -> x, x', x'' (n, N − 2 half) of every signal."""
-        position, rate, acceleration = (np.array(part) for part in zip(*map(self, x), strict=True))
+        position, rate, acceleration = np.empty((3, len(x), x.shape[1] - 2 * self.half))
+        for k, row in enumerate(x):
+            position[k], rate[k], acceleration[k] = self(row)
         return position, rate, acceleration
 
 

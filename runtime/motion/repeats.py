@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.motion.filters import convolved
-from runtime.motion.motion import BandView, Motion
+from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.motion.settings import (
     LASTING,
@@ -89,22 +89,19 @@ class Repeats:
 
 def find(motion: Motion) -> tuple[Repeats, ...]:
     """By joint, in the rows of its equation: windows of two seconds whose joint angles come back later in the same
-    piece."""
-    found = {joint: repeats for view in motion.views for joint, repeats in _of_view(motion, view).items()}
+    piece; no pairs where fewer than two windows do."""
+    found: dict[int, Repeats] = {}
+    for view in motion.views:
+        pairs: list[RepeatedRows] = []
+        start = 0
+        for piece in view.pieces:
+            own = _in_piece(piece, motion.standstill)
+            pairs += [replace(p, first=start + p.first, second=start + p.second) for p in own]
+            start += len(piece.centres)
+        seconds = sum(len(p.first) for p in pairs) / motion.row_rate(view.joints[0])
+        repeats = Repeats(tuple(pairs) if len(pairs) >= 2 else (), seconds)
+        found |= dict.fromkeys(view.joints, repeats)
     return tuple(found[i] for i in range(motion.n))
-
-
-def _of_view(motion: Motion, view: BandView) -> dict[int, Repeats]:
-    """By joint of a view, the same for all; no pairs where fewer than two windows are repeated."""
-    pairs: list[RepeatedRows] = []
-    start = 0
-    for piece in view.pieces:
-        for p in _in_piece(piece, motion.standstill):
-            pairs.append(replace(p, first=start + p.first, second=start + p.second))
-        start += len(piece.centres)
-    rows = sum(len(p.first) for p in pairs)
-    found = Repeats(tuple(pairs) if len(pairs) >= 2 else (), rows / motion.row_rate(view.joints[0]))
-    return dict.fromkeys(view.joints, found)
 
 
 def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:

@@ -155,11 +155,6 @@ class AngleSpectrum:
     gain: Array
     period: float
 
-    @property
-    def independent(self) -> int:
-        """Number of orders that are resolved."""
-        return max(1, round((self.order[-1] - self.order[0]) / self.period)) if len(self.order) else 1
-
     def at(self, order: float) -> float:
         """The gain of the nearest order."""
         return float(self.gain[int(np.argmin(np.abs(self.order - order)))])
@@ -285,13 +280,15 @@ class Waves:
         grid = _Grid.of(angle, fine / high)
         index = np.arange(int(np.ceil(low / grid.step)), int(high / grid.step) + 1)
         count = len(angle)
-        window = grid.doubled().sums(np.ones((1, count)), index)[0]
+        # cos² = (1 + cos 2x) / 2: sums of squares are those of a wave of twice the order.
+        window = grid.doubled().sums(np.ones(count), index)
         own: Array = np.array([count + window.real, -window.imag, count - window.real]) / 2
         value, vector = np.linalg.eigh(projection)
-        # The projection as a square: what the columns explain of a wave stays positive.
-        cross = grid.sums((vector * np.sqrt(np.maximum(value, 0.0))).T @ base, index)
-        cosine, sine = cross.real, -cross.imag
-        own -= [np.einsum("rk,rk->k", x, y) for x, y in ((cosine, cosine), (cosine, sine), (sine, sine))]
+        # The projection as a square: what the columns explain of a wave stays positive. One column at a time, as
+        # transforms of all fill the memory.
+        for column in (vector * np.sqrt(np.maximum(value, 0.0))).T:
+            cross = grid.sums(column @ base, index)
+            own -= [cross.real**2, -cross.real * cross.imag, cross.imag**2]
         return cls(grid, index, own, period, count)
 
     def about(self, low: float, high: float) -> Waves:
@@ -307,7 +304,7 @@ class Waves:
         themselves: of half a per cent that they leave their rounding decides."""
         if self.grid is None:
             return AngleSpectrum(np.empty(0), np.empty(0), 1.0)
-        moment = self.grid.sums(left[None], self.index)[0]
+        moment = self.grid.sums(left, self.index)
         cosine, sine = moment.real, -moment.imag
         determinant = self.own[0] * self.own[2] - self.own[1] ** 2
         solved = self.own[2] * cosine**2 - 2 * self.own[1] * cosine * sine + self.own[0] * sine**2
@@ -350,8 +347,8 @@ class _Grid:
         return csc_array((shares.ravel(), places.ravel(), 4 * np.arange(len(at) + 1)), (self.size, len(at)))
 
     def sums(self, x: Array, index: NDArray[np.intp]) -> NDArray[np.complex128]:
-        """(R, K) sums of x (R, M) e^(-i order angle) at orders of the grid, the angle from its least."""
-        transformed = rfft(self._shares @ x.T, axis=0)[index].T
+        """(K,) sums of x (M,) e^(-i order angle) at orders of the grid, the angle from its least."""
+        transformed = rfft(self._shares @ x)[index]
         phase = index * (2 * np.pi / self.size)
         # A spline stands one step behind its first share; its spectrum is the fourth power of a sinc.
         found: NDArray[np.complex128] = transformed * np.exp(1j * phase) / np.sinc(phase / (2 * np.pi)) ** 4
