@@ -162,7 +162,7 @@ class CandidateField:
                     motion.row_piece(i),
                     weight=rows.weight,
                     eliminated=motion.eliminated(i),
-                    unaffected=rows.use[at] & motion.untouched(i),
+                    unaffected=rows.use[at] & motion.unaffected(i),
                     dependent=motion.dependent(i, use),
                 )
             )

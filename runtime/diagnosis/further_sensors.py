@@ -157,7 +157,7 @@ class FurtherSensors:
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(whole, own)[own]
         largest = float(np.quantile(np.abs(carried), LARGEST_QUANTILE))
-        use = motion.untouched(own) & (np.abs(carried) > LOADED * largest)
+        use = motion.unaffected(own) & (np.abs(carried) > LOADED * largest)
         torque = carried[use] / largest
         base = np.array([np.ones_like(torque), torque, torque**3])
         step = _beyond(base, np.sign(torque))

@@ -63,7 +63,7 @@ def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
         use, residual = motion.moving(i), fit.residual[i]
         if not use.any():
             continue
-        ar = autoregression(residual, motion.untouched(i), motion.row_piece(i))
+        ar = autoregression(residual, motion.unaffected(i), motion.row_piece(i))
         by = Whitening.of(ar, use, motion.row_piece(i), motion.eliminated(i))
         white, noise = by(np.vstack([x, residual])), by(_read(problem, fit, i, size))
         # A residual that is mere rounding weighs no more than in the fit itself.

@@ -18,7 +18,7 @@ from runtime.identification.settings import HARDLY_POSITIVE, STRUCTURE_BINS, STR
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
-from runtime.motion.band import asked
+from runtime.motion.band import apparent_inertia
 from runtime.motion.motion import Motion
 from runtime.motion.repeats import Floor, floor
 from runtime.recordings.recording import Recording
@@ -258,7 +258,7 @@ def _least_apparent(motion: Motion) -> float:
         use = motion.moving(i)
         if use.any():
             q, qd, qdd = (motion.rows(name, i)[:, use] for name in ("q", "qd", "qdd"))
-            found.append(asked(i, q, qd, qdd=qdd, tau=motion.torque(i, 0.0)[use]))
+            found.append(apparent_inertia(i, q, qd, qdd=qdd, tau=motion.torque(i, 0.0)[use]))
     return min((x for x in found if np.isfinite(x)), default=0.0)
 
 

@@ -289,7 +289,7 @@ class Problem:
                 motion.row_piece(joint),
                 weight=key[2],
                 eliminated=motion.eliminated(joint),
-                unaffected=motion.untouched(joint),
+                unaffected=motion.unaffected(joint),
                 dependent=motion.dependent(joint, use),
             )
         return self._joints[key]

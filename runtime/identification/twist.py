@@ -148,7 +148,7 @@ class TwistFit:
 
 def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
     """The twist equation of a joint (0-based); None without a link-side encoder, or where rests reach all rows."""
-    if not problem.motion.has("twist", joint) or not problem.motion.untouched(joint).any():
+    if not problem.motion.has("twist", joint) or not problem.motion.unaffected(joint).any():
         return None
     errors = _load_errors(problem, fit, joint)
     skew, equation = 0.0, _equation(problem, fit, joint, skew=0.0, errors=errors)
@@ -202,7 +202,7 @@ def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array
         np.array(bases),
         np.array(alongs),
         np.array(causes),
-        rows=JointRows(twists[0], motion.untouched(joint), stretches(motion, joint)),
+        rows=JointRows(twists[0], motion.unaffected(joint), stretches(motion, joint)),
         torque_noise=cutoff * min(inside, float(band.torque_density[joint])),
         errors=errors,
     )

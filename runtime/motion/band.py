@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from runtime.documents.parts import BandEntry
 from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator, welch
-from runtime.motion.noise import MeasuredRate, SampleNoise, judged, resolution
+from runtime.motion.noise import MeasuredRate, SampleNoise, measured_rates, resolution
 from runtime.motion.settings import (
     CLOSE_CUTOFFS,
     CUTOFF_OF_SAMPLING,
@@ -129,7 +129,7 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * min(1 / g.spacing for g in grids))
     cutoffs, reason = _cutoffs(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling)
     mistimed = all(d.mistimed(r.q) for r, d in zip(recordings, noise, strict=True))
-    rates = judged(recordings, grids, cutoffs, position)
+    rates = measured_rates(recordings, grids, cutoffs, position)
     band = Band(cutoffs, reason, torque, position_density=position, resolution=step, rates=rates, mistimed=mistimed)
     quiet = np.array([band.rate_noise(i) for i in range(n)], dtype=float)
     if np.isnan(quiet).all():
@@ -244,7 +244,7 @@ def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
     if not parts:
         return np.where(np.isfinite(stated), stated, 1.0)
     q, qd, qdd, tau = (np.concatenate(signals, axis=1) for signals in zip(*parts, strict=True))
-    seen = np.array([asked(i, q, qd, qdd=qdd, tau=row) for i, row in enumerate(tau)])
+    seen = np.array([apparent_inertia(i, q, qd, qdd=qdd, tau=row) for i, row in enumerate(tau)])
     with np.errstate(over="ignore"):  # a joint that is not accelerated may have any inertia
         most = np.linalg.norm(tau, axis=1) / np.maximum(np.linalg.norm(qdd, axis=1), 1e-300)
     known = np.where(np.isfinite(stated), stated, most)
@@ -265,7 +265,7 @@ def _slow_signals(recording: Recording) -> tuple[Array, Array, Array, Array] | N
     return position, rate, acceleration, derive.rows(tau)[0][:, ::thin]
 
 
-def asked(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
+def apparent_inertia(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) -> float:
     """kg m² (kg), the inertia that a joint's torque tau (M,) shows beside friction, gravity and the other joints'
     accelerations, of all signals (n, M); NaN where it explains too little of the torque."""
     waves = [f(row) for row in q for f in (np.sin, np.cos)]

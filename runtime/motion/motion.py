@@ -17,7 +17,7 @@ from runtime.motion.filters import Differentiator, LowPass, differentiator, low_
 from runtime.motion.noise import MeasuredRate
 from runtime.motion.piece import Piece, measured_in_all, read_sensors
 from runtime.motion.rests import dry_friction
-from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNTOUCHED
+from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
 from runtime.recordings.contents import unpowered
 from runtime.recordings.recording import Recording, RecordingError
 
@@ -180,9 +180,9 @@ class Motion:
         """(M,) part of each row that the elimination leaves."""
         return np.concatenate([p.unknown(joint).left for p in self.pieces_of(joint)])
 
-    def untouched(self, joint: int) -> Mask:
+    def unaffected(self, joint: int) -> Mask:
         """(M,) rows that no unknown torque reaches."""
-        found: Mask = self.moving(joint) & (self._left(joint) > UNTOUCHED)
+        found: Mask = self.moving(joint) & (self._left(joint) > UNAFFECTED)
         return found
 
     def noise_left(self, joint: int) -> Array:

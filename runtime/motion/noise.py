@@ -120,7 +120,7 @@ class MeasuredRate:
     wrong: bool = False
 
 
-def judged(
+def measured_rates(
     recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoffs: Array, position_density: Array
 ) -> tuple[MeasuredRate | None, ...]:
     """By joint; None where a recording has no rate or all are too short to compare.

@@ -109,7 +109,7 @@ SAME_DIRECTION: Final = 1e-3
 LEAST_OF_ROW: Final = 0.1
 """part of a row; one of which the elimination leaves less is not used; by construction."""
 
-UNTOUCHED: Final = 0.97
+UNAFFECTED: Final = 0.97
 """part of a row; where the elimination leaves more, no unknown torque reached it; development recordings."""
 
 DENSE_DIRECTIONS: Final = 40_000

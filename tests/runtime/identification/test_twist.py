@@ -17,7 +17,7 @@ from runtime.identification.problem import Problem
 from runtime.identification.twist import TwistFit, fit_twist
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.motion.settings import UNTOUCHED
+from runtime.motion.settings import UNAFFECTED
 from runtime.recordings.recording import Recording
 from tests.kept import kept
 from tests.plants import LINK, ROTOR
@@ -145,7 +145,7 @@ def test_rests_that_reach_every_row_leave_nothing_of_the_twist(drive: Model) -> 
     found = kept(identify, drive, [pushed(3, Transmission(), seconds=8.0)])
     assert fit_twist(found.problem, found.fit, 0) is not None
     motion = found.motion.changed(
-        lambda p: replace(p, without=tuple(replace(w, left=np.full_like(w.left, UNTOUCHED / 2)) for w in p.without))
+        lambda p: replace(p, without=tuple(replace(w, left=np.full_like(w.left, UNAFFECTED / 2)) for w in p.without))
     )
     assert motion.moving(0).any()
     layout, prediction = found.problem.layout, found.problem.regressors.prediction

@@ -171,7 +171,9 @@ def test_a_rate_beside_a_joint_that_does_not_move_is_left_alone() -> None:
     meant = recorded(4e-3 * K, 0)
     both = {name: np.array([meant[name]] * 2) for name in ("tau1", "qd1")}
     recording = read({"q1": np.array([meant["q1"], 5e-324 * np.round(3 * NOISE)]), **both})
-    moved, still = noise.judged([recording], [clock.grid(recording)], np.full(2, LOWEST_CUTOFF), np.full(2, 1e-12))
+    moved, still = noise.measured_rates(
+        [recording], [clock.grid(recording)], np.full(2, LOWEST_CUTOFF), np.full(2, 1e-12)
+    )
     assert moved is not None
     assert still is None
 
