@@ -1,1 +1,1 @@
-"""Recordings as the model sees them: band, derivatives, repeats, noise floor."""
+"""A recording becomes a motion: one even grid, a band a joint, filters, derivatives, repeats, noise floor."""

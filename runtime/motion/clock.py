@@ -102,7 +102,9 @@ def grid(recording: Recording) -> EvenGrid:
     counts = [_counts(t, period) for t in stamps]
     places: Sequence[Array | Counts] = counts
     if _counted(recording, period, counts):
-        period = _fitted(stamps, counts)
+        # The slope of stamps over counts of all stretches.
+        moment = sum(float((n - n.mean()) @ (t - t.mean())) for t, n in zip(stamps, counts, strict=True))
+        period = moment / sum(float(np.sum((n - n.mean()) ** 2)) for n in counts)
     else:
         period = mean
         places = [(t - t[0]) / period for t in stamps]
@@ -158,12 +160,6 @@ def _counts(t: Array, period: float) -> Counts:
     lost = np.round(earliest - phase).astype(np.intp)
     lost = np.minimum.accumulate(lost[::-1])[::-1]
     return np.arange(len(t)) + lost - lost[0]
-
-
-def _fitted(stamps: Sequence[Array], counts: Sequence[Counts]) -> float:
-    """The period common to stamps and counts of all stretches, s, by least squares."""
-    moment = sum(float((n - n.mean()) @ (t - t.mean())) for t, n in zip(stamps, counts, strict=True))
-    return moment / sum(float(np.sum((n - n.mean()) ** 2)) for n in counts)
 
 
 def _counted(recording: Recording, period: float, counts: Sequence[Counts]) -> bool:

@@ -393,13 +393,10 @@ def _dry_friction(motion: Motion, model: Model) -> Array:
     found = []
     for i in range(motion.n):
         q, qd, qdd = (motion.rows(name, i) for name in ("q", "qd", "qdd"))
-        rigid = _rigid_given(motion, i) if motion.rigid_given else model.regressor(q, qd, qdd)[i]
+        # The rigid-body torque of the user's own model, where every recording has it.
+        given = [(p.sensors.tau_rigid, p.centres) for p in motion.pieces_of(i)]
+        own = [x[None, i, at] for x, at in given if x is not None]
+        rigid = np.concatenate(own, axis=1) if motion.rigid_given else model.regressor(q, qd, qdd)[i]
         use, tau = motion.moving(i), motion.recorded(i, 0.0)
         found.append(dry_friction(q[i, use], qd[i, use], qdd[i, use], rigid=rigid[:, use], tau=tau[use]))
     return np.array(found)
-
-
-def _rigid_given(motion: Motion, joint: int) -> Array:
-    """(1, M) the rigid-body torque of the user's own model at a joint (0-based)."""
-    given = [(p.sensors.tau_rigid, p.centres) for p in motion.pieces_of(joint)]
-    return np.concatenate([x[None, joint, at] for x, at in given if x is not None], axis=1)

@@ -128,10 +128,10 @@ def measured_rates(
     cutoffs (n,) Hz up to which it is compared; position_density (n,) of the positions' noise, unit²/Hz.
     """
     each = enumerate(zip(cutoffs.tolist(), position_density.tolist(), strict=True))
-    return tuple(_judged(i, recordings, grids, cutoff=cutoff, density=density) for i, (cutoff, density) in each)
+    return tuple(_measured_rate(i, recordings, grids, cutoff=cutoff, density=density) for i, (cutoff, density) in each)
 
 
-def _judged(
+def _measured_rate(
     joint: int, recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoff: float, density: float
 ) -> MeasuredRate | None:
     measured = [r.qd[joint] for r in recordings if r.qd is not None]
