@@ -13,11 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from runtime.diagnosis.candidates import CandidateField
-from runtime.diagnosis.diagnose import Diagnosis, begin, diagnose
-from runtime.diagnosis.gates import rank
+from runtime.diagnosis.candidates import FittedBase
 from runtime.diagnosis.grammar_search import Draft, Wider
-from runtime.diagnosis.search import Search
+from runtime.diagnosis.ranking import rank
+from runtime.diagnosis.stages import begin, diagnose, follow
+from runtime.diagnosis.steps import Trail
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.fit_warnings import Suspicion, suspicions
 from runtime.identification.compare import Comparison, compare
 from runtime.identification.identify import Identification, identify
@@ -25,6 +26,7 @@ from runtime.loop.improve import propose
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
+from runtime.report.reasons import closed_gates
 from runtime.workspace.source import CompiledArm, Source
 from tests import plants, spatial_wrist, wrist
 from tests.judge import bodies
@@ -119,16 +121,13 @@ def diagnosed(name: str) -> Diagnosis:
     return kept(diagnose, model(ENTRIES[name].arm), [recording(name)])
 
 
-def searched(name: str) -> Search:
+def searched(name: str) -> Trail:
     """The findings one after another, before any is looked at anew in the light of the others."""
     return kept(advanced, model(ENTRIES[name].arm), [recording(name)])
 
 
-def advanced(model: Model, recordings: Sequence[Recording]) -> Search:
-    search = begin(model, recordings)
-    while search.open and search.advance() is not None:
-        pass
-    return search
+def advanced(model: Model, recordings: Sequence[Recording]) -> Trail:
+    return follow(begin(model, recordings))
 
 
 def suspected(model: Model, recordings: Sequence[Recording]) -> tuple[Suspicion, ...]:
@@ -150,15 +149,15 @@ def doubts(model: Model, recordings: Sequence[Recording], terms: Sequence[Term])
     """What speaks against each of these candidates on the model as it is."""
     fitted = identify(model, recordings)
     floors = [float(x) for x in fitted.motion.band.torque_floor()]
-    ranked = rank(CandidateField(fitted.problem, fitted.fit), terms, floors).ranked
-    return {str(e.term): "; ".join(failed.text for failed in e.failed) for e in ranked}
+    ranked = rank(FittedBase(fitted.problem, fitted.fit), terms, floors).candidates
+    return {str(c.term): "; ".join(closed_gates(c, model)) for c in ranked}
 
 
 def gains(model: Model, recordings: Sequence[Recording]) -> dict[Term, float]:
     """By how much of the squared error each candidate lowers it."""
-    field = begin(model, recordings).ground()
-    found = {term: field.search(term) for term in field.terms()}
-    whole = field.excerpt[1].solution.sse
+    base = begin(model, recordings).last.base
+    found = {term: base.search(term) for term in base.terms()}
+    whole = base.excerpt[1].solution.sse
     return {term: candidate.gain / whole for term, candidate in found.items() if candidate is not None}
 
 
@@ -174,7 +173,7 @@ class KeptVerbs:
     """Lets `tendon diagnose` and its --draft take what they find from the bank; all else they do themselves."""
 
     def __init__(self, patch: pytest.MonkeyPatch) -> None:
-        patch.setattr("runtime.diagnosis.diagnose.diagnose", self._diagnose)
+        patch.setattr("runtime.diagnosis.stages.diagnose", self._diagnose)
         patch.setattr("runtime.loop.improve.propose", self._propose)
 
     def _diagnose(self, _: Model, recordings: Sequence[Recording], wider: Wider) -> Diagnosis:

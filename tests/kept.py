@@ -7,6 +7,7 @@ source, argument or arm is computed anew. Processes share what is kept: one comp
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import hashlib
 import io
@@ -196,5 +197,10 @@ def _forget_oldest(but: Path) -> None:
 
 
 def _stats() -> list[tuple[Path, os.stat_result]]:
+    found = []
     with os.scandir(FOLDER) as entries:
-        return [(Path(e.path), e.stat()) for e in entries if not e.name.startswith(".")]
+        for entry in (e for e in entries if not e.name.startswith(".")):
+            # Another process may have removed it since.
+            with contextlib.suppress(FileNotFoundError):
+                found.append((Path(entry.path), entry.stat()))
+    return found

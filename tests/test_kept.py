@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.identification.identify import Identification, identify
 from runtime.model.loader import Model
 from tests import bank, kept, plants, sources
@@ -52,7 +52,7 @@ def test_a_changed_source_gives_a_new_key(
     del anew
     recording, code = bank.recording("clean"), sources.code
     before = key(diagnose, drive, [recording])
-    assert module in sources.reached("runtime.diagnosis.diagnose")
+    assert module in sources.reached("runtime.diagnosis.stages")
     monkeypatch.setattr(sources, "code", lambda name: code(name) + " changed" * (name == module))
     assert key(diagnose, drive, [recording]) != before
     untouched = key(plants.recording, None, 21)

@@ -23,6 +23,7 @@ COUNTED = 3
 """A whole number above it, compared or bounded with, is a threshold; up to it, it counts what is there."""
 
 ELSEWHERE = {
+    "diagnosis/gates.py": "the gates, each a limit with its unit, reason and source",
     "simulation/options.py": "what the verb is told: defaults and ranges of its options",
     "experiments/options.py": "likewise",
     "motion/filters.py: kaiser_window": "Kaiser's formulas of 1974",

@@ -25,7 +25,7 @@ from runtime.documents.diagnosis import DraftEntry
 from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
-    from runtime.diagnosis.diagnose import Diagnosis
+    from runtime.diagnosis.verdict import Diagnosis
     from runtime.report.summary import Invocation
     from runtime.workspace.source import Source
 
@@ -57,7 +57,7 @@ def diagnose(
             raise UsageError(f"{draft}: already exists and is not a draft; choose another name")
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
-    from runtime.diagnosis.diagnose import diagnose as diagnosed
+    from runtime.diagnosis.stages import diagnose as diagnosed
 
     with terminal.working("looking for missing effects"):
         result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses)
@@ -86,7 +86,7 @@ def _drafted(
     """
     from runtime import files
     from runtime.loop import improve
-    from runtime.report import drafts, terminal
+    from runtime.report import diagnosed, drafts, terminal
     from symbolic.effects.source import python_source
 
     if result.verdict != "unexplained":
@@ -102,4 +102,4 @@ def _drafted(
     files.replace(target, python_source(wider.library[found.term.effect], notes, beside).encode())
     following = drafts.next_steps(found, invocation.model, invocation.recordings, reading, target=target)
     following = [invocation.copy(), *following] if invocation.like else following
-    return {"draft": found.document().as_part_of(DraftEntry, file=str(target), next=following)}
+    return {"draft": diagnosed.drafted(found).as_part_of(DraftEntry, file=str(target), next=following)}

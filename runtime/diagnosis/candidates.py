@@ -10,12 +10,13 @@ motion and judged on the whole.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.diagnosis.gates import BIC, SHARE, Gate, GateResult, failed
 from runtime.diagnosis.settings import (
     EXCERPT_SAMPLES,
     MOST_OF_ONE,
@@ -38,25 +39,76 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A term at its best shape.
+class TwistResidual:
+    """What a link-side encoder shows of a candidate that the motor torque does not, RMS: what is unexplained of the
+    twist without and with it, and what only it explains there; unit of the joint's position."""
 
-    searched   number of shape parameters that were searched
-    gain       fall of the squared error on the excerpt
-    among      number of places, each of its own, among which its shape was chosen
+    before: float
+    after: float
+    eff: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A term at its best shape, and what the gates say of it once it was weighed.
+
+    searched    number of shape parameters that were searched      among  of places among which the shape was chosen
+    gain        fall of the squared error on the excerpt
+    edge        distance of the shape from an end of what was searched, part of the stretch
+    eff         RMS torque that only it explains, N m (N)
+    parameters  number of unknowns with it      residual  whitened, the rows of all joints that count
+    twist       set where a link-side encoder's rows were weighed in the place of the torque's: then eff is 0
+    results     of the gates, in their order; none before it was weighed
     """
 
     term: Term
     shape: Values
     searched: int
     gain: float
-    at_edge: bool
+    edge: float
     among: int = 1
+    eff: float = 0.0
+    parameters: int = 0
+    residual: Array = field(default_factory=lambda: np.zeros(0))
+    twist: TwistResidual | None = None
+    results: tuple[GateResult, ...] = ()
+
+    def value(self, gate: Gate) -> float:
+        """The statistic of a gate; NaN where it was not asked."""
+        return next((r.value for r in self.results if r.gate is gate), float("nan"))
+
+    @property
+    def delta_bic(self) -> float:
+        """Fall of BIC on whitened rows."""
+        return self.value(BIC)
+
+    @property
+    def share(self) -> float:
+        """Part of the variance above the noise floor that it explains alone."""
+        return self.value(SHARE)
+
+    @property
+    def failed(self) -> tuple[GateResult, ...]:
+        """Results of the gates that stay closed."""
+        return failed(self.results)
+
+    @property
+    def passes(self) -> bool:
+        """Whether all gates are open."""
+        return not self.failed
+
+    @property
+    def answerable(self) -> bool:
+        """Whether all that speaks against it is answered better by a recording that was not fitted, and it explains
+        half of what it must."""
+        closed = self.failed
+        return bool(closed) and all(r.gate.answerable for r in closed) and self.share > SHARE.limit / 2
 
 
 @dataclass
-class CandidateField:
-    """A fitted model as the ground on which candidates compete."""
+class FittedBase:
+    """A fitted model as the base to which candidates are added."""
 
     problem: Problem
     fit: Fit
@@ -102,7 +154,7 @@ class CandidateField:
         return not self.regressors.signals((term.joint or 1) - 1)[0].lacks(term)
 
     @cached_property
-    def ground(self) -> LinearSystem:
+    def system(self) -> LinearSystem:
         """The fitted model's equations at all joints, each weighted by its own residual.
 
         Beside what is linear, its shapes may change to first order, and the skew and the smoothing of a load.
@@ -151,9 +203,9 @@ class CandidateField:
         """Regressors and equations on the excerpt on which shapes are searched."""
         motion, places = self.motion.excerpt(self._excerpt_samples)
         if motion is self.motion:
-            return self.regressors, self.ground
+            return self.regressors, self.system
         joints = []
-        for i, (rows, at) in enumerate(zip(self.ground.joints, places, strict=True)):
+        for i, (rows, at) in enumerate(zip(self.system.joints, places, strict=True)):
             use = rows.use[at] & motion.moving(i)
             joints.append(
                 JointRows(
@@ -167,17 +219,17 @@ class CandidateField:
                 )
             )
         regressors = Regressors(self.model, motion, self.fit.prediction, self.fit.ahead)
-        return regressors, self.ground.restricted(joints, places)
+        return regressors, self.system.restricted(joints, places)
 
     def replaced(self, term: Term) -> tuple[Term, ...]:
         """Active terms that the candidate contains as special cases."""
         generalises = self.model.library.effects[term.effect].generalises
         return tuple(t for t in self.problem.layout.terms if t.effect in generalises and t.joint == term.joint)
 
-    def without(self, ground: LinearSystem, terms: tuple[Term, ...]) -> LinearSystem:
-        """A system of this field without all that belongs to these terms."""
+    def without(self, system: LinearSystem, terms: tuple[Term, ...]) -> LinearSystem:
+        """A system of this base without all that belongs to these terms."""
         changes = [(t, name) for t, name, _ in shape_steps(self.problem, self.fit) if t in terms]
-        return ground.without([*terms, *changes])
+        return system.without([*terms, *changes])
 
     def block(self, term: Term, shape: Values) -> Block:
         """The candidate's columns on all joints on which it acts, with their noise."""
@@ -236,64 +288,64 @@ class CandidateField:
             parts[i] = Columns(columns, None if again is None else _apart(again, columns))
         return self._bounded(term, parts)
 
-    def _gain(self, ground: LinearSystem, term: Term, shape: Values) -> float:
-        return float(self._gains(ground, term, [shape])[0])
+    def _gain(self, system: LinearSystem, term: Term, shape: Values) -> float:
+        return float(self._gains(system, term, [shape])[0])
 
-    def _gains(self, ground: LinearSystem, term: Term, shapes: Sequence[Values]) -> Array:
+    def _gains(self, system: LinearSystem, term: Term, shapes: Sequence[Values]) -> Array:
         """(S,) by how much the candidate lowers the squared error, quickly; minus infinity where it is no number."""
         found = np.full(len(shapes), -np.inf)
         if len(shapes):
             blocks = self._trials(term, shapes)
             finite = blocks.finite
             if finite.any():
-                found[finite] = ground.gains(blocks if finite.all() else blocks.choice(finite))
+                found[finite] = system.gains(blocks if finite.all() else blocks.choice(finite))
         return found
 
     def search(self, term: Term, beside: LinearSystem | None = None) -> Candidate | None:
         """The candidate at the best point of its grid; None if the data give it no scale or no say.
 
-        beside: another ground of this field's excerpt on which to search.
+        beside: another system on the excerpt, with more in it.
         """
-        regressors, ground = self.excerpt
-        whole = beside or ground
-        ground = self.without(whole, self.replaced(term))
+        regressors, system = self.excerpt
+        whole = beside or system
+        system = self.without(whole, self.replaced(term))
         choices = self.choices(term)
-        gains = self._gains(ground, term, choices).tolist()
+        gains = self._gains(system, term, choices).tolist()
         scored = sorted(((gain, k) for k, gain in enumerate(gains)), reverse=True)
         if not scored or not np.isfinite(scored[0][0]):
             return None
         if len(scored) > 1:
             # The quick gain lets the base's friction turn negative; of the best few, it is seen who needs that.
             few = [k for gain, k in scored[:TRIED_SHAPES] if np.isfinite(gain)]
-            scored = [max((self._exact(ground, term, choices[k]), k) for k in few)]
+            scored = [max((self._exact(system, term, choices[k]), k) for k in few)]
         gain, chosen = scored[0]
         shape = choices[chosen]
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
-        edge = len(choices) > 1 and grids.at_edge(regressors, term, shape)
+        edge = grids.edge_distance(regressors, term, shape) if len(choices) > 1 else np.inf
         # What it replaces would have explained something, too.
-        gain -= ground.solution.sse - whole.solution.sse if ground is not whole else 0.0
-        return Candidate(term, shape, searched, gain=gain, at_edge=edge, among=self._lines(term)[1])
+        gain -= system.solution.sse - whole.solution.sse if system is not whole else 0.0
+        return Candidate(term, shape, searched, gain=gain, edge=edge, among=self._lines(term)[1])
 
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
         """The candidate at that of some shapes which lowers the squared error most."""
-        ground = self.without(self.excerpt[1], self.replaced(term))
-        gain, k = max((gain, k) for k, gain in enumerate(self._gains(ground, term, choices).tolist()))
-        return Candidate(term, choices[k], len(choices[k]), gain=gain, at_edge=False)
+        system = self.without(self.excerpt[1], self.replaced(term))
+        gain, k = max((gain, k) for k, gain in enumerate(self._gains(system, term, choices).tolist()))
+        return Candidate(term, choices[k], len(choices[k]), gain=gain, edge=np.inf)
 
     def each(self, term: Term) -> list[Candidate]:
         """A candidate at every shape at which the term is tried, refined."""
-        ground, choices, among = self.excerpt[1], self.choices(term), self._lines(term)[1]
+        system, choices, among = self.excerpt[1], self.choices(term), self._lines(term)[1]
         searched = len(self.model.library.effects[term.effect].shape)
         found = (
-            Candidate(term, c, searched, gain=self._exact(ground, term, c), at_edge=False, among=among) for c in choices
+            Candidate(term, c, searched, gain=self._exact(system, term, c), edge=np.inf, among=among) for c in choices
         )
         return [self.refine(c) for c in found]
 
-    def _exact(self, ground: LinearSystem, term: Term, shape: Values) -> float:
+    def _exact(self, system: LinearSystem, term: Term, shape: Values) -> float:
         """The fall of the squared error with every coefficient within its bounds; none of columns that are hardly more
         than their noise, whose compensated squares no error can be told from."""
         block = self.trial(term, shape)
-        return ground.solution.sse - ground.with_block(block).solution.sse if ground.gain(block) > 0 else 0.0
+        return system.solution.sse - system.with_block(block).solution.sse if system.gain(block) > 0 else 0.0
 
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried; of a line over the motor's angle, where the residual has one."""
@@ -312,7 +364,7 @@ class CandidateField:
         joint = joints_of(self.model, term)[0]
         if joint not in self._found_lines:
             angle = motor_angle(self.model, self.motion, joint)
-            self._found_lines[joint] = angle.lines(*self.ground.beside(joint))
+            self._found_lines[joint] = angle.lines(*self.system.beside(joint))
         return self._found_lines[joint]
 
     @cached_property
@@ -328,7 +380,7 @@ class CandidateField:
         """The same candidate with its shape moved off the grid to the least error."""
         if not candidate.searched:
             return candidate
-        term, ground = candidate.term, self.without(self.excerpt[1], self.replaced(candidate.term))
+        term, system = candidate.term, self.without(self.excerpt[1], self.replaced(candidate.term))
         moving = self.moving(term)
         if not moving:
             return candidate
@@ -337,7 +389,7 @@ class CandidateField:
         start = np.array([candidate.shape[name] for name in moving])
         scale = np.array([self.grid_step(candidate, name) for name in moving])
         logarithmic = self.logarithmic(term)
-        best = (self._gain(ground, term, candidate.shape), candidate.shape)
+        best = (self._gain(system, term, candidate.shape), candidate.shape)
 
         def error(z: Array) -> float:
             nonlocal best
@@ -345,7 +397,7 @@ class CandidateField:
             shape = {**candidate.shape, **dict(zip(moving, map(float, moved), strict=True))}
             if np.any(np.abs(z) > REFINE_REACH) or not grids.within(self.excerpt[0], term, shape):
                 return float("inf")
-            gain = self._gain(ground, term, shape)
+            gain = self._gain(system, term, shape)
             best = max(best, (gain, shape), key=lambda item: item[0])
             return -gain
 
@@ -353,11 +405,11 @@ class CandidateField:
         ends = {"maxfev": REFINE_STEPS * len(moving), "xatol": REFINE_ACCURACY, "fatol": 0.0}
         options = {**ends, "initial_simplex": simplex}
         minimize(error, np.zeros(len(moving)), method="Nelder-Mead", options=options)
-        there, here = (self._exact(ground, term, shape) for shape in (best[1], candidate.shape))
+        there, here = (self._exact(system, term, shape) for shape in (best[1], candidate.shape))
         if there <= here:
             return candidate
-        edge = grids.at_edge(self.excerpt[0], term, best[1])
-        return replace(candidate, shape=best[1], gain=candidate.gain + there - here, at_edge=edge)
+        edge = grids.edge_distance(self.excerpt[0], term, best[1])
+        return replace(candidate, shape=best[1], gain=candidate.gain + there - here, edge=edge)
 
     def moving(self, term: Term) -> list[str]:
         """Shape parameters between whose grid values there are others."""

@@ -18,10 +18,10 @@ import numpy as np
 from msgspec import UNSET
 from numpy.typing import NDArray
 
-from runtime.diagnosis.candidates import CandidateField
-from runtime.diagnosis.gates import Weighing, WhitenedGround
+from runtime.diagnosis.candidates import FittedBase
+from runtime.diagnosis.gates import TORQUE, failed
+from runtime.diagnosis.ranking import Weighing, Whitened
 from runtime.diagnosis.settings import (
-    LEAST_EFFECT,
     LIMIT_DOUBLINGS,
     LIMIT_FINE,
     LIMIT_LIKELY,
@@ -79,27 +79,27 @@ class Limit:
         return text + (f", with {', '.join(others)}" if others else "")
 
 
-def of(ground: CandidateField, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:
+def of(base: FittedBase, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:
     """Limits of every candidate that acts first on one of these joints (0-based), where the recordings have any.
 
     floors   (n,) every joint's noise floor
     """
-    bench = WhitenedGround(ground, ground.excerpt[1], floors, None)
-    own = [term for term in ground.terms() if joints_of(ground.model, term)[0] in joints]
-    found = of_each("detection limits", lambda term: _limit(bench, term), own)
+    beside = Whitened(base, base.excerpt[1], floors, None)
+    own = [term for term in base.terms() if joints_of(base.model, term)[0] in joints]
+    found = of_each("detection limits", lambda term: _limit(beside, term), own)
     return [limit for limit in found if limit is not None and np.isfinite(limit.value)]
 
 
-def _limit(bench: WhitenedGround, term: Term) -> Limit | None:
-    shapes = bench.field.anywhere(term)
+def _limit(beside: Whitened, term: Term) -> Limit | None:
+    shapes = beside.base.anywhere(term)
     if not shapes:
         return None
     shape = _typical(shapes)
-    typical = bench.field.trial(term, shape)
+    typical = beside.base.trial(term, shape)
     neutral = _neutral(typical) if typical.finite else None
     if neutral is not None:
-        return _of_amount(bench, term, shape, choices=len(shapes), neutral=neutral)
-    return _of_shape(bench, term, shapes) if shape else None
+        return _of_amount(beside, term, shape, choices=len(shapes), neutral=neutral)
+    return _of_shape(beside, term, shapes) if shape else None
 
 
 def _neutral(block: Block) -> Array | None:
@@ -121,25 +121,25 @@ def _typical(shapes: Sequence[Values]) -> Values:
     return shapes[int(np.argmin(away))]
 
 
-def _seen(weighing: Weighing, added: Array, at_edge: bool = False) -> bool:
-    return next(weighing.figures(added).failed_gates(weighing.floor, at_edge), None) is None
+def _seen(weighing: Weighing, added: Array, edge: float = np.inf) -> bool:
+    return all(result.passes for result in weighing.evidence(added).results(weighing.floor, edge))
 
 
-def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
+def _of_amount(beside: Whitened, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
     """By the first of the effect's coefficients, the others as without it."""
-    field, library = bench.field, bench.field.model.library
-    block = field.samples(term, [shape]).choice(0)
+    base, library = beside.base, beside.base.model.library
+    block = base.samples(term, [shape]).choice(0)
     if not block.finite:
         return None
-    weighing = Weighing(bench, term, len(shape) if choices > 1 else 0, block)
+    weighing = Weighing(beside, term, len(shape) if choices > 1 else 0, block)
     one = np.zeros(1 + len(weighing.block.lower))
     one[1] = 1.0
     own = weighing.own(one)
-    if own == 0.0 or weighing.doubts(one):
+    if own == 0.0 or failed(weighing.of_torque(one)):
         return None
-    start = LIMIT_START * LEAST_EFFECT * weighing.floor / own
+    start = LIMIT_START * TORQUE.limit * weighing.floor / own
     # What the noise holds of the torque by chance may only make it harder to see.
-    held, spread = weighing.luck(one)
+    held, spread = weighing.held(one)
     if not np.isfinite(held + spread):
         return None
     if weighing.block.lower[0] < 0 < held:
@@ -150,7 +150,7 @@ def _of_amount(bench: WhitenedGround, term: Term, shape: Values, choices: int, n
     values = library.recover(term.effect, neutral + (least + LIMIT_SIGMAS * spread) * np.abs(one[1:]), shape)
     name = library.effects[term.effect].linear[0].name
     rest = {k: v for k, v in values.items() if k != name and np.isfinite(v)}
-    return Limit(term, name, "above", value=values[name], unit=unit_of(field.model, term, name), assumed=rest)
+    return Limit(term, name, "above", value=values[name], unit=unit_of(base.model, term, name), assumed=rest)
 
 
 def _least(seen: Callable[[float], bool], start: float) -> float | None:
@@ -173,36 +173,36 @@ def _least(seen: Callable[[float], bool], start: float) -> float | None:
     return high
 
 
-def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Limit | None:
+def _of_shape(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Limit | None:
     """For an effect whose torque grows or vanishes with its first shape parameter: by that parameter."""
-    field = bench.field
-    name, freed = next(iter(shapes[0])), _freed(field, term)
+    base = beside.base
+    name, freed = next(iter(shapes[0])), _freed(base, term)
     by_value = {v: _typical([s for s in shapes if s[name] == v]) for v in sorted({s[name] for s in shapes})}
-    sizes = freed * _sizes(bench, term, list(by_value.values()))
+    sizes = freed * _sizes(beside, term, list(by_value.values()))
     finite = np.flatnonzero(np.isfinite(sizes))
     if len(finite) < 2:
         return None
     rising = bool(sizes[finite[-1]] > sizes[finite[0]])
     weakest_first = list(zip(by_value.values(), sizes, strict=True))
     weakest_first = weakest_first if rising else weakest_first[::-1]
-    least = LEAST_EFFECT * bench.floors[joints_of(field.model, term)[0]]
+    least = TORQUE.limit * beside.floors[joints_of(base.model, term)[0]]
 
     def seen(shape: Values, block: Block) -> bool:
         if not block.finite:
             return False
-        weighing = Weighing(bench, term, len(shape), block)
+        weighing = Weighing(beside, term, len(shape), block)
         whole = np.zeros(1 + len(weighing.block.lower))
         whole[0] = 1.0
-        if weighing.doubts(whole):
+        if failed(weighing.of_torque(whole)):
             return False
-        held, spread = weighing.luck(whole)
+        held, spread = weighing.held(whole)
         whole[0] -= max(held, 0.0) + LIMIT_SIGMAS * spread
-        return bool(np.isfinite(whole[0])) and _seen(weighing, whole, grids.at_edge(field.excerpt[0], term, shape))
+        return bool(np.isfinite(whole[0])) and _seen(weighing, whole, grids.edge_distance(base.excerpt[0], term, shape))
 
     strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
     if not strong:
         return None
-    blocks = _along_its_own_motion(field, term, [weakest_first[k][0] for k in strong], freed)
+    blocks = _along_its_own_motion(base, term, [weakest_first[k][0] for k in strong], freed)
     place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0], blocks.choice(k)))
     if place is None:
         return None
@@ -211,15 +211,15 @@ def _of_shape(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Li
     if first > 0:
 
         def seen_between(shape: Values) -> bool:
-            return seen(shape, _along_its_own_motion(field, term, [shape], freed).choice(0))
+            return seen(shape, _along_its_own_motion(base, term, [shape], freed).choice(0))
 
         shape = _between(seen_between, weakest_first[first - 1][0], shape, name)
-    if len(shape) > 1 and freed * _sizes(bench, term, [shape])[0] < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
+    if len(shape) > 1 and freed * _sizes(beside, term, [shape])[0] < LIMIT_OF_ITS_OWN * np.nanmin(sizes):
         return None
-    shape = _softened(field.model.library.effects[term.effect], shape, freed)
+    shape = _softened(base.model.library.effects[term.effect], shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
     side: Literal["above", "below"] = "above" if rising else "below"
-    return Limit(term, name, side, value=shape[name], unit=unit_of(field.model, term, name), assumed=rest)
+    return Limit(term, name, side, value=shape[name], unit=unit_of(base.model, term, name), assumed=rest)
 
 
 def _first(count: int, seen: Callable[[int], bool]) -> int | None:
@@ -235,7 +235,7 @@ def _first(count: int, seen: Callable[[int], bool]) -> int | None:
     return place
 
 
-def _freed(field: CandidateField, term: Term) -> float:
+def _freed(base: FittedBase, term: Term) -> float:
     """By how much stiffer a transmission has to be for the torque along the recorded motion to be, times the same
     factor, that along the motion which the motor would have made with it.
 
@@ -243,12 +243,12 @@ def _freed(field: CandidateField, term: Term) -> float:
     (J/J_m)^½ times the frequency of the link alone behind a motor that is held. With r the square of a frequency
     over that of the link alone, the torque J_l r/(1 − r J_m/J) along the motion of the rigid joint.
     """
-    if not field.model.library.effects[term.effect].gives_way:
+    if not base.model.library.effects[term.effect].gives_way:
         return 1.0
-    own = joints_of(field.model, term)[0]
-    signals = field.excerpt[0].signals(own)
+    own = joints_of(base.model, term)[0]
+    signals = base.excerpt[0].signals(own)
     link = float(np.median(np.concatenate([np.atleast_1d(s.link_inertia(own)) for s in signals])))
-    rotor = field.model.joints[own].rotor_inertia
+    rotor = base.model.joints[own].rotor_inertia
     if rotor is None:
         rotor = float(np.median(np.concatenate([s.arm("inertia")[own, own] - s.link_inertia(own) for s in signals])))
     return (rotor + link) / rotor if rotor > 0 < link else 1.0
@@ -258,12 +258,12 @@ def _softened(info: EffectInfo, shape: Values, freed: float) -> Values:
     return {k: v / freed if info.parameter(k).kind in _OF_A_SPRING else v for k, v in shape.items()}
 
 
-def _along_its_own_motion(field: CandidateField, term: Term, shapes: Sequence[Values], freed: float) -> Block:
+def _along_its_own_motion(base: FittedBase, term: Term, shapes: Sequence[Values], freed: float) -> Block:
     """What the softened effect does along the motion with it; the encoders' noise is that of its own columns."""
     if freed == 1.0:
-        return field.samples(term, shapes)
-    info, blocks = field.model.library.effects[term.effect], field.unread(term, shapes)
-    noisy = field.samples(term, [_softened(info, shape, freed) for shape in shapes]).columns
+        return base.samples(term, shapes)
+    info, blocks = base.model.library.effects[term.effect], base.unread(term, shapes)
+    noisy = base.samples(term, [_softened(info, shape, freed) for shape in shapes]).columns
     parts = {i: Columns(freed * part.rows, noisy[i].noise) for i, part in blocks.columns.items()}
     return replace(blocks, columns=parts)
 
@@ -276,14 +276,14 @@ def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name
     return shape
 
 
-def _sizes(bench: WhitenedGround, term: Term, shapes: Sequence[Values]) -> Array:
+def _sizes(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Array:
     """(S,) RMS at its own joint of what the base cannot take over of an effect's torque without free coefficients, at
     each of some shapes; NaN where that is no number."""
-    field, ground = bench.field, bench.ground
-    own = joints_of(field.model, term)[0]
-    blocks = field.unread(term, shapes)
+    base, system = beside.base, beside.system
+    own = joints_of(base.model, term)[0]
+    blocks = base.unread(term, shapes)
     found, finite = np.full(len(shapes), np.nan), blocks.finite
     parts = {i: part.rows[finite, 0] for i, part in blocks.columns.items()}
-    kept, _ = field.without(ground, field.replaced(term)).own(parts)
-    found[finite] = field.rms(own) * np.sqrt(kept / max(1, ground.joints[own].count))
+    kept, _ = base.without(system, base.replaced(term)).own(parts)
+    found[finite] = base.rms(own) * np.sqrt(kept / max(1, system.joints[own].count))
     return found

@@ -8,15 +8,16 @@ independent evidence: a candidate's torque, as the motor torque asks for it, is 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.settings import HALF_OF_TORQUE, LEAST_LAG, OF_TWIST, SENSOR_SIGMAS
+from runtime.diagnosis.candidates import Candidate, FittedBase
+from runtime.diagnosis.gates import LAG, LESS_PLAY, MORE_PLAY, ON_LINK, ON_MOTOR, RIGID, Gate, GateResult
+from runtime.diagnosis.settings import SENSOR_SIGMAS
 from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import LARGEST_QUANTILE, LOADED
 from runtime.identification.twist import late
@@ -28,29 +29,6 @@ from runtime.regression.system import Block, LinearSystem
 
 Array = NDArray[np.float64]
 
-Gate = Literal[
-    "bic",
-    "torque",
-    "share",
-    "edge",
-    "likelihood",
-    "error",
-    "resolution",
-    "model",
-    "encoders",
-    "link encoder",
-    "output sensor",
-    "bound",
-    "recordings",
-]
-
-
-class FailedGate(NamedTuple):
-    """A gate that a candidate does not pass, and the figures in words."""
-
-    gate: Gate
-    text: str
-
 
 @dataclass(frozen=True)
 class Echo:
@@ -59,16 +37,9 @@ class Echo:
     part: float
     spread: float
 
-    def above(self, part: float) -> bool:
-        """Whether more than this part is surely seen."""
-        return self.part - SENSOR_SIGMAS * self.spread > part
-
-    def below(self, part: float) -> bool:
-        """Whether less than this part is surely seen."""
-        return self.part + SENSOR_SIGMAS * self.spread < part
-
-    def __str__(self) -> str:
-        return f"{100 * self.part:.0f} ± {100 * SENSOR_SIGMAS * self.spread:.0f} % of its torque".replace("-", "−")
+    def asked(self, gate: Gate) -> GateResult:
+        """Of a gate, whose limit must surely be missed to keep it closed."""
+        return gate.asked(self.part, spread=SENSOR_SIGMAS * self.spread)
 
 
 def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -> Echo | None:
@@ -90,68 +61,57 @@ def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -
 
 @dataclass
 class FurtherSensors:
-    """The further sensors of a field's motion, asked about its candidates."""
+    """The further sensors of a base's motion, asked about its candidates."""
 
-    field: CandidateField
+    base: FittedBase
 
     def __post_init__(self) -> None:
         self._lags: dict[tuple[int, bool], dict[int, Array]] = {}
 
     @cached_property
     def _late(self) -> Array:
-        return late(self.field.problem, self.field.fit)
+        return late(self.base.problem, self.base.fit)
 
     def _aligned(self, piece: Piece) -> Sensors:
         """The sensors of a piece as if all encoders were read at once."""
         return piece.sensors.aligned(piece.t, piece.q, piece.qdd, self._late)
 
-    def doubts(self, ground: LinearSystem, candidate: Candidate, block: Block, theta: Array) -> tuple[FailedGate, ...]:
-        """What the sensors hold against a candidate with coefficients (1 + k,) `theta`, in words and figures."""
-        term = candidate.term
-        lag = self._transmission(ground, term, block, theta)
-        return (*lag, *self._play(candidate), *self._output(ground, term, block, theta))
+    def results(self, system: LinearSystem, candidate: Candidate, block: Block, theta: Array) -> Iterator[GateResult]:
+        """Of the gates that further sensors answer, for a candidate with coefficients (1 + k,) `theta`."""
+        yield from self._transmission(system, candidate.term, block, theta)
+        yield from self._play(candidate)
+        yield from self._output(system, candidate.term, block, theta)
 
     # the link-side encoder -------------------------------------------------------------------------------------------
 
-    def _transmission(self, ground: LinearSystem, term: Term, block: Block, theta: Array) -> tuple[FailedGate, ...]:
-        model, motion = self.field.model, self.field.motion
+    def _transmission(self, system: LinearSystem, term: Term, block: Block, theta: Array) -> Iterator[GateResult]:
+        model, motion = self.base.model, self.base.motion
         gives_way = model.library.effects[term.effect].gives_way
         places = joints_of(model, term)[:1] if gives_way else range(model.n)
         sensed = [i for i in places if motion.has("twist", i)]
         if not sensed:
-            return ()
-        torque = ground.beyond(block.torque(theta))
-        noise = ground.beyond(block.noise(theta))
-        lag, lag_noise = (ground.beyond(self._lag(sensed, noisy)) for noisy in (False, True))
+            return
+        torque, noise = system.beyond(block.torque(theta)), system.beyond(block.noise(theta))
+        lag, lag_noise = (system.beyond(self._lag(sensed, noisy)) for noisy in (False, True))
         found = echo(torque, lag, (noise, lag_noise))
-        if found is None:
-            return ()
-        if gives_way and found.below(LEAST_LAG):
-            return _by_link(f"does not show it: the link lags by {found}")
-        if not gives_way and found.above(HALF_OF_TORQUE):
-            return (
-                FailedGate(
-                    "link encoder",
-                    f"the link-side encoder shows that the transmission gives way instead: the lag makes up {found}",
-                ),
-            )
-        return ()
+        if found is not None:
+            yield found.asked(LAG if gives_way else RIGID)
 
-    def _play(self, candidate: Candidate) -> tuple[FailedGate, ...]:
+    def _play(self, candidate: Candidate) -> Iterator[GateResult]:
         """Whether the measured twist and the candidate's are a gap apart: a step between the two directions of the
         transmitted torque, beside all that a spring, linear or hardening, makes of that torque."""
-        model, motion, own = self.field.model, self.field.motion, (candidate.term.joint or 1) - 1
+        model, motion, own = self.base.model, self.base.motion, (candidate.term.joint or 1) - 1
         info = model.library.effects[candidate.term.effect]
         if not info.gives_way or not motion.has("twist", own):
-            return ()
+            return
         twists, loads = [], []
         # The direction of the load is asked for, which what rests would be taken out of.
-        whole = replace(self.field.regressors, motion=motion.with_standstill)
+        whole = replace(self.base.regressors, motion=motion.with_standstill)
         for signals, piece in zip(whole.signals(own), motion.pieces_of(own), strict=True):
             deflection = signals.deflection(candidate.term, candidate.shape)
             twist = self._aligned(piece).twist
             if deflection is None or twist is None:
-                return ()
+                return
             twists.append(piece.in_band(np.array([twist[own], deflection])))
             loads.append(piece.in_band(signals.loads[own]))
         both = np.concatenate(twists, axis=1)
@@ -163,28 +123,21 @@ class FurtherSensors:
         step = _beyond(base, np.sign(torque))
         there, has = (echo(step, _beyond(base, x[use])) for x in both)
         if there is None or has is None:
-            return ()
+            return
         # No gap is negative; what comes out below zero is how far a spring's curve departs from a cubic.
         shown, modelled = max(there.part, 0.0), max(has.part, 0.0)
         apart, spread = shown - modelled, SENSOR_SIGMAS * float(np.hypot(there.spread, has.spread))
-        alike = min(shown, modelled) > HALF_OF_TORQUE * max(shown, modelled)
-        if apart > 0 and info.has_gap:
-            # It is more than a spring: a wider gap is a matter of its values.
-            return ()
-        if alike or abs(apart) < max(spread, OF_TWIST * float(np.std(both[0, use]))):
-            return ()
-        unit = model.joints[own].position_unit
-        play = f"{abs(2 * apart):.2g} ± {2 * spread:.1g} {unit}"
-        return (
-            FailedGate(
-                "link encoder", f"the link-side encoder shows {play} {'more' if apart > 0 else 'less'} play than it has"
-            ),
-        )
+        alike = min(shown, modelled) > max(shown, modelled) / 2
+        # It is more than a spring: a wider gap is a matter of its values.
+        if alike or (apart > 0 and info.has_gap):
+            return
+        gate = MORE_PLAY if apart > 0 else LESS_PLAY
+        yield gate.asked(abs(2 * apart), 2 * max(spread, gate.limit * float(np.std(both[0, use]))))
 
     def _lag(self, joints: list[int], noise: bool) -> dict[int, Array]:
         """(M,) by joint: torque that the links of some joints (0-based) do not take because they lag behind, beyond
         what the fitted model holds of it; or what encoder noise adds to it."""
-        total = {i: np.zeros(len(self.field.motion.row_piece(i))) for i in range(self.field.model.n)}
+        total = {i: np.zeros(len(self.base.motion.row_piece(i))) for i in range(self.base.model.n)}
         for own in joints:
             if (own, noise) not in self._lags:
                 self._lags[own, noise] = self._lag_of(own, noise)
@@ -193,12 +146,12 @@ class FurtherSensors:
         return total
 
     def _lag_of(self, own: int, noise: bool) -> dict[int, Array]:
-        regressors = self.field.regressors
+        regressors = self.base.regressors
         plain = self._measured_lag(regressors, own)
         if noise:
             read_again = self._measured_lag(regressors.perturbed, own)
             return {i: read_again[i] - plain[i] for i in plain}
-        known, effects = self.field.problem.layout.terms, self.field.model.library.effects
+        known, effects = self.base.problem.layout.terms, self.base.model.library.effects
         for term in (t for t in known if t.joint == own + 1 and effects[t.effect].gives_way):
             for i in plain:
                 plain[i] = plain[i] - self._torque(regressors, term, i)
@@ -211,49 +164,35 @@ class FurtherSensors:
             return piece.equation(piece.in_band(-signals.coupling(joint, own) * twist_qdd[own]), joint)
 
         return {
-            i: np.concatenate([torque(s, s.piece, i) for s in regressors.signals(i)]) for i in range(self.field.model.n)
+            i: np.concatenate([torque(s, s.piece, i) for s in regressors.signals(i)]) for i in range(self.base.model.n)
         }
 
     def _torque(self, regressors: Regressors, term: Term, joint: int) -> Array:
         """(M,) of a term of the fitted model, in the band."""
-        columns = regressors.columns(term, joint, self.field.fit.shapes[term])
-        return np.append(1.0, self.field.fit.coefficients[self.field.problem.layout.slices[term]]) @ columns
+        columns = regressors.columns(term, joint, self.base.fit.shapes[term])
+        return np.append(1.0, self.base.fit.coefficients[self.base.problem.layout.slices[term]]) @ columns
 
     # the torque sensor at the output ---------------------------------------------------------------------------------
 
-    def _output(self, ground: LinearSystem, term: Term, block: Block, theta: Array) -> tuple[FailedGate, ...]:
-        side = self.field.model.library.effects[term.effect].side
-        sensed = [i for i in block.columns if self.field.motion.has("tau_link", i)]
+    def _output(self, system: LinearSystem, term: Term, block: Block, theta: Array) -> Iterator[GateResult]:
+        side = self.base.model.library.effects[term.effect].side
+        sensed = [i for i in block.columns if self.base.motion.has("tau_link", i)]
         if side is None or not sensed:
-            return ()
+            return
         torques, seen = [], []
         for i in sensed:
             base, measured = self._sensed(i)
-            use = ground.joints[i].use
+            use = system.joints[i].use
             # What the model of the motor torque takes over of the candidate says nothing of it here either.
-            base = np.vstack([ground.columns(i), base[:, use]])
+            base = np.vstack([system.columns(i), base[:, use]])
             torque = (theta @ block.columns[i].rows)[use]
             own = _beyond(base, torque)
             if float(own @ own) > LEAST_OWN * float(torque @ torque):
                 torques.append(own)
                 seen.append(_beyond(base, measured[use]))
         found = echo(np.concatenate(torques), np.concatenate(seen)) if torques else None
-        if found is None:
-            return ()
-        if side == "link" and found.below(HALF_OF_TORQUE):
-            return (
-                FailedGate(
-                    "output sensor",
-                    f"the torque sensor at the output does not feel it, as it would on the link: {found}",
-                ),
-            )
-        if side == "motor" and found.above(HALF_OF_TORQUE):
-            return (
-                FailedGate(
-                    "output sensor", f"the torque sensor at the output feels it, as it would not on the motor: {found}"
-                ),
-            )
-        return ()
+        if found is not None:
+            yield found.asked(ON_LINK if side == "link" else ON_MOTOR)
 
     def _sensed(self, joint: int) -> tuple[Array, Array]:
         """What the arm's own parameters may explain of a torque at the link, (b, M), and the sensor's torque (M,) less
@@ -262,28 +201,20 @@ class FurtherSensors:
         An unknown part of the rotor's inertia and an offset of the sensor are free; what the fitted model holds on
         the link side is, too, but for its shapes.
         """
-        field, motion = self.field, self.field.motion
+        fitted, motion = self.base, self.base.motion
         pieces = motion.pieces_of(joint)
         parts = [np.array([_output_torque(p)[joint], np.ones(len(p.t))]) for p in pieces]
         pairs = zip(pieces, parts, strict=True)
         link, offset = np.concatenate([p.equation(p.in_band(x), joint) for p, x in pairs], axis=1)
-        link = link - field.regressors.measured(joint)
-        free = [*field.regressors.rigid(joint), field.regressors.acceleration(joint), offset]
-        for term in field.problem.layout.terms:
-            info = field.model.library.effects[term.effect]
-            if joint in joints_of(field.model, term) and info.side == "link":
-                columns = field.regressors.columns(term, joint, field.fit.shapes[term])
+        link = link - fitted.regressors.measured(joint)
+        free = [*fitted.regressors.rigid(joint), fitted.regressors.acceleration(joint), offset]
+        for term in fitted.problem.layout.terms:
+            info = fitted.model.library.effects[term.effect]
+            if joint in joints_of(fitted.model, term) and info.side == "link":
+                columns = fitted.regressors.columns(term, joint, fitted.fit.shapes[term])
                 link = link - columns[0]
                 free += [*columns[1:]]
         return np.array(free), link
-
-
-def _by_link(text: str) -> tuple[FailedGate, ...]:
-    return (FailedGate("link encoder", f"the link-side encoder {text}"),)
-
-
-def _by_output(text: str) -> tuple[FailedGate, ...]:
-    return (FailedGate("output sensor", f"the torque sensor at the output {text}"),)
 
 
 def _output_torque(piece: Piece) -> Array:

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from runtime.diagnosis.candidates import CandidateField
-from runtime.diagnosis.gates import Evidence, Verdict, rank
+from runtime.diagnosis.candidates import Candidate, FittedBase
+from runtime.diagnosis.ranking import Ranking, rank
 from runtime.diagnosis.settings import GUESS_FINALISTS, GUESS_REACH
-from runtime.diagnosis.steps import Finding, Step
-from runtime.documents.diagnosis import DraftBase
-from runtime.documents.parts import EffectAt
+from runtime.diagnosis.steps import Step
 from runtime.identification.identify import identify_motion
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
@@ -29,58 +27,39 @@ Wider = Callable[[], tuple[Model, Collection[str]]]
 class Draft:
     """A guess that passed the gates, added and refitted; `others`: those that explain nearly as much."""
 
-    finding: Finding
+    step: Step
     others: tuple[Term, ...]
 
     @property
     def term(self) -> Term:
-        return self.finding.term
-
-    def document(self) -> DraftBase:
-        """The key "draft" of `tendon diagnose --json`, without the file."""
-        i = self.finding.joint_index
-        before, after = self.finding.before, self.finding.after
-        values = after.identification.inference.values[self.term]
-        return DraftBase(
-            effect=self.term.effect,
-            joint=self.term.joint,
-            equation=after.identification.model.library.effects[self.term.effect].equation,
-            share=self.finding.share(),
-            rms_before=before.fitted.rms[i],
-            rms_after=after.fitted.rms[i],
-            floor=before.joints[i].floor.value,
-            unit=before.joints[i].force_unit,
-            evidence=self.finding.evidence.document(),
-            parameters={name: estimate.document() for name, estimate in values.items()},
-            others=[EffectAt(effect=t.effect, joint=t.joint) for t in self.others],
-        )
+        return self.step.term
 
 
 def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[int]) -> Draft | None:
     """As `propose`, on the residual of any step and at these joints (0-based)."""
-    found = _field(step, model)
+    found = _base(step, model)
     floors = [s.floor.value for s in step.joints]
     passing = []
     for joint in joints:
         terms = [t for t in found.terms() if _at(t, joint) and t.effect in guesses and _has_neighbours(model, t)]
-        verdict = _rank(found, terms, floors)
-        if verdict.best is not None:
-            passing.append((_nearly_best(verdict), verdict, joint))
-    for near, verdict, joint in sorted(passing, key=lambda item: -item[1].ranked[0].delta_bic):
+        ranking = _rank(found, terms, floors)
+        if ranking.best is not None:
+            passing.append((_nearly_best(ranking), ranking, joint))
+    for near, ranking, joint in sorted(passing, key=lambda item: -item[1].candidates[0].delta_bic):
         after = _added(step, model, near[0])
         if after.fitted.rms[joint] < step.fitted.rms[joint]:
-            return Draft(Finding(near[0], (), verdict, before=step, after=after), tuple(e.term for e in near[1:]))
+            return Draft(after.after(step, near[0], ranking), tuple(c.term for c in near[1:]))
     return None
 
 
-def _field(step: Step, model: Model) -> CandidateField:
-    """The step's fit as a field for the candidates of another library."""
+def _base(step: Step, model: Model) -> FittedBase:
+    """The step's fit as the base of the candidates of another library."""
     found = step.identification
     problem = Problem(
         model, found.motion, found.problem.layout.terms, prediction=found.fit.prediction, ahead=found.fit.ahead
     )
     problem.weights = found.fit.weights
-    return CandidateField(problem, found.fit)
+    return FittedBase(problem, found.fit)
 
 
 def _at(term: Term, joint: int) -> bool:
@@ -93,27 +72,27 @@ def _has_neighbours(model: Model, term: Term) -> bool:
     return all(0 <= (term.joint or 1) - 1 + step < model.n for step in steps(model.library, term.effect))
 
 
-def _rank(field: CandidateField, terms: Sequence[Term], floors: Sequence[float]) -> Verdict:
+def _rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> Ranking:
     """First those of equal number of parameters among themselves, so that simple guesses reach the final, too."""
-    info = field.model.library.effects
+    info = base.model.library.effects
     finalists: list[Term] = []
     for size in sorted({len(info[t.effect].parameters) for t in terms}):
         equals = [t for t in terms if len(info[t.effect].parameters) == size]
-        finalists += [e.term for e in rank(field, equals, floors).ranked[:GUESS_FINALISTS]]
-    return rank(field, finalists, floors)
+        finalists += [c.term for c in rank(base, equals, floors).candidates[:GUESS_FINALISTS]]
+    return rank(base, finalists, floors)
 
 
-def _nearly_best(verdict: Verdict) -> list[Evidence]:
+def _nearly_best(ranking: Ranking) -> list[Candidate]:
     """Those within reach of the best, the one with the fewest parameters first."""
-    least = GUESS_REACH * verdict.ranked[0].delta_bic
-    near = [e for e in verdict.ranked if e.passes and e.delta_bic >= least]
-    return sorted(near, key=lambda e: (e.parameters, -e.delta_bic))
+    least = GUESS_REACH * ranking.candidates[0].delta_bic
+    near = [c for c in ranking.candidates if c.passes and c.delta_bic >= least]
+    return sorted(near, key=lambda c: (c.parameters, -c.delta_bic))
 
 
-def _added(step: Step, model: Model, evidence: Evidence) -> Step:
+def _added(step: Step, model: Model, candidate: Candidate) -> Step:
     """The structure with the guess, everything refitted."""
     fit = step.identification.fit
     known: Structure = {t: dict(shape) for t, shape in fit.shapes.items()}
-    known[evidence.term] = dict(evidence.candidate.shape)
+    known[candidate.term] = dict(candidate.shape)
     found = identify_motion(model, step.identification.motion, known, start=fit)
-    return Step.of(evidence.term, found)
+    return Step.of(found)

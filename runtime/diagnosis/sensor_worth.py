@@ -6,7 +6,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from runtime.diagnosis.gates import Evidence
+from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.gates import Sensor
 from runtime.documents.diagnosis import SensorEntry
 from runtime.documents.parts import EffectAt
 from runtime.model.terms import Term
@@ -46,21 +47,25 @@ class SensorWorth:
         return SensorEntry(columns=list(self.columns), decided=decided, against=against, shown=shown, said=str(self))
 
 
-def of(motion: Motion, weighed: Iterable[Evidence], named: Sequence[Evidence]) -> tuple[SensorWorth, ...]:
+def of(motion: Motion, weighed: Iterable[Candidate], named: Sequence[Candidate]) -> tuple[SensorWorth, ...]:
     """Of every kind of further sensor that all recordings have, what it was worth.
 
-    weighed   all evidence of a diagnosis     named   that of its findings
+    weighed   all candidates of a diagnosis     named   those of its findings
     """
-    names = {e.term for e in named}
-    found, everything = [], [e for e in weighed if e.term not in names]
-    for recorded, column, gate in (("twist", "q{}_link", "link encoder"), ("tau_link", "tau{}_link", "output sensor")):
+    names = {c.term for c in named}
+    found, everything = [], [c for c in weighed if c.term not in names]
+    kinds: tuple[tuple[str, str, Sensor], ...] = (
+        ("twist", "q{}_link", "link encoder"),
+        ("tau_link", "tau{}_link", "output sensor"),
+    )
+    for recorded, column, sensor in kinds:
         joints = [i for i in range(motion.n) if motion.has(recorded, i)]
         if not joints:
             continue
-        said = {e.term: [failed.gate == gate for failed in e.failed] for e in everything}
+        said = {c.term: [r.gate.sensor == sensor for r in c.failed] for c in everything}
         decided = tuple(term for term, by in said.items() if by and all(by))
         against = tuple(term for term, by in said.items() if any(by) and not all(by))
-        shown = tuple(e.term for e in named if e.twist is not None) if recorded == "twist" else ()
+        shown = tuple(c.term for c in named if c.twist is not None) if recorded == "twist" else ()
         columns = tuple(column.format(i + 1) for i in joints)
         found.append(SensorWorth(columns, decided, against, shown))
     return tuple(found)

@@ -10,42 +10,11 @@ from __future__ import annotations
 
 from typing import Final
 
-# the gates of a candidate -------------------------------------------------------------------------------------------
-
-LEAST_DELTA_BIC: Final = 30.0
-"""natural logarithm, doubled; fall of BIC on whitened rows that a candidate must reach: on clean recordings 10 alone
-would have named something on 23 of 30; trial of a method."""
-
-LEAST_LIKELIHOOD_GAIN: Final = 15.0
-"""natural logarithm; gain of the cross-validated likelihood on whitened rows, half of what BIC must fall by; trial of a
-method."""
-
-LEAST_ERROR_FALL: Final = 0.01
-"""part of the cross-validated error, RMS; a smaller fall is no improvement that a user would add an effect for; trial
-of a method."""
-
-LEAST_EFFECT: Final = 0.15
-"""part of the noise floor; torque, RMS, that only this candidate explains: less drowns; trial of a method."""
-
-LEAST_SHARE: Final = 0.2
-"""part of the variance above the noise floor; a candidate that explains less of what is left is not what is missing; a
-quarter in the trial of a method, a fifth after development recordings with two effects."""
-
-LEAST_SHARE_OF_ONE: Final = 0.1
-"""part of the variance above the noise floor; of an effect of which a joint may have several, each must explain so much
-of what is left: half of what a single one must, as two of them share it; a choice, with a real motor in view."""
-
-MOST_NOISE: Final = 0.4
-"""part of its own torque, of the square; so much a second reading of the encoders may change before it is the encoder's
-torque and not the candidate's; development recordings with coarse encoders."""
+# the comparison of candidates ---------------------------------------------------------------------------------------
 
 SHOWN_ALIKE: Final = 2.0
 """ratio; a transmission's value that a fit to the torque moves further from what its encoders show stands for something
 else there; a choice."""
-
-GAP_OVER_NOISE: Final = 7.0
-"""standard deviations of the encoder's noise; a gap that is no wider is crossed where the noise says: two of an
-encoder's steps; the rounding of a step is uniform, and either flank may be a step off."""
 
 OF_WHAT_IS_LEFT: Final = 0.3
 """part of what is left; where an error, after the noise that is compensated for, is less, noise is most of it, and
@@ -161,14 +130,10 @@ HELD_OUT_FALLS_TO: Final = 0.93
 whose errors there differ by as much are told apart; development recordings, and real ones, on which a twentieth was
 reached by effects that are not there."""
 
-FORETOLD: Final = 0.9
+PREDICTED: Final = 0.9
 """part of the squared error on held-out recordings; an effect that brings it below is told by them, though the fitted
 ones leave its values wide intervals: a law of two parameters beside friction of two more has them; a choice, clearly
 below what an effect must reach in any case, with a real axis in view."""
-
-LEAST_VOUCHED_SHARE: Final = 0.1
-"""part of the variance above the noise floor; where a recording that was not fitted speaks for it, an effect may
-explain as little; half of what it must explain otherwise; development recordings."""
 
 # what is left when nothing more passes ------------------------------------------------------------------------------
 
@@ -212,9 +177,6 @@ LEAST_WHITE: Final = 0.5
 """part of the residual's variance; at least as much is taken to be the torque's noise where bursts are looked for,
 though the encoder's were estimated larger; by construction."""
 
-TIMES_SAID: Final = 5
-"""number of times; so many bursts are listed; a line on a page, it decides no verdict."""
-
 # contradictions -----------------------------------------------------------------------------------------------------
 
 CONTRADICTS: Final = 5.0
@@ -238,20 +200,9 @@ something that its parameters took up; a choice beside ABOVE_NOISE and ONLY_NOIS
 
 # further sensors ----------------------------------------------------------------------------------------------------
 
-HALF_OF_TORQUE: Final = 0.5
-"""part of a candidate's torque; between all of it and none of it; by construction."""
-
-LEAST_LAG: Final = 0.3
-"""part of a candidate's torque; a smaller lag of the link contradicts a transmission: inertia that is not well known
-scales the lag; development recordings with link-side encoders."""
-
 SENSOR_SIGMAS: Final = 3.0
 """standard deviations; what a sensor says against a candidate must be as sure; three in a thousand of a normal
 distribution."""
-
-OF_TWIST: Final = 0.2
-"""part of the twist's spread; a smaller error of a gap is a matter of its value and not of its being there; development
-recordings with link-side encoders."""
 
 # guesses ------------------------------------------------------------------------------------------------------------
 

@@ -1,17 +1,26 @@
-"""Steps of a search: a structure fitted, its errors on what was fitted and on what was not, and what a step added."""
+"""Steps of a diagnosis: a structure fitted, its errors on what was fitted and on what was not, and what was added.
+
+A trail leads from the model as given to the last step. Nothing of it changes: a rule takes a trail and returns one.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.gates import Evidence, Verdict
+from runtime.diagnosis.candidates import Candidate, FittedBase
+from runtime.diagnosis.ranking import NOT_RANKED, Ranking
+from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, errors, series
-from runtime.identification.identify import Identification
+from runtime.identification.estimate import Estimate
+from runtime.identification.identify import Identification, identify_motion
 from runtime.identification.problem import Problem
-from runtime.model.terms import Term, Values
+from runtime.model.loader import Model
+from runtime.model.terms import Structure, Term, Values, structure
 from runtime.motion.motion import Motion
 
 Array = NDArray[np.float64]
@@ -24,29 +33,49 @@ class Errors:
     rms: tuple[float, ...]
     relative: tuple[float, ...]
 
+    @property
+    def squared(self) -> float:
+        """Sum over the joints of the squared relative errors."""
+        return sum(r * r for r in self.relative)  # a power of what has no end would be an error
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Step:
-    """A fitted structure: after `added` (None: the model as given)."""
+    """A fitted structure: the model as given, or with a candidate that was added to the step before.
 
-    added: Term | None
+    chosen    what was added; None: the model as given      before   None for the first
+    ranking   the comparison that it won          rivals   terms from which these data cannot separate it
+    refuted   those of the rivals that explain held-out recordings clearly less, with nothing else beside them
+    """
+
     identification: Identification
     joints: tuple[JointSeries, ...]
     fitted: Errors
-    held_out: Errors | None
+    held_out: Errors | None = None
+    chosen: Candidate | None = None
+    before: Step | None = None
+    ranking: Ranking = NOT_RANKED
+    rivals: tuple[Term, ...] = ()
+    refuted: tuple[Term, ...] = ()
 
     @classmethod
     def of(
         cls,
-        added: Term | None,
         identification: Identification,
         joints: tuple[JointSeries, ...] | None = None,
         held_out: Errors | None = None,
     ) -> Step:
-        """With the errors of its joints; joints: the series of the identification where they are there already."""
+        """A fit with the errors of its joints; joints: the series of the fit where they are there already."""
         found = series(identification) if joints is None else joints
-        errors = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found))
-        return cls(added, identification, found, errors, held_out)
+        fitted = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found))
+        return cls(identification, found, fitted, held_out)
+
+    def after(
+        self, before: Step, chosen: Candidate, ranking: Ranking | None = None, rivals: Sequence[Term] = ()
+    ) -> Step:
+        """The same fit as the one with a candidate that was added to the step before."""
+        won = Ranking((chosen,)) if ranking is None else ranking
+        return replace(self, before=before, chosen=chosen, ranking=won, rivals=tuple(rivals), refuted=())
 
     @property
     def floors(self) -> list[float]:
@@ -64,41 +93,166 @@ class Step:
         fit = self.identification.fit
         return {**fit.shapes, **{t: {name: e.value for name, e in v.items()} for t, v in fit.witnessed.items()}}
 
+    @property
+    def base(self) -> FittedBase:
+        """The fit as the base of candidates, with what was computed on it last."""
+        return _base(self.identification)
 
-@dataclass(frozen=True)
-class Finding:
-    """A named effect: what speaks for it, what the data cannot tell from it, and against whom it was chosen.
+    # of a step with a candidate -----------------------------------------------------------------------------------
 
-    refuted   those of the rivals that explain held-out recordings clearly less, with nothing else beside them
-    """
+    @property
+    def candidate(self) -> Candidate:
+        """What was added, of a step that added something."""
+        assert self.chosen is not None
+        return self.chosen
 
-    evidence: Evidence
-    rivals: tuple[Term, ...]
-    verdict: Verdict
-    before: Step
-    after: Step
-    refuted: tuple[Term, ...] = ()
+    @property
+    def added(self) -> Term | None:
+        """The term that was added; None for the model as given."""
+        return None if self.chosen is None else self.chosen.term
 
     @property
     def term(self) -> Term:
-        return self.evidence.term
+        return self.candidate.term
+
+    @property
+    def previous(self) -> Step:
+        """The step before."""
+        assert self.before is not None
+        return self.before
 
     @property
     def joint_index(self) -> int:
         """Of the joint (0-based) at which it shows: its own, or for one of the whole arm that where it shows most."""
         if self.term.joint is not None:
             return self.term.joint - 1
-        falls = [1 - b / a if a else 0.0 for a, b in zip(self.before.fitted.rms, self.after.fitted.rms, strict=True)]
-        return int(np.argmin([-f for f in falls]))
+        both = zip(self.previous.fitted.rms, self.fitted.rms, strict=True)
+        return int(np.argmin([-(1 - b / a) if a else 0.0 for a, b in both]))
 
     def share(self) -> float:
         """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1; of the twist where that is what shows it."""
-        if self.evidence.twist is not None:
-            return min(self.evidence.share, 1.0)
+        if self.candidate.twist is not None:
+            return min(self.candidate.share, 1.0)
         i = self.joint_index
-        before, after = self.before.fitted.rms[i], self.after.fitted.rms[i]
-        excess = before**2 - self.before.joints[i].floor.value ** 2
+        before, after = self.previous.fitted.rms[i], self.fitted.rms[i]
+        excess = before**2 - self.previous.joints[i].floor.value ** 2
         return float(np.clip((before**2 - after**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+
+
+@lru_cache(maxsize=1)
+def _base(identification: Identification) -> FittedBase:
+    return FittedBase(identification.problem, identification.fit)
+
+
+@dataclass(frozen=True, eq=False)
+class Trail:
+    """The recordings and the steps that were taken on them.
+
+    held_out     the motion that is never fitted            names       files of the recordings, in their order
+    suspicions   what must be put right in the data before anything is sought
+    last         the last step                              ranking     the last comparison of candidates
+    taken_back   terms that were added once and are not added again: they would come and go for ever
+    """
+
+    model: Model
+    motion: Motion
+    held_out: Motion | None
+    names: tuple[str, ...]
+    suspicions: tuple[Suspicion, ...]
+    last: Step
+    ranking: Ranking = NOT_RANKED
+    taken_back: frozenset[Term] = field(default_factory=frozenset)
+
+    @classmethod
+    def begun(cls, model: Model, motion: Motion, held_out: Motion | None, names: Sequence[str]) -> Trail:
+        """The structure of the model file, fitted."""
+        first = _fitted(model, motion, held_out, structure(model), None)
+        return cls(model, motion, held_out, tuple(names), (), first)
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """From the first to the last."""
+        found = [self.last]
+        while found[-1].before is not None:
+            found.append(found[-1].before)
+        return tuple(reversed(found))
+
+    @property
+    def first(self) -> Step:
+        return self.steps[0]
+
+    @property
+    def findings(self) -> tuple[Step, ...]:
+        """The steps that added something."""
+        return self.steps[1:]
+
+    def to(self, last: Step) -> Trail:
+        """The trail that ends at another step."""
+        return replace(self, last=last)
+
+    def structure(self, added: Sequence[tuple[Term, Values]]) -> Structure:
+        """The structure as given with these terms in place of what they generalise, shapes as last found."""
+        first = self.first.shapes
+        latest = {**first, **self.last.shapes}
+        known: Structure = {t: dict(latest[t]) for t in first}
+        for term, shape in added:
+            generalises = self.model.library.effects[term.effect].generalises
+            for gone in [t for t in known if t.effect in generalises and t.joint == term.joint]:
+                del known[gone]
+            known[term] = dict(shape)
+        return known
+
+    def added(self) -> list[tuple[Term, Values]]:
+        """All terms that were added, with their shapes as last found; not those that a later one generalises."""
+        shapes = self.last.shapes
+        return [(f.term, shapes[f.term]) for f in self.findings if f.term in shapes]
+
+    def refitted(self, known: Structure, start: Step) -> Step:
+        """Everything fitted for a structure, beginning at a step's values."""
+        return _fitted(self.model, self.motion, self.held_out, known, start)
+
+    def with_candidates(self, start: Step, *candidates: Candidate) -> Step:
+        """All that was added so far and these candidates, refitted."""
+        known = self.structure([*self.added(), *((c.term, c.shape) for c in candidates)])
+        return self.refitted(known, start)
+
+    def without(self, term: Term) -> Step:
+        """The last step without one of the terms that were added, refitted."""
+        rest = [(t, shape) for t, shape in self.added() if t != term]
+        return self.refitted(self.structure(rest), self.last)
+
+    def rebuilt(self, kept: Sequence[Step], shapes: Mapping[Term, Values], gone: Sequence[Term]) -> Trail:
+        """The trail with these findings alone, refitted one after another; gone: terms that are not added again."""
+        known, last = {**dict(self.added()), **shapes}, self.first
+        for k, finding in enumerate(kept):
+            added = [(f.term, known[f.term]) for f in kept[: k + 1] if f.term in known]
+            made = self.refitted(self.structure(added), self.last)
+            last = replace(
+                made,
+                before=last,
+                chosen=finding.chosen,
+                ranking=finding.ranking,
+                rivals=finding.rivals,
+                refuted=finding.refuted,
+            )
+        return replace(self, last=last, taken_back=self.taken_back | frozenset(gone))
+
+
+def _fitted(model: Model, motion: Motion, held_out: Motion | None, known: Structure, start: Step | None) -> Step:
+    before = None if start is None else start.identification.fit
+    identification = identify_motion(model, motion, known, start=before)
+    if before is not None:
+        identification = with_witnessed(identification, before.witnessed)
+    held = None if held_out is None else errors_elsewhere(identification, held_out)
+    return Step.of(identification, held_out=held)
+
+
+def with_witnessed(identification: Identification, witnessed: Mapping[Term, Mapping[str, Estimate]]) -> Identification:
+    """The same with terms that further sensors show and the torque does not."""
+    fit = identification.fit
+    if not witnessed:
+        return identification
+    return replace(identification, fit=replace(fit, witnessed={**fit.witnessed, **witnessed}))
 
 
 def errors_elsewhere(identification: Identification, motion: Motion) -> Errors:

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.further_sensors import FailedGate
-from runtime.diagnosis.gates import Evidence, Figures, Shown
+from runtime.diagnosis.candidates import Candidate, FittedBase, TwistResidual
+from runtime.diagnosis.gates import BOUND, GateResult
+from runtime.diagnosis.ranking import Evidence
 from runtime.identification.estimate import Estimate
 from runtime.identification.twist import TwistEquation, TwistFit, fit_twist
 from runtime.model.loader import EffectInfo
@@ -28,38 +28,38 @@ Array = NDArray[np.float64]
 class Witnessed:
     """A transmission that gives way as its encoders show it: what speaks for it, and its parameters."""
 
-    evidence: Evidence
+    candidate: Candidate
     values: Mapping[str, Estimate]
 
     @property
     def term(self) -> Term:
-        return self.evidence.term
+        return self.candidate.term
 
 
-def witnessed(field: CandidateField) -> list[Witnessed]:
+def witnessed(base: FittedBase) -> list[Witnessed]:
     """What link-side encoders show at joints whose transmission is rigid in the fitted model, one effect a joint."""
     found = []
-    for joint in range(field.model.n):
-        if any(field.model.library.effects[t.effect].gives_way and t.joint == joint + 1 for t in field.known()):
+    for joint in range(base.model.n):
+        if any(base.model.library.effects[t.effect].gives_way and t.joint == joint + 1 for t in base.known()):
             continue
-        fit = fit_twist(field.problem, field.fit, joint)
-        passing = [w for w in _of_joint(field, fit) if w.evidence.passes] if fit else []
+        fit = fit_twist(base.problem, base.fit, joint)
+        passing = [w for w in _of_joint(base, fit) if w.candidate.passes] if fit else []
         # A gap is asked for beside a spring: where it is there, the spring alone is a special case.
         found += passing[-1:]
     return found
 
 
-def _of_joint(field: CandidateField, fit: TwistFit) -> list[Witnessed]:
+def _of_joint(base: FittedBase, fit: TwistFit) -> list[Witnessed]:
     """The spring, then the gap, as far as the twist equation tells them."""
     found = []
-    for name, info in field.model.library.effects.items():
+    for name, info in base.model.library.effects.items():
         if not info.gives_way or info.scope != "joint":
             continue
         values = _values(info, fit)
         if values is not None:
             equation = fit.equation.of_gap() if info.has_gap else fit.equation
-            if (evidence := _weighed(field, fit.joint, name, equation=equation, values=values)) is not None:
-                found.append((info.has_gap, Witnessed(evidence, values)))
+            if (candidate := _weighed(base, fit.joint, name, equation=equation, values=values)) is not None:
+                found.append((info.has_gap, Witnessed(candidate, values)))
     return [w for _, w in sorted(found, key=lambda item: item[0])]
 
 
@@ -72,55 +72,52 @@ def _values(info: EffectInfo, fit: TwistFit) -> dict[str, Estimate] | None:
 
 
 def _weighed(
-    field: CandidateField, joint: int, effect: str, equation: TwistEquation, values: Mapping[str, Estimate]
-) -> Evidence | None:
+    base: FittedBase, joint: int, effect: str, equation: TwistEquation, values: Mapping[str, Estimate]
+) -> Candidate | None:
     """The gates on the rows of a twist equation, whose cause is the candidate; None where its rows hold no more than
     the encoders' noise, so that nothing has a cause."""
     system = equation.unexplained.levelled()
-    rows = replace(system.joints[0], piece=field.motion.row_piece(joint))
+    rows = replace(system.joints[0], piece=base.motion.row_piece(joint))
     square = system.solution.sse / rows.count
     if square <= 0:
         return None
     before = float(np.sqrt(square))
     system = system.over([replace(rows, weight=1 / before)])
-    figures, residual = _figures(system, equation.block, before, _floor(field, joint))
-    failed = list(figures.failed_gates(_floor(field, joint), at_edge=False))
-    # A finite end of the interval that is not the effect's absence: a gap above 0, however stiff its flanks; a
-    # spring's compliance above 0.
-    info = field.model.library.effects[effect]
-    size = info.of_kind("play") if info.has_gap else info.of_kind("stiffness")
-    failed += [
-        FailedGate("bound", f"its {name} may be none: 95 % in [{e.interval[0]:.3g}, {e.interval[1]:.3g}]")
-        for name, e in values.items()
-        if e.interval is not None
-        and size is not None
-        and name == size.name
-        and not (e.interval[0] > 0 and np.isfinite(e.interval[1]))
-    ]
-    after = before * float(np.sqrt(max(figures.after.sse, 0.0) / rows.count))
+    evidence, residual = _evidence(system, equation.block, before, _floor(base, joint))
+    results = [*evidence.results(_floor(base, joint), np.inf), *_bounds(base.model.library.effects[effect], values)]
+    after = before * float(np.sqrt(max(evidence.after.sse, 0.0) / rows.count))
     shape = {name: e.value for name, e in values.items()}
-    return Evidence(
-        Candidate(Term(effect, joint + 1), shape, 0, figures.before.sse - figures.after.sse, at_edge=False),
-        0.0,
-        figures.share,
-        delta_bic=figures.delta_bic,
-        likelihood_gain=figures.likelihood_gain,
-        cv_gain=figures.cv_gain,
-        failed=tuple(failed),
-        parameters=figures.white_after.system.rank,
+    return Candidate(
+        Term(effect, joint + 1),
+        shape,
+        searched=0,
+        gain=evidence.before.sse - evidence.after.sse,
+        edge=np.inf,
+        parameters=evidence.white_after.system.rank,
         residual=residual,
-        twist=Shown(before, after, figures.eff, field.model.joints[joint].position_unit),
+        twist=TwistResidual(before, after, evidence.eff, base.model.joints[joint].position_unit),
+        results=tuple(results),
     )
 
 
-def _figures(system: LinearSystem, block: Block, rms: float, floor: float) -> tuple[Figures, Array]:
+def _bounds(info: EffectInfo, values: Mapping[str, Estimate]) -> list[GateResult]:
+    """Whether the interval of what sizes an effect has a finite end that is not its absence: a gap above 0, however
+    stiff its flanks; a spring's compliance above 0."""
+    size = info.of_kind("play") if info.has_gap else info.of_kind("stiffness")
+    e = None if size is None else values.get(size.name)
+    if e is None or e.interval is None:
+        return []
+    return [BOUND.asked(e.interval[0] if np.isfinite(e.interval[1]) else 0.0)]
+
+
+def _evidence(system: LinearSystem, block: Block, rms: float, floor: float) -> tuple[Evidence, Array]:
     rows, after = system.joints[0], system.with_block(block).solution
     by = [rows.whitening(after.residual[0])]
     # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
     own = replace(block, columns={0: Columns(block.columns[0].rows)})
     white = system.without_noise().whitened(by, after.residual)
     white_after = white.with_block(own.whitened(by)).solution
-    figures = Figures(
+    found = Evidence(
         system.solution,
         after,
         white.solution,
@@ -132,10 +129,10 @@ def _figures(system: LinearSystem, block: Block, rms: float, floor: float) -> tu
         measured=system.solution.sse,
         count=rows.count,
     )
-    return figures, white.joints[0].weight * white_after.residual[0]
+    return found, white.joints[0].weight * white_after.residual[0]
 
 
-def _floor(field: CandidateField, joint: int) -> float:
+def _floor(base: FittedBase, joint: int) -> float:
     """RMS of white noise of both encoders in the band, taken to be alike."""
-    motion = field.motion
+    motion = base.motion
     return float(np.sqrt(2 * motion.band.position_density[joint] * motion.cutoff(joint)))

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.diagnosis.branches import complete
-from runtime.diagnosis.diagnose import begin, judged
+from runtime.diagnosis.stages import begin, complete
+from runtime.diagnosis.verdict import decide
 from runtime.documents.parts import EffectAt
 from runtime.documents.recordings import (
     AssumedNoise,
@@ -176,7 +176,7 @@ def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis:
     hidden = None if truth is None else bench.rivals[truth]
     # Recordings of different rivals get different noise.
     own = len(bench.rivals) * seed + (0 if truth is None else truth)
-    result = judged(complete(begin(bench.model, [bench.record(motion, hidden, own)])))
+    result = decide(complete(begin(bench.model, [bench.record(motion, hidden, own)])))
     term = None if hidden is None else hidden.term
     others = tuple(r.term for r in bench.rivals if r.term != term)
     named = tuple(f.term for f in result.findings)

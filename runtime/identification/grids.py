@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from runtime.identification.problem import Problem, Skew, first_least
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import (
-    GRID_EDGE,
     MIDDLE_OF_SPEEDS,
     SLOWEST_ROWS,
 )
@@ -139,8 +138,9 @@ def points(regressors: Regressors, term: Term, orders: Array | None = None) -> l
     ]
 
 
-def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
-    """Whether a shape is at an end of its grid, and so the bound of the search and no minimum.
+def edge_distance(regressors: Regressors, term: Term, shape: Values) -> float:
+    """Distance of a shape from the nearer end of its grid, as a part of the range; infinite for a term whose shape has
+    no place.
 
     Only the first continuous parameter counts, which places the effect; an end of the others' grids (a damping too
     small to matter) is a valid value.
@@ -148,11 +148,11 @@ def at_edge(regressors: Regressors, term: Term, shape: Values) -> bool:
     places = (p for p in regressors.model.library.effects[term.effect].shape if p.grid and p.grid.continuous)
     parameter = next(places, None)
     if parameter is None or parameter.grid is None:
-        return False
+        return inf
     values = axis(regressors, term, parameter, shape)
     ends = np.array([values[0], shape[parameter.name], values[-1]])
     x = np.log(np.maximum(ends, 1e-300)) if parameter.grid.spacing == "log" else ends
-    return bool(x[1] - x[0] < GRID_EDGE * (x[2] - x[0]) or x[2] - x[1] < GRID_EDGE * (x[2] - x[0]))
+    return float(min(x[1] - x[0], x[2] - x[1]) / (x[2] - x[0]))
 
 
 def within(regressors: Regressors, term: Term, shape: Values) -> bool:

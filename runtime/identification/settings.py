@@ -84,10 +84,6 @@ SEARCH_EVALUATIONS: Final = 12
 SEARCH_INSIDE: Final = 1e-6
 """part of a grid's stretch; a search begins so far inside its bounds, which its method asks for; by construction."""
 
-GRID_EDGE: Final = 0.02
-"""part of a grid's range; a shape nearer to an end is not a minimum but the bound of the search; development
-recordings."""
-
 # the width of a gap -------------------------------------------------------------------------------------------------
 
 GAP_REACH: Final = 2.5

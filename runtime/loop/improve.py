@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 import numpy as np
-from msgspec import UNSET, structs
 from numpy.typing import NDArray
 
-from runtime.diagnosis.branches import complete
-from runtime.diagnosis.diagnose import Diagnosis, begin, conclude, finding_entry
 from runtime.diagnosis.grammar_search import Draft, best
 from runtime.diagnosis.remainder import remainder
-from runtime.diagnosis.steps import Finding, Step, residuals_elsewhere
-from runtime.documents.diagnosis import DiagnosisBase, FitsEntry, HistoryEntry, ImprovementBase
+from runtime.diagnosis.stages import begin, complete, conclude
+from runtime.diagnosis.steps import Step, residuals_elsewhere
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.fits import FitDocument
-from runtime.identification.compare import JointSeries, series_on, structure_entries
+from runtime.identification.compare import JointSeries, series_on
 from runtime.identification.identify import Identification, without_tip_rests
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
@@ -78,28 +76,8 @@ class Improvement:
         return self.found.steps
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[Step, ...]:
         return self.found.findings
-
-    def document(self) -> ImprovementBase:
-        """As `tendon improve --json`, without the keys that the report adds."""
-        first, last = self.steps[0].identification, self.steps[-1].identification
-        return self.left.document().as_part_of(
-            ImprovementBase,
-            sensors=[worth.document() for worth in self.found.sensors],
-            history=[
-                HistoryEntry(
-                    added=None if step.added is None else str(step.added),
-                    rms=list(step.fitted.rms),
-                    relative=list(step.fitted.relative),
-                    held_out=None if step.held_out is None else list(step.held_out.rms),
-                    held_out_relative=None if step.held_out is None else list(step.held_out.relative),
-                    finding=finding_entry(self.found, k - 1) if k else UNSET,
-                )
-                for k, step in enumerate(self.steps)
-            ],
-            identification=FitsEntry(before=first.document(), after=last.document()),
-        )
 
 
 def improve(
@@ -114,22 +92,22 @@ def improve(
     on_step    gets a line about each step
     """
     tell = on_step or (lambda _: None)
-    search = begin(source.compiled.model(), recordings, held_out)
-    tell(_progress(search.steps[-1]))
-    search = complete(search, lambda step: tell(_progress(step)))
-    found = conclude(search, source.compiled.model_with_guesses)
-    last, edits = found.steps[-1], source.edits
+    trail = begin(source.compiled.model(), recordings, held_out)
+    tell(_progress(trail.last))
+    trail = complete(trail, lambda step: tell(_progress(step)))
+    found = conclude(trail, source.compiled.model_with_guesses)
+    last, edits = found.last, source.edits
     for finding in found.findings:
         edits = edits.add(finding.term.name, finding.term.joint, last.values[finding.term])
-    if not found.findings:
-        left = found
-    else:
-        search.model = source.with_text(edits.text).compiled.model()
-        fitted, written = set(last.values), set(structure(search.model))
+    left = found
+    if found.findings:
+        model = source.with_text(edits.text).compiled.model()
+        fitted, written = set(last.values), set(structure(model))
         if fitted != written:
             apart = ", ".join(sorted(map(str, fitted ^ written)))
             raise RuntimeError(f"the edited model file and the fitted model differ in {apart}")
-        left = conclude(replace(search, steps=[last], findings=[]))
+        alone = replace(last, chosen=None, before=None)
+        left = conclude(replace(trail, model=model, last=alone))
     if found.verdict != "refused":
         edits = edits.set(last.identification.document())
     return Improvement(edits.text, found, left)
@@ -174,9 +152,6 @@ def floors(identification: Identification, recordings: Sequence[Recording]) -> t
     return tuple(joint.floor for joint in left(identification, recordings).joints) if recordings else ()
 
 
-# --- drafts for what is left ---
-
-
 def unexplained(step: Step) -> tuple[int, ...]:
     """Joints (from 0) whose residual is more than noise."""
     return tuple(i for i in range(len(step.joints)) if remainder(step, i) is not None)
@@ -187,16 +162,5 @@ def propose(diagnosis: Diagnosis, model: Model, guesses: Collection[str]) -> Dra
 
     model   arm of the diagnosis, its library extended by the effects named in `guesses`
     """
-    step = diagnosis.steps[-1]
+    step = diagnosis.last
     return best(step, model, guesses, unexplained(step))
-
-
-def described(diagnosis: Diagnosis) -> DiagnosisBase:
-    """A diagnosis with the signals that the residual follows at each unexplained joint."""
-    document = diagnosis.document()
-    if diagnosis.verdict != "unexplained":
-        return document
-    joints, step = list(document.joints), diagnosis.steps[-1]
-    for k in unexplained(step):
-        joints[k] = structs.replace(joints[k], structure=structure_entries(step.joints[k]))
-    return structs.replace(document, joints=joints)

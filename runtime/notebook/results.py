@@ -12,7 +12,7 @@ from typing import Any
 
 from runtime import files
 from runtime.diagnosis.credibility import JudgedFit
-from runtime.diagnosis.diagnose import Diagnosis
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.fits import JudgedFitDocument
 from runtime.documents.models import ExportDocument
 from runtime.documents.plans import OptimizeDocument

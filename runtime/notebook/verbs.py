@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis import diagnose as diagnosis
+from runtime.diagnosis import stages
 from runtime.diagnosis.credibility import judged
 from runtime.identification import compare as comparison
 from runtime.identification import identify as identification
@@ -61,7 +61,7 @@ def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
 def diagnose(arm: LoadedArm, recordings: Recordings) -> DiagnosisResult:
     """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"."""
     data = arm.recordings(recordings)
-    result = diagnosis.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses)
+    result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses)
     return DiagnosisResult(result, ResultSummary(result, _invocation(arm, data)))
 
 

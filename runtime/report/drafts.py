@@ -6,9 +6,10 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.grammar_search import Draft
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.loop.improve import unexplained
+from runtime.report.diagnosed import drafted
 
 
 def needless(diagnosis: Diagnosis) -> str:
@@ -22,7 +23,7 @@ def needless(diagnosis: Diagnosis) -> str:
 
 def none_found(diagnosis: Diagnosis) -> str:
     """Why an unexplained residual gets no draft."""
-    step = diagnosis.steps[-1]
+    step = diagnosis.last
     outside = [i + 1 for i in unexplained(step) if step.joints[i].floor.repeatable(step.joints[i].rms) is False]
     text = "No draft: no term of the model's signals explains the residual"
     if outside:
@@ -34,7 +35,7 @@ def none_found(diagnosis: Diagnosis) -> str:
 
 def notes(draft: Draft, model: str, recordings: Sequence[str]) -> list[str]:
     """Paragraphs for the top of a draft's file; recordings: names of files."""
-    said = draft.document()
+    said = drafted(draft)
     values = ", ".join(f"{name} = {p.value:.4g} {p.unit}" for name, p in said.parameters.items())
     others = ", ".join(o.effect for o in said.others)
     return [

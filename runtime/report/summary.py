@@ -10,17 +10,18 @@ from pathlib import Path
 
 from msgspec import UNSET
 
-from runtime.diagnosis.diagnose import Diagnosis, finding_entry
-from runtime.diagnosis.remainder import physics
-from runtime.diagnosis.steps import Finding, Step
+from runtime.diagnosis.remainder import after_effect, physics
+from runtime.diagnosis.steps import Step
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEntry, ImprovementDocument, PeaksEntry
 from runtime.documents.fits import CompareDocument
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import Comparison, JointSeries
-from runtime.loop.improve import Improvement, described
+from runtime.loop.improve import Improvement
 from runtime.model.terms import Term, at, joints_of
 from runtime.motion import spectra
 from runtime.motion.repeats import Floor
+from runtime.report import diagnosed
 from runtime.wording import MORE_THAN_NOISE, numbered
 
 GUESS = Path("guess.py")
@@ -143,9 +144,9 @@ class ResultSummary:
             "improved_model": None if self.improved is None else str(self.improved),
         }
         if isinstance(self.result, Diagnosis):
-            return described(self.result).as_part_of(DiagnosisDocument, draft=None, **follows)
+            return diagnosed.document(self.result).as_part_of(DiagnosisDocument, draft=None, **follows)
         floors = self.floor_entries or UNSET
-        return self.result.document().as_part_of(ImprovementDocument, held_out_floors=floors, **follows)
+        return diagnosed.improved(self.result).as_part_of(ImprovementDocument, held_out_floors=floors, **follows)
 
     @property
     def floor_entries(self) -> list[FloorEntry]:
@@ -157,7 +158,7 @@ class ResultSummary:
     def steps(self) -> tuple[Step, ...]:
         if not isinstance(self.result, Comparison):
             return self.result.steps
-        return (Step.of(None, self.result.identification, self.result.joints),)
+        return (Step.of(self.result.identification, self.result.joints),)
 
     @property
     def first(self) -> Step:
@@ -186,7 +187,8 @@ class ResultSummary:
             return False
         if isinstance(self.result, Improvement):
             return self.result.left.verdict == "unexplained"
-        named = any(finding_entry(self.diagnosis, k).remainder for k in range(len(self.findings)))
+        effects = self.diagnosis.model.library.effects
+        named = any(after_effect(self.last, f.joint_index, effects[f.term.effect]) for f in self.findings)
         return named or any(physics(self.last, i) for i in range(len(self.last.joints)))
 
     @cached_property
@@ -197,10 +199,10 @@ class ResultSummary:
         return [spectra.peaks(residual, motion.row_rate(i), motion.cutoff(i)) for i, residual in enumerate(left)]
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[Step, ...]:
         return self.diagnosis.findings if self.diagnosis else ()
 
-    def findings_at(self, joint: int) -> list[Finding]:
+    def findings_at(self, joint: int) -> list[Step]:
         """Findings that act on the torque of a joint (0-based), those of the whole arm among them."""
         return [f for f in self.findings if f.term.joint in (None, joint + 1)]
 

@@ -10,7 +10,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 
-from runtime.diagnosis.search import Search
+from runtime.diagnosis.steps import Trail
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, structure_entries
 from runtime.identification.covariance import estimate
@@ -127,10 +127,10 @@ def _effect(term: Term, info: EffectInfo, values: Mapping[str, Estimate]) -> Row
     }
 
 
-def offered(search: Search) -> list[EffectOffered]:
+def offered(trail: Trail) -> list[EffectOffered]:
     """The effects that the recordings can show and the model has not, by family."""
-    library, places = search.model.library.effects, dict[str, list[int | None]]()
-    for term in search.ground().terms():
+    library, places = trail.model.library.effects, dict[str, list[int | None]]()
+    for term in trail.last.base.terms():
         places.setdefault(term.effect, []).append(term.joint)
     return [
         EffectOffered(
@@ -154,7 +154,7 @@ def verdict(summary: ResultSummary) -> VerdictOverview:
     }
     findings = []
     for k, finding in enumerate(summary.findings):
-        fitted = finding.after.identification
+        fitted = finding.identification
         info, values = fitted.model.library.effects[finding.term.effect], fitted.inference.values.get(finding.term, {})
         findings.append(
             FindingOverview(

@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from runtime.diagnosis.branches import complete
-from runtime.diagnosis.diagnose import begin as begun
-from runtime.diagnosis.diagnose import conclude, judged
-from runtime.diagnosis.search import Search
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.stages import begin as begun
+from runtime.diagnosis.stages import complete, conclude
+from runtime.diagnosis.steps import Step, Trail
+from runtime.diagnosis.verdict import decide
 from runtime.documents.parts import Document
 from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
 from runtime.identification.compare import Comparison, JointSeries, as_written
@@ -114,8 +113,7 @@ class LoadedSession:
     def __init__(self, session: StudioSession, effects: Path | None) -> None:
         self.session = session
         self.effects = effects
-        self._searches: dict[int, Search] = {}
-        self._steps: dict[int, Step] = {}
+        self._trails: dict[int, Trail] = {}
         self._held_out: dict[int, HeldOut] = {}
         self._with: dict[tuple[int, PlacedEffect], Step] = {}
 
@@ -163,21 +161,16 @@ class LoadedSession:
         entries = document(self.session.step(number) / "found.json", list[ValuesFound]) or []
         return {e.placed: {k: v for k, v in e.values.items() if v is not None} for e in entries}
 
-    def search(self, number: int, text: str) -> Search:
-        """The fitted model from which a diagnosis starts. A diagnosis changes it: take it with `take_search`."""
-        if number not in self._searches:
-            search = begun(self.model(text), self.recordings(False), self.recordings(True))
-            self._searches[number], self._steps[number] = search, search.steps[0]
-        return self._searches[number]
-
-    def take_search(self, number: int) -> Search:
-        """The same, to be changed."""
-        self.search(number, self.text(number))
-        return self._searches.pop(number)
+    def trail(self, number: int, text: str | None = None) -> Trail:
+        """The fitted model from which a step's diagnosis starts; text: of its model file, None: as it was written."""
+        if number not in self._trails:
+            model = self.model(self.text(number) if text is None else text)
+            self._trails[number] = begun(model, self.recordings(False), self.recordings(True))
+        return self._trails[number]
 
     def fitted(self, number: int) -> Step:
         """A step's model, fitted."""
-        return self._steps[number] if number in self._steps else self.search(number, self.text(number)).steps[0]
+        return self.trail(number).last
 
     def held_out(self, number: int) -> HeldOut | None:
         """The residuals of a step's model on the held-out recordings; None without any."""
@@ -259,8 +252,8 @@ def _fitted(
     report.part(COMPILING)
     loaded.model(text)
     report.part(FITTING)
-    search = loaded.search(number, text)
-    step, held = search.steps[0], loaded.held_out(number)
+    trail = loaded.trail(number, text)
+    step, held = trail.last, loaded.held_out(number)
     held_joints = () if held is None else held.joints
     report.part(DRAWING)
     comparison = Comparison(step.identification, step.joints, as_written(step.identification))
@@ -269,8 +262,8 @@ def _fitted(
     (folder / "model.toml").write_text(text, encoding="utf-8")
     fitted = loaded.source.with_text(text).edits.set(step.identification.document()).text
     (folder / "fitted.toml").write_text(fitted, encoding="utf-8")
-    _write(folder / "overview.json", describe.step(number, summary, held_joints, search.suspicions))
-    _write(folder / "library.json", describe.offered(search))
+    _write(folder / "overview.json", describe.step(number, summary, held_joints, trail.suspicions))
+    _write(folder / "library.json", describe.offered(trail))
     before, held_before = (None, None) if parent is None else (loaded.fitted(parent), loaded.held_out(parent))
     names = ", ".join(map(str, changed))
     for k, series in enumerate(step.joints):
@@ -286,18 +279,18 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
     """Which effects a step's model lacks."""
     report.parts(FITTING, SEARCHING, LIMITS, DRAWING)
     report.part(FITTING)
-    search = loaded.take_search(step)
+    trail = loaded.trail(step)
     report.part(SEARCHING)
 
     def reached(found: Step) -> None:
         model = "as in the file" if found.added is None else f"with {found.added}"
         report.line(f"{model}: error {', '.join(percent(r) for r in found.fitted.relative)}")
 
-    search = complete(search, reached)
+    trail = complete(trail, reached)
     report.part(LIMITS)
-    result = conclude(search, loaded.source.compiled.model_with_guesses)
+    result = conclude(trail, loaded.source.compiled.model_with_guesses)
     report.part(DRAWING)
-    first, last = result.steps[0], result.steps[-1]
+    first, last = result.steps[0], result.last
     ends = [first] if first is last else [first, last]
     held = [left(end.identification, loaded.recordings(True)) for end in ends if loaded.inputs.held_out]
     given = invocation(loaded.inputs, about(loaded.source.text))
@@ -399,7 +392,7 @@ def hidden(
     path = np.ascontiguousarray(make_interp_spline(t, q.T, k=3)(np.arange(t[0], t[-1], 1 / RATE)).T)
     made, there = simulate(model, [place], SimulationSettings(noise=noise), path)
     report.part(DIAGNOSING)
-    result = judged(complete(begun(model, [made])))
+    result = decide(complete(begun(model, [made])))
     term = next(iter(there.keys() - structure(model).keys()))
     rivals = tuple(result.findings[0].rivals) if result.findings else ()
     named = tuple(f.term for f in result.findings)

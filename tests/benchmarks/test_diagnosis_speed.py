@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from harness import show, sized, timed
 from numpy_reference import stacked
-
 from runtime.diagnosis.diagnose import Diagnosis, diagnose
+
 from runtime.model.loader import Model
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm

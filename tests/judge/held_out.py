@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.diagnose import Diagnosis
 from runtime.diagnosis.steps import errors_elsewhere
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.motion.motion import Motion, prepare
 
 from .bodies import ARMS, torque

@@ -17,10 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.experiments import design
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
+from runtime.report.diagnosed import document as diagnosed
 from runtime.simulation.simulate import SimulationError
 from runtime.workspace.source import Source
 
@@ -124,7 +126,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         model = compiled.model()
         start = time.process_time()
         found = diagnose(model, [made.recording], [made.held_out] if held_out else [], compiled.model_with_guesses)
-        answer = found.document().to_json()
+        answer = diagnosed(found).to_json()
         out.seconds = time.process_time() - start
         _judge(out, made, found, answer, experiments)
         if compared and _comparable(made):
@@ -156,7 +158,7 @@ def logged(made: Made) -> Made:
 def _at_its_limit(case: Case) -> Made | None:
     """The case with its effect a little beyond what the same recording without it would have seen; None: no limit."""
     clean = judging.make(replace(case, names=()))
-    seen = diagnose(opened(clean.model).compiled.model(), [clean.recording]).document().to_json()["would_have_seen"]
+    seen = diagnosed(diagnose(opened(clean.model).compiled.model(), [clean.recording])).to_json()["would_have_seen"]
     amount = limits.beyond(seen, case.names[0], judging.places(case)[0])
     return None if amount is None else judging.make(case, [amount])
 

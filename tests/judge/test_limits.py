@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.verdict import Diagnosis
+from runtime.report.diagnosed import document as diagnosed
 from tests import bank
 from tests.judge import specimens
 from tests.kept import kept
@@ -17,7 +19,7 @@ BEYOND, WITHIN = 1.3, 0.5
 
 @pytest.fixture(scope="module")
 def clean() -> dict[str, Any]:
-    found = kept(diagnose, bank.model("judge1"), [kept(specimens.clean)]).document().to_json()
+    found = diagnosed(kept(diagnose, bank.model("judge1"), [kept(specimens.clean)])).to_json()
     assert found["verdict"] == "clean"
     return found
 

@@ -6,8 +6,10 @@ import re
 
 import pytest
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.report import loop, terminal
+from runtime.report.diagnosed import document as diagnosed
 from runtime.report.page.reports import report
 from runtime.report.summary import ResultSummary
 from tests import bank
@@ -22,7 +24,7 @@ def both(change: str | None = None) -> Diagnosis:
 
 
 def test_recordings_of_one_arm_agree() -> None:
-    found = both().document().to_json()
+    found = diagnosed(both()).to_json()
     assert found["verdict"] == "clean", found["reason"]
     assert found["inconsistent"] == []
     assert [r["recording"] for r in found["recordings"]] == ["run1.csv", "run2.csv"]
@@ -32,7 +34,7 @@ def test_recordings_of_one_arm_agree() -> None:
 
 
 def test_another_payload_is_another_arm() -> None:
-    found = both("payload").document().to_json()
+    found = diagnosed(both("payload")).to_json()
     assert found["verdict"] == "refused", found["reason"]
     assert found["findings"] == []
     worst = found["inconsistent"][0]
@@ -43,7 +45,7 @@ def test_another_payload_is_another_arm() -> None:
 
 
 def test_thinner_grease_is_said_and_refused() -> None:
-    found = both("thinner grease").document().to_json()
+    found = diagnosed(both("thinner grease")).to_json()
     assert found["verdict"] == "refused", found["reason"]
     assert found["findings"] == []
     assert "viscous@1 coefficient is " in found["reason"]
@@ -53,7 +55,7 @@ def test_page_and_terminal_show_both_tables(capsys: pytest.CaptureFixture[str]) 
     found = both("payload")
     page = report(found).html()
     assert "Each recording alone" in page
-    assert page.count("differs</span>") == len(found.document().to_json()["inconsistent"])
+    assert page.count("differs</span>") == len(diagnosed(found).to_json()["inconsistent"])
     terminal.show(loop.diagnosis(ResultSummary(found).document))
     out = capsys.readouterr().out
     assert re.search(r"each recording alone +run1.csv +run2.csv", out)

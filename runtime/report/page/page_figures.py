@@ -14,7 +14,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from runtime.diagnosis.steps import Finding, Step
+from runtime.diagnosis.steps import Step
 from runtime.identification.compare import JointSeries, structure_shares
 from runtime.model.catalogue import EffectInfo
 from runtime.motion import spectra
@@ -104,7 +104,7 @@ def of_result(summary: ResultSummary) -> list[Drawn]:
     return found
 
 
-def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Finding]) -> list[Drawn]:
+def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Step]) -> list[Drawn]:
     """Torque over time, whole and in detail, then the residual over every signal, the largest share first.
 
     No figures of a joint that never moves.
@@ -189,13 +189,13 @@ def amplitudes(residual: Array, rate: float) -> tuple[Array, Array]:
     return frequency, np.sqrt(power)
 
 
-def of_finding(finding: Finding, info: EffectInfo, name: str, alone: bool) -> list[Drawn]:
+def of_finding(finding: Step, info: EffectInfo, name: str, alone: bool) -> list[Drawn]:
     """Figures of a finding: over the signal that shows most of it, and over time if the effect has a memory.
 
     alone   whether it is the only finding at its joint, whose own figures show the first already
     """
     joint = finding.joint_index
-    before, after = finding.before.joints[joint], finding.after.joints[joint]
+    before, after = finding.previous.joints[joint], finding.joints[joint]
     curve, effect = after.predicted - before.predicted, finding.term.effect
     found = []
     if not alone:

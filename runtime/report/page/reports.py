@@ -10,10 +10,9 @@ import numpy as np
 from markupsafe import Markup
 from msgspec import UNSET
 
-from runtime.diagnosis.diagnose import finding_entry
 from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.steps import Step, seconds_moving
-from runtime.documents.diagnosis import CommandEntry, HistoryEntry, RankedCandidate
+from runtime.documents.diagnosis import CommandEntry, HistoryEntry
 from runtime.documents.fits import CompareDocument, JointEntry
 from runtime.documents.parts import given
 from runtime.documents.plans import ExecuteDocument, MotionDocument, OptimizeDocument
@@ -25,7 +24,8 @@ from runtime.model.terms import Term
 from runtime.motion import spectra
 from runtime.plain_json import plain
 from runtime.planning.trajectory import Trajectory
-from runtime.report import findings, fits, loop, motions
+from runtime.report import diagnosed, findings, fits, loop, motions, reasons
+from runtime.report.diagnosed import finding_entry, ranking_entries
 from runtime.report.findings import Context
 from runtime.report.fits import Names
 from runtime.report.page import page_figures as figures
@@ -110,11 +110,11 @@ def verdict(summary: ResultSummary) -> PageVerdict:
     more = []
     if isinstance(summary.result, Improvement) and summary.findings:
         left = summary.result.left
-        more.append(f"With that added, what is left is {TAGS[left.verdict]}: {left.reason}.")
+        more.append(f"With that added, what is left is {TAGS[left.verdict]}: {reasons.reason(left)}.")
     if not isinstance(document := summary.document, CompareDocument):
         more += loop.peaks(document)
     kind = "more" if summary.more_is_left else diagnosis.verdict
-    return PageVerdict(kind, TAGS[kind], sentence(diagnosis.reason), " ".join(more))
+    return PageVerdict(kind, TAGS[kind], sentence(reasons.reason(diagnosis)), " ".join(more))
 
 
 def _compared(summary: ResultSummary) -> str:
@@ -308,7 +308,7 @@ def _called(summary: ResultSummary, term: Term) -> str:
 def finding_card(summary: ResultSummary, number_: int, names: Sequence[str] = ()) -> list[Section]:
     """A finding in full, with the command that adds it; names: of its figures."""
     assert summary.diagnosis is not None
-    entry = finding_entry(summary.diagnosis, number_)
+    entry = finding_entry(summary.diagnosis, summary.findings[number_])
     info = summary.diagnosis.model.library.effects[entry.effect]
     adding = Commands((summary.adding()[number_],))
     return [*findings.card(entry, context(summary), info, names), adding]
@@ -358,7 +358,7 @@ def experiments(summary: ResultSummary) -> list[Section]:
         return []
     separating = iter(summary.separating())
     commands = [[next(separating) for _ in f.rivals] for f in summary.findings]
-    entries = [finding_entry(summary.diagnosis, k) for k in range(len(summary.findings))]
+    entries = [finding_entry(summary.diagnosis, f) for f in summary.findings]
     effects = summary.diagnosis.model.library.effects
     return findings.experiments(entries, effects, commands, context(summary))
 
@@ -368,14 +368,14 @@ def left_over(summary: ResultSummary) -> list[Section]:
     if summary.left is None or summary.left.verdict != "unexplained":
         return []
     made: list[Section] = []
-    step = summary.left.steps[-1]
+    step = summary.left.last
     for i, series in enumerate(step.joints):
         what = remainder(step, i)
         if what is None:
             continue
         follows = fits.structure(series.document(), structure_entries(series))
         none = "The residual follows none of the signals that were recorded."
-        inside = tuple(texts([sentence(what), follows or none, _line(step, i)]))
+        inside = tuple(texts([sentence(reasons.left_over(what)), follows or none, _line(step, i)]))
         made += [Group(f"Joint {summary.called(i)}", inside)] if len(step.joints) > 1 else inside
     return made
 
@@ -384,7 +384,7 @@ def unexplained_joints(summary: ResultSummary) -> list[int]:
     """Joints (from 1) whose residual nothing explains."""
     if summary.left is None or summary.left.verdict != "unexplained":
         return []
-    step = summary.left.steps[-1]
+    step = summary.left.last
     return [i + 1 for i in range(len(step.joints)) if remainder(step, i) is not None]
 
 
@@ -418,8 +418,7 @@ def not_named(summary: ResultSummary) -> list[Section]:
     """The candidates at the end of the search, and why none of them was named."""
     if summary.diagnosis is None:
         return []
-    evidence = summary.diagnosis.last.ranked
-    ranked = [RankedCandidate(effect=e.term.effect, joint=e.term.joint, evidence=e.document()) for e in evidence]
+    ranked = ranking_entries(summary.diagnosis.ranking, summary.diagnosis.model)
     return findings.not_named(ranked, summary.last.held_out is not None, context(summary))
 
 
@@ -457,7 +456,7 @@ def _parameters(summary: ResultSummary) -> Group:
         inside = tuple(fits.parameters_by_joint(after.uncorrected, earlier, names, meanings=meanings, quiet=quiet))
         made.append(Group("Without skew correction, standstill included", inside, folded=True))
     if summary.left is not None:
-        alone = fits.recordings_alone(summary.left.document())
+        alone = fits.recordings_alone(diagnosed.document(summary.left))
         made += [Group("Each recording alone", tuple(alone))] if alone else []
     return Group("Parameters", tuple(made), "parameters")
 

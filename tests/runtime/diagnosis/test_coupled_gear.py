@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.verdict import Diagnosis
 from tests import bank, spatial_wrist
 from tests.kept import kept
 from tests.variants import slow

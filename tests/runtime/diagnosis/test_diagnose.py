@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import prepared
 from runtime.loop.improve import improve
 from runtime.model.loader import Model
@@ -19,6 +20,9 @@ from runtime.motion import repeats
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording
+from runtime.report.diagnosed import document as diagnosed
+from runtime.report.diagnosed import improved
+from runtime.report.reasons import reason
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
 from runtime.workspace.source import Source
@@ -56,14 +60,14 @@ def test_recordings_of_another_simulator(recording: str, model: str, truth: list
     assert found.verdict == ("effect" if truth else "clean")
     assert found.seen
     # "never a traceback, plain JSON": what the command prints can be read back without loss.
-    assert json.loads(json.dumps(found.document().to_json(), allow_nan=False)) == found.document().to_json()
+    assert json.loads(json.dumps(diagnosed(found).to_json(), allow_nan=False)) == diagnosed(found).to_json()
 
 
 def test_a_disturbance_from_outside_is_not_physics(shared: Shared) -> None:
     loaded = shared_model("drive1.toml")
     found = kept(diagnose, loaded, [shared("hidden/recording_e.csv.gz", loaded)])
     assert found.verdict == "unexplained"
-    assert "3.7" in found.reason
+    assert "3.7" in reason(found)
 
 
 def with_a_stop(model: Model, beyond: float, brushed: float, stiffness: float, seed: int) -> Recording:
@@ -87,8 +91,8 @@ def test_what_happened_once_is_decided_by_a_second_recording(drive: Model) -> No
     first, second = (with_a_stop(drive, 0.4, -0.1, 1.4, seed) for seed in (1, 2))
     once = kept(diagnose, drive, [first])
     assert once.verdict == "unexplained"
-    assert "end_stop@1 would explain" in once.reason
-    assert once.reason.endswith("give that as --held-out")
+    assert "end_stop@1 would explain" in reason(once)
+    assert reason(once).endswith("give that as --held-out")
     assert named(kept(diagnose, drive, [first], [second])) == ["end_stop@1"]
 
 
@@ -109,7 +113,7 @@ def test_effects_of_an_independent_plant(hidden: str, drive: Model) -> None:
     assert named(found) == [f"{hidden}@1"]
     finding = found.findings[0]
     assert finding.share() > 0.8
-    assert finding.after.fitted.rms[0] < 1.15 * finding.after.joints[0].floor.spectrum
+    assert finding.fitted.rms[0] < 1.15 * finding.joints[0].floor.spectrum
 
 
 def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: Path) -> None:
@@ -122,7 +126,7 @@ def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: P
     assert named(found) == ["backlash@1"]
     assert [str(s.added) for s in found.steps[1:]] == ["backlash@1"]
     (finding,) = found.findings
-    gap = finding.after.identification.inference.values[finding.term]["gap"]
+    gap = finding.identification.inference.values[finding.term]["gap"]
     assert gap.value == pytest.approx(present[finding.term]["gap"], rel=0.05)
 
 
@@ -141,7 +145,7 @@ def test_a_contradicted_inertia_is_said_first(drive: Model) -> None:
     wrong = source.with_text(text.replace("mass = 2.0", "mass = 6.0")).compiled.model()
     assert wrong.lump_values[0] > loaded.lump_values[0] * 1.3
     found = kept(diagnose, wrong, [recorded(None, 21)])
-    assert found.reason.startswith("check the model file first: J1 is")
+    assert reason(found).startswith("check the model file first: J1 is")
     assert found.verdict == "clean"
 
 
@@ -160,7 +164,7 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     fitted, held = (shared(f"emps/{name}.csv.gz", emps) for name in ("identification", "validation"))
     source = Source.shipped("emps")
     result = kept(improve, source, [fitted], [held])
-    history = result.document().to_json()["history"]
+    history = improved(result).to_json()["history"]
     added = [step["added"] for step in history]
     assert {"viscous_asymmetric@1", "viscous_power@1"} == set(added[1:3])
     for key in ("relative", "held_out_relative"):

@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from runtime.diagnosis import gates
-from runtime.diagnosis.candidates import Candidate, CandidateField
+from runtime.diagnosis import ranking
+from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.model.terms import Term
 
 
@@ -27,7 +27,7 @@ class _Field:
         return None, self
 
     def search(self, term: Term) -> Candidate:
-        return Candidate(term, {"speed": 0.1}, 1, 1.0, False)
+        return Candidate(term, {"speed": 0.1}, 1, 1.0, np.inf)
 
     def refine(self, candidate: Candidate) -> Candidate:
         return candidate
@@ -42,8 +42,8 @@ class _Field:
 def test_no_candidate_is_weighed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also one that is hopeful at its joint, leaves least there and has an encoder on either side."""
     weighed: list[Term] = []
-    monkeypatch.setattr(gates, "weigh", lambda _, candidates, __: weighed.extend(c.term for c in candidates))
+    monkeypatch.setattr(ranking, "weigh", lambda _, candidates, __: weighed.extend(c.term for c in candidates))
     terms = [Term(f"effect{k}", joint) for joint in (1, 2) for k in range(12)]
-    gates.rank(cast(CandidateField, _Field()), terms, (1.0, 1.0))
+    ranking.rank(cast(FittedBase, _Field()), terms, (1.0, 1.0))
     assert {t.joint for t in weighed} == {1, 2}
     assert len(weighed) == len(set(weighed))

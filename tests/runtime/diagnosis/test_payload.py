@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.identification.identify import identify, identify_motion
 from runtime.model.terms import Term, structure
 from runtime.workspace.source import Source

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.diagnosis import further_sensors, sensor_worth
-from runtime.diagnosis.candidates import Candidate, CandidateField
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
+from runtime.diagnosis import sensor_worth
+from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors, echo
+from runtime.diagnosis.gates import LAG, RIGID, SHARE, Gate, failed
+from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.telling_signals import missing
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.band import rigid_inertia
 from runtime.recordings.recording import Recording, RecordingError
+from runtime.report.diagnosed import document as diagnosed
+from runtime.report.reasons import reason
 from runtime.setting import SettingError
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import EXTRA, SimulationSettings
@@ -58,7 +61,7 @@ def test_a_link_side_encoder_tells_a_spring_from_a_gap() -> None:
     made = recorded(poor, ("elasticity", 0, 1500.0))
     found = kept(diagnose, bank.model("judge1"), [made.plain])
     assert named(found)[0] == ("elasticity@1", ["backlash@1"])
-    assert found.document().to_json()["findings"][0]["missing_signals"] == [
+    assert diagnosed(found).to_json()["findings"][0]["missing_signals"] == [
         {"signal": "q1_link", "rivals": ["backlash"]}
     ]
     assert named(kept(diagnose, bank.model("judge1"), [made.with_link]))[0] == ("elasticity@1", [])
@@ -82,10 +85,10 @@ def test_a_spring_that_leaves_more_than_noise_rules_out_no_gap() -> None:
     made = recorded(Setting(excitation="one_cosine"), ("backlash", 0, 4.8e-3), seed=2)
     found = kept(diagnose, bank.model("judge1"), [made.plain])
     assert "backlash@1" in spoken_of(found)
-    assert "q1_link" in {x["signal"] for f in found.document().to_json()["findings"] for x in f["missing_signals"]}
+    assert "q1_link" in {x["signal"] for f in diagnosed(found).to_json()["findings"] for x in f["missing_signals"]}
     found = kept(diagnose, bank.model("judge1"), [made.with_link])
     assert named(found) == [("backlash@1", [])]
-    low, high = found.document().to_json()["findings"][0]["parameters"]["gap"]["interval"]
+    low, high = diagnosed(found).to_json()["findings"][0]["parameters"]["gap"]["interval"]
     assert low < 4.8e-3 < high
 
 
@@ -104,19 +107,18 @@ def test_a_link_side_encoder_says_whether_the_transmission_gives_way() -> None:
     """A delay and an elasticity without slow motion: each is ruled out where the other is the truth."""
     quick, shape = Setting(excitation="no_slow"), {"stiffness": 1500.0, "damping": 1.0}
     fitted = kept(identify, bank.model("judge1"), [recorded(quick, ("torque_delay", 0, 4e-3)).with_link])
-    field = CandidateField(fitted.problem, fitted.fit)
-    soft = Candidate(ELASTICITY, shape, 2, 0.0, at_edge=False)
-    (doubt,) = FurtherSensors(field).doubts(field.ground, soft, field.block(ELASTICITY, shape), np.ones(1))
-    assert doubt.gate == "link encoder"
-    assert doubt.text.startswith("the link-side encoder does not show it")
+    base = FittedBase(fitted.problem, fitted.fit)
+    soft = Candidate(ELASTICITY, shape, 2, 0.0, np.inf)
+    (closed,) = failed(FurtherSensors(base).results(base.system, soft, base.block(ELASTICITY, shape), np.ones(1)))
+    assert closed.gate is LAG
     recording = recorded(quick, ("elasticity", 0, 1500.0)).with_link
     assert not doubts(bank.model("judge1"), recording, ELASTICITY, DELAY)["elasticity@1"]
     fitted = kept(identify, bank.model("judge1"), [recording])
-    field = CandidateField(fitted.problem, fitted.fit)
-    late, block = Candidate(DELAY, {}, 0, 0.0, at_edge=False), field.block(DELAY, {})
-    parts = np.append(1.0, field.ground.with_block(block).solution.coefficients[len(field.ground.unknown) :])
-    said = "; ".join(doubt.text for doubt in FurtherSensors(field).doubts(field.ground, late, block, parts))
-    assert "the transmission gives way instead" in said
+    base = FittedBase(fitted.problem, fitted.fit)
+    late, block = Candidate(DELAY, {}, 0, 0.0, np.inf), base.block(DELAY, {})
+    parts = np.append(1.0, base.system.with_block(block).solution.coefficients[len(base.system.unknown) :])
+    closed = failed(FurtherSensors(base).results(base.system, late, block, parts))
+    assert RIGID in [result.gate for result in closed]
 
 
 def test_a_link_side_encoder_finds_the_soft_joint() -> None:
@@ -154,8 +156,8 @@ def test_the_users_own_rigid_torque_replaces_an_arm_that_the_file_cannot_say() -
     found = kept(diagnose, bank.model("judge2"), [made.with_rigid])
     assert named(found) == [("stribeck@2", [])]
     assert found.findings[0].share() > 0.9
-    assert found.reason.startswith("the model lacks stribeck")
-    assert {p["fit"] for p in found.document().to_json()["parameters"]} == {None}
+    assert reason(found).startswith("the model lacks stribeck")
+    assert {p["fit"] for p in diagnosed(found).to_json()["parameters"]} == {None}
     last = found.steps[-1].identification
     assert np.array_equal(last.fit.prediction.lumps, bank.model("judge2").lump_values)
     torque = last.inference.values[Term("stribeck", 2)]["torque"]
@@ -232,14 +234,14 @@ def test_a_rigid_torque_without_rotors_leaves_them_to_be_fitted() -> None:
     for recording, lacking in ((whole, 0.0), (bare, rotor)):
         found = kept(diagnose, bank.model("judge1"), [recording])
         assert found.verdict == "clean"
-        (entry,) = found.document().to_json()["rotors"]
+        (entry,) = diagnosed(found).to_json()["rotors"]
         assert entry["fit"] == pytest.approx(lacking, abs=2e-3)
         assert entry["interval"][0] < lacking < entry["interval"][1]
 
 
 def test_a_rigid_torque_of_its_own_leaves_no_effect_of_the_files_geometry() -> None:
     fitted = kept(identify, bank.model("judge1"), [recorded(Setting()).with_rigid])
-    terms = {t.effect for t in CandidateField(fitted.problem, fitted.fit).terms()}
+    terms = {t.effect for t in FittedBase(fitted.problem, fitted.fit).terms()}
     assert not terms & {"gravity", "payload", "elasticity", "backlash"}
     assert {"load_friction", "torque_ripple", "lugre"} <= terms
 
@@ -259,17 +261,17 @@ def test_no_gravity_is_in_the_inertia_of_a_rigid_torque() -> None:
 def test_what_sensors_were_worth() -> None:
     """What a sensor alone rules out, what it speaks against beside the torque, and that it changed nothing."""
 
-    def weighed(effect: str, *gates: further_sensors.Gate) -> Any:
-        failed = tuple(further_sensors.FailedGate(gate, "") for gate in gates)
-        return SimpleNamespace(term=Term(effect, 1), failed=failed, twist=None)
+    def weighed(effect: str, *closed: Gate) -> Candidate:
+        results = tuple(gate.asked(np.inf if gate.opens == "below" else -np.inf) for gate in closed)
+        return Candidate(Term(effect, 1), {}, 0, 1.0, np.inf, results=results)
 
     measured = SimpleNamespace(n=2, has=lambda name, joint: (name, joint) in (("twist", 0), ("tau_link", 1)))
     named = weighed("elasticity")
     everything = [
         named,
-        weighed("cable", "link encoder"),
-        weighed("linear_spring", "share", "link encoder"),
-        weighed("viscous_cubic", "share"),
+        weighed("cable", LAG),
+        weighed("linear_spring", SHARE, RIGID),
+        weighed("viscous_cubic", SHARE),
         weighed("friction_patch"),
     ]
     link, output = sensor_worth.of(measured, everything, [named])  # type: ignore[arg-type]

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
-from runtime.diagnosis.remainder import above_band
-from runtime.diagnosis.search import Step
+from runtime.diagnosis.remainder import lines_above
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.steps import Step
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import identify, prepared
 from runtime.loop.improve import improve
 from runtime.motion.spectra import angle_spectrum, lines
+from runtime.report.diagnosed import document as diagnosed
+from runtime.report.reasons import reason
 from runtime.wording import per_turn
 from runtime.workspace.source import Source
 from tests.kept import kept
@@ -82,9 +85,9 @@ def test_ripples_of_high_order_are_found_each_by_itself(tmp_path: Path) -> None:
     assert found.verdict == "effect"
     assert {(f.term.effect, f.term.joint) for f in found.findings} == {("torque_ripple", 1)}
     assert_same(found_waves(found), WAVES)
-    document = found.document().to_json()
+    document = diagnosed(found).to_json()
     assert [entry["effect"] for entry in document["findings"]] == ["torque_ripple"] * 3
-    assert "at 72 per turn" in found.reason
+    assert "at 72 per turn" in reason(found)
 
 
 def test_a_motor_that_its_magnets_stop_again_and_again_lacks_ripples_alone(tmp_path: Path) -> None:
@@ -106,7 +109,7 @@ def test_ripples_of_a_geared_joint_are_found_and_said_in_both_counts(tmp_path: P
     recording = kept(record, GEARED, sines(0.35, 16.0, 0), waves)
     found = kept(diagnose, arm.compiled.model(), [recording])
     assert_same(found_waves(found), waves)
-    assert "at 4 per turn of the motor, 200 of the joint" in found.reason
+    assert "at 4 per turn of the motor, 200 of the joint" in reason(found)
 
 
 @pytest.mark.slow
@@ -161,9 +164,7 @@ def test_a_line_above_the_band_raises_it_or_is_reported(tmp_path: Path) -> None:
             assert not band.above
         else:
             assert [round(line.order) for line in band.above] == [72]
-            assert "a line at 72 per turn lies above its band" in above_band(
-                Step.of(None, kept(identify, model, [recording]))
-            )
+            assert lines_above(Step.of(kept(identify, model, [recording]))) == list(band.above)
     assert cutoffs[0] > cutoffs[1]
 
 

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from runtime.diagnosis.diagnose import Diagnosis, diagnose, finding_entry
-from runtime.diagnosis.gates import weigh
-from runtime.diagnosis.search import Search
-from runtime.diagnosis.steps import Finding, Step
+from runtime.diagnosis.ranking import weigh
+from runtime.diagnosis.search import without_insignificant
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.steps import Step, Trail
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import identify, identify_motion
 from runtime.model.loader import Model
 from runtime.model.terms import Term
+from runtime.report.diagnosed import finding_entry
 from runtime.workspace.source import Source
 from tests import bank
 from tests.kept import kept
@@ -57,7 +59,7 @@ def test_what_an_effect_of_the_file_carries_belongs_to_the_load(opened) -> None:
 def test_another_form_is_one_finding_with_a_remainder(seed: int, opened) -> None:
     found = kept(diagnose, opened(), [kept(record, Upright(pack=4.0), seed)])
     assert named(found) == ["cable@1"]
-    assert "another form" in finding_entry(found, 0).remainder
+    assert "another form" in finding_entry(found, found.findings[0]).remainder
 
 
 def test_what_sticks_at_a_turn_does_not_bend_the_friction(opened) -> None:
@@ -83,25 +85,23 @@ def test_a_held_out_recording_chooses_between_rivals(opened) -> None:
 def test_what_the_data_no_longer_tell_is_taken_back_and_nothing_else(opened) -> None:
     """A load friction was found; a spring and an offset that are not there stand beside it."""
     recording = kept(record, Upright(gravity=9.81, by_load=0.2), 10)
-    search = kept(bank.advanced, opened(gravity=9.81), [recording])
-    assert [str(f.term) for f in search.findings] == ["load_friction@1"]
+    trail = longer = kept(bank.advanced, opened(gravity=9.81), [recording])
+    assert [str(f.term) for f in trail.findings] == ["load_friction@1"]
     for effect in ("linear_spring", "offset"):
-        search.findings.append(forced(search, Term(effect, 1)))
-        search.steps.append(search.findings[-1].after)
-    search.take_back_untold()
-    assert [str(f.term) for f in search.findings] == ["load_friction@1"]
-    assert search.steps[-1].added == Term("load_friction", 1)
-    assert len(search.steps) == 2
-    search.take_back_untold()
-    assert len(search.findings) == 1
+        longer = longer.to(forced(longer, Term(effect, 1)))
+    pruned = without_insignificant(longer)
+    assert [str(f.term) for f in pruned.findings] == ["load_friction@1"]
+    assert len(longer.findings) == 3
+    assert pruned.last.shapes.keys() == trail.last.shapes.keys()
+    assert without_insignificant(pruned) is pruned
 
 
-def forced(search: Search, term: Term) -> Finding:
+def forced(trail: Trail, term: Term) -> Step:
     """A term added against all gates."""
-    field, before = search.ground(), search.steps[-1]
-    candidate = field.search(term)
+    before = trail.last
+    candidate = before.base.search(term)
     assert candidate is not None
-    verdict = weigh(field, [candidate], before.floors)
+    ranking = weigh(before.base, [candidate], before.floors)
     shapes = {**before.shapes, term: dict(candidate.shape)}
-    after = Step.of(term, identify_motion(search.model, search.motion, shapes, start=before.identification.fit))
-    return Finding(verdict.ranked[0], (), verdict, before, after)
+    after = Step.of(identify_motion(trail.model, trail.motion, shapes, start=before.identification.fit))
+    return after.after(before, ranking.candidates[0], ranking)

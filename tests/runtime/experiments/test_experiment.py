@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.diagnosis.diagnose import begin
-from runtime.diagnosis.gates import rank
+from runtime.diagnosis.ranking import rank
+from runtime.diagnosis.stages import begin
 from runtime.experiments import design
 from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, confirm, parse_rivals, propose
 from runtime.experiments.options import ExperimentSettings
@@ -237,15 +237,15 @@ def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) 
     """The ordinary excitation meets the plate in one stretch only: held out, that stretch tells of nothing else. A soft
     joint beside it shakes the arm nearly alike."""
     bench = _bench(Source.read(Path("vishard4"), None).compiled.model(), "elasticity@2,torque_delay@2")
-    search = kept(begin, bench.model, [bench.record(bench.ordinary_path, bench.rivals[0], 2)])
-    step = search.steps[-1]
+    trail = kept(begin, bench.model, [bench.record(bench.ordinary_path, bench.rivals[0], 2)])
+    step = trail.last
     soft = [Term("elasticity", joint) for joint in (1, 2, 3, 4)]
-    ground = search.ground()
-    verdict = rank(ground, [*soft, Term("stribeck", 2), Term("torque_scale", 2)], step.floors)
-    assert verdict.best is not None
-    assert verdict.best.term == soft[1]
-    assert verdict.best.candidate.shape["stiffness"] == pytest.approx(bench.rivals[0].values["stiffness"], rel=0.1)
-    assert set(verdict.rivals) <= {soft[0], soft[2]}
+    base = trail.last.base
+    ranking = rank(base, [*soft, Term("stribeck", 2), Term("torque_scale", 2)], step.floors)
+    assert ranking.best is not None
+    assert ranking.best.term == soft[1]
+    assert ranking.best.shape["stiffness"] == pytest.approx(bench.rivals[0].values["stiffness"], rel=0.1)
+    assert set(ranking.rivals) <= {soft[0], soft[2]}
 
 
 def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(

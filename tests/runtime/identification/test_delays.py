@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
 from runtime.identification.identify import identify, identify_motion, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
+from runtime.report.diagnosed import document as diagnosed
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
 from tests.kept import kept
@@ -78,7 +79,7 @@ def test_a_delay_is_named_first(drive: Model) -> None:
     assert any("0.015 s ahead of its motion" in warning for warning in said)
     found = kept(diagnose, drive, [recording])
     assert found.findings[0].term == DELAY
-    assert found.document().to_json()["delay"][0]["value"] == pytest.approx(0.0175, abs=2e-4)
+    assert diagnosed(found).to_json()["delay"][0]["value"] == pytest.approx(0.0175, abs=2e-4)
 
 
 def test_a_hold_is_no_delay(drive: Model) -> None:
@@ -121,4 +122,4 @@ def test_nothing_is_named_beside_a_delay_that_is_simulated(drive: Model) -> None
     made, _ = simulate(drive, [Hidden(DELAY, {"time": 0.008})], SimulationSettings(seconds=30.0, noise=0.02))
     found = kept(diagnose, drive, [made])
     assert [f.term for f in found.findings] == [DELAY]
-    assert found.document().to_json()["delay"][0]["value"] == pytest.approx(0.008, abs=1e-4)
+    assert diagnosed(found).to_json()["delay"][0]["value"] == pytest.approx(0.008, abs=1e-4)

@@ -13,13 +13,15 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
 from runtime.identification.identify import identify
 from runtime.loop.improve import improve
 from runtime.model.terms import Term
 from runtime.motion.band import believable
+from runtime.report.diagnosed import document as diagnosed
+from runtime.report.reasons import reason
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.plant import Plant
@@ -56,8 +58,8 @@ def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourc
     assert [f.term for f in unknown.findings] == [f.term for f in true.findings]
     assert [str(f.term) for f in unknown.findings] == ([f"{hidden}@1"] if hidden else [])
     assert unknown.verdict == true.verdict
-    assert "model file" not in unknown.reason
-    found = json.loads(json.dumps(unknown.document().to_json(), allow_nan=False))["parameters"]
+    assert "model file" not in reason(unknown)
+    found = json.loads(json.dumps(diagnosed(unknown).to_json(), allow_nan=False))["parameters"]
     assert [p["model"] for p in found] == [None]
     # The drive's own inertia: plants.py's rotor and link.
     assert found[0]["fit"] == pytest.approx(0.2365, rel=0.01)
@@ -133,7 +135,7 @@ def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced:
     inference = found.steps[-1].identification.inference
     others = inference.values[Term("load_friction", 1)]["coefficient"].with_others
     assert "rotor_inertia 1" in others
-    assert {p["name"] for p in found.document().to_json()["parameters"]} == {"J1", "rotor_inertia"}
+    assert {p["name"] for p in diagnosed(found).to_json()["parameters"]} == {"J1", "rotor_inertia"}
 
 
 @pytest.mark.parametrize(

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.diagnosis.diagnose import conclude, diagnose
-from runtime.diagnosis.search import Search
+from runtime.diagnosis.stages import conclude, diagnose
+from runtime.diagnosis.steps import Trail
 from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
-from runtime.model.terms import structure
 from runtime.motion.band import believable
 from runtime.motion.motion import prepare
 from runtime.recordings.recording import Recording, RecordingError
+from runtime.report.reasons import reason
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from runtime.workspace.source import Source
@@ -60,12 +60,9 @@ def test_an_inertia_that_is_nearly_right_chooses_it(coarse: Recording) -> None:
 def test_a_fit_that_compensation_has_spoilt_is_refused(drive: Model, coarse: Recording) -> None:
     """In a band of 50 Hz most of the accelerations is noise: neither clean nor an effect."""
     band = replace(prepared(drive, [coarse]).band, cutoffs=np.array([50.0]))
-    search = Search(drive, prepare([coarse], band, drive))
-    search.names = ("coarse.csv",)
-    search.start(structure(drive))
-    found = conclude(search)
+    found = conclude(Trail.begun(drive, prepare([coarse], band, drive), None, ["coarse.csv"]))
     assert found.verdict == "refused"
-    assert "encoder" in found.reason
+    assert "encoder" in reason(found)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime.diagnosis.candidates import CandidateField
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.candidates import FittedBase
+from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.twist import witnessed
 from runtime.identification.identify import identify
 from runtime.identification.problem import Problem
@@ -19,6 +19,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.settings import UNAFFECTED
 from runtime.recordings.recording import Recording
+from runtime.report.diagnosed import document as diagnosed
 from tests.kept import kept
 from tests.plants import LINK, ROTOR
 
@@ -85,17 +86,17 @@ def pushed(seed: int, joint: Transmission, seconds: float = 30.0, count: float =
     return replace(made, q_link=np.round(link / count)[None] * count)
 
 
-def fitted(drive: Model, recording: Recording) -> tuple[CandidateField, TwistFit]:
+def fitted(drive: Model, recording: Recording) -> tuple[FittedBase, TwistFit]:
     found = kept(identify, drive, [recording])
     fit = fit_twist(found.problem, found.fit, 0)
     assert fit is not None
-    return CandidateField(found.problem, found.fit), fit
+    return FittedBase(found.problem, found.fit), fit
 
 
 def test_a_late_link_side_encoder_is_told_from_a_soft_joint(drive: Model) -> None:
     """3 ms look like a lag of 9 mrad at 3 rad/s; the transmission yields by 3 mrad."""
     found = kept(diagnose, drive, [pushed(1, Transmission())])
-    document = found.document().to_json()
+    document = diagnosed(found).to_json()
     (late,) = document["encoder_skew"]
     assert late["joint"] == 1
     assert late["unit"] == "s"

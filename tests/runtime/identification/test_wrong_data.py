@@ -15,13 +15,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from runtime.diagnosis.credibility import judged
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import doubts, suspicions, warnings
 from runtime.identification.compare import compare
 from runtime.identification.identify import identify
 from runtime.loop.improve import improve
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording, RecordingError, read
+from runtime.report.diagnosed import document as diagnosed
+from runtime.report.reasons import reason
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from runtime.workspace.source import Source
@@ -85,7 +87,7 @@ def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
     assert any(cure in warning for warning in warnings(kept(compare, drive, [wrong]).identification))
     verdict = kept(diagnose, drive, [wrong])
     assert (verdict.verdict, verdict.findings) == ("refused", ())
-    assert cure in verdict.reason
+    assert cure in reason(verdict)
     source = Source.shipped("drive")
     assert kept(improve, source, [wrong]).model_text == source.text
 
@@ -339,8 +341,8 @@ def test_recordings_that_disagree_in_friction(drive: Model, friction: Sequence[f
     fitted, found = judged(kept(identify, drive, both), both), kept(diagnose, drive, both)
     assert fitted.verdict == verdict
     assert (found.verdict == "refused") == (verdict == "refused")
-    assert [len(found.document().to_json()["recordings"]), len(fitted.document().to_json()["recordings"])] == [2, 2]
+    assert [len(diagnosed(found).to_json()["recordings"]), len(fitted.document().to_json()["recordings"])] == [2, 2]
     if verdict == "refused":
-        assert "coulomb_asymmetric@1" in found.reason
-        assert re.search(r"0\.(50|49)\d* N m in run0.csv and 0\.(80|79)\d* N m in run1.csv", found.reason)
+        assert "coulomb_asymmetric@1" in reason(found)
+        assert re.search(r"0\.(50|49)\d* N m in run0.csv and 0\.(80|79)\d* N m in run1.csv", reason(found))
         assert not found.findings

@@ -10,7 +10,7 @@ import pytest
 from guides import blocks
 
 from runtime.diagnosis import grammar_search
-from runtime.diagnosis.diagnose import begin
+from runtime.diagnosis.stages import begin
 from runtime.diagnosis.steps import errors_elsewhere
 from runtime.model.terms import Term
 from runtime.motion.motion import prepare
@@ -117,7 +117,7 @@ def test_a_neighbours_motion_is_guessed_at_the_joint_that_feels_it(tmp_path):
     found = grammar_search.best(step, wider.model(), wider.library.keys() - source.compiled.library.keys(), range(2))
     assert found is not None
     assert found.term == Term("draft_next_viscous" if joint == 1 else "draft_previous_viscous", joint)
-    assert found.finding.share() > 0.85
-    after = found.finding.after.identification
+    assert found.step.share() > 0.85
+    after = found.step.identification
     held_out = prepare([made.held_out], after.motion.band, after.model)
     assert errors_elsewhere(after, held_out).rms[joint - 1] < 1.15 * step.joints[joint - 1].floor.value

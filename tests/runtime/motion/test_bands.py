@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from codegen.prepare import prepare_arm
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.identification.identify import Identification, identify_motion, prepared
 from runtime.identification.regressors import Regressors
 from runtime.model.loader import Library, Model
@@ -19,6 +19,7 @@ from runtime.motion.band import choose_band, coupled
 from runtime.motion.motion import prepare
 from runtime.motion.settings import HIGHEST_CUTOFF, WIDE_ENOUGH
 from runtime.recordings.recording import Recording
+from runtime.report.diagnosed import document as diagnosed
 from runtime.workspace.source import Source
 from tests import wrist
 from tests.kept import kept
@@ -106,8 +107,8 @@ def test_a_line_of_a_wrist_is_found_above_what_the_base_s_encoder_permits(model:
     speed = np.abs(np.diff(recorded(LINE, seed=3).q[1])).mean() * wrist.RATE
     assert band.cutoffs[0] < ORDER * 100 * speed / (2 * np.pi) < band.cutoffs[1]
     assert [str(f.term) for f in found.findings] == ["torque_ripple@2"]
-    assert found.findings[0].evidence.candidate.shape["order"] == pytest.approx(ORDER, rel=1e-3)
-    document = found.document().to_json()["band"]
+    assert found.findings[0].candidate.shape["order"] == pytest.approx(ORDER, rel=1e-3)
+    document = diagnosed(found).to_json()["band"]
     assert document["cutoff_hz"] == min(document["cutoffs_hz"]) == band.cutoffs[0]
     assert f"joint 2 up to {band.cutoffs[1]:g} Hz" in document["reason"]
 

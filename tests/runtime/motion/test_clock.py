@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime.diagnosis.diagnose import diagnose
+from runtime.diagnosis.stages import diagnose
 from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -68,3 +70,39 @@ def test_products_are_those_of_all_rows() -> None:
     theta = rng.standard_normal(sum(SIZES))
     for ours, theirs in zip(added.residual(theta), system.residual(theta), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_torque_that_is_added_is_one_that_was_measured(seed: int) -> None:
+    """Two routes to one solution: more of a block in the products, and the same torque in the samples."""
+    rng = np.random.default_rng(seed)
+    joints, blocks = _joints(rng), [replace(_block(k, 0, rng), version=None) for k in range(len(SIZES))]
+    blocks = [replace(b, columns={j: Columns(c.rows) for j, c in b.columns.items()}) for b in blocks]
+    added = rng.standard_normal(1 + SIZES[-1])
+    system = LinearSystem.of(joints, blocks[:-1]).with_block(blocks[-1])
+    more = blocks[-1].torque(added)
+    there = [replace(rows, tau=rows.tau + more.get(j, 0.0)) for j, rows in enumerate(joints)]
+    measured = LinearSystem.of(there, blocks[:-1])
+    for ours, theirs in (
+        (system.solve(added), measured.with_block(blocks[-1]).solution),
+        (system.solve_before(added), measured.solution),
+    ):
+        np.testing.assert_allclose(ours.coefficients, theirs.coefficients, rtol=1e-8, atol=1e-10)
+        np.testing.assert_allclose(ours.held_out[0], theirs.held_out[0], rtol=1e-8)
+        assert np.isclose(ours.bic, theirs.bic)
+
+
+def test_some_of_the_rows_are_a_system_of_their_own() -> None:
+    """As if the others had never been recorded."""
+    rng = np.random.default_rng(3)
+    joints, blocks = _joints(rng), [_block(k, 0, rng) for k in range(len(SIZES))]
+    at = np.arange(10, 50)
+    kept = [replace(r, tau=r.tau[at], use=r.use[at] & (at != 20), piece=r.piece[at]) for r in joints]
+    parts = [
+        replace(b, columns={j: Columns(c.rows[:, at], c.noise[:, at]) for j, c in b.columns.items()}) for b in blocks
+    ]
+    ours = LinearSystem.of(joints, blocks).merged().restricted(kept, [at] * JOINTS)
+    theirs = LinearSystem.of(kept, parts).over(kept)
+    np.testing.assert_allclose(ours.gram, theirs.gram, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(ours.level, theirs.level, rtol=1e-9)

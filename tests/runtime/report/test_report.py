@@ -8,6 +8,7 @@ import itertools
 import json
 import re
 import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -21,13 +22,13 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from runtime import wording
-from runtime.diagnosis import detection_limits
+from runtime.diagnosis import consistency, detection_limits
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.diagnose import Diagnosis
-from runtime.diagnosis.further_sensors import FailedGate
-from runtime.diagnosis.gates import Evidence, Verdict
+from runtime.diagnosis.gates import BIC, EDGE, ERROR, LIKELIHOOD, SHARE, GateResult
+from runtime.diagnosis.ranking import NOT_RANKED, Ranking
 from runtime.diagnosis.sensor_worth import SensorWorth
-from runtime.diagnosis.steps import Errors, Finding, Step
+from runtime.diagnosis.steps import Errors, Step, Trail
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
 from runtime.identification import covariance
@@ -35,10 +36,11 @@ from runtime.identification.compare import Comparison, as_written, compare, seri
 from runtime.identification.estimate import Estimate
 from runtime.identification.identify import identify_motion, prepared
 from runtime.loop.improve import Improvement, floors
+from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion import spectra
 from runtime.recordings.recording import Recording
-from runtime.report import findings, loop, terminal
+from runtime.report import diagnosed, findings, loop, reasons, terminal
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
@@ -91,33 +93,30 @@ def improvement(drive, one) -> Improvement:
     known = structure(drive)
     shapes = {"speed": 0.15}
     steps = []
-    for added, terms in ((None, known), (STRIBECK, {**known, STRIBECK: shapes})):
+    for terms in (known, {**known, STRIBECK: shapes}):
         identification = identify_motion(drive, motion, terms, skew=0.5)
         joints = series(identification)
         errors = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
         held_out = Errors(tuple(1.1 * r for r in errors.rms), tuple(1.1 * r for r in errors.relative))
-        steps.append(Step(added, identification, joints, errors, held_out))
-    finding = Finding(evidence(STRIBECK), (ELASTICITY,), Verdict((), ()), *steps)
-    last = Verdict((evidence(ELASTICITY, "its shape lies at the edge of what was searched"),), ())
+        steps.append(Step(identification, joints, errors, held_out))
+    named = replace(steps[1].after(steps[0], evidence(STRIBECK), NOT_RANKED), rivals=(ELASTICITY,))
+    last = Ranking((evidence(ELASTICITY, EDGE.asked(0.0)),))
     seen = (detection_limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
-    found = Diagnosis("effect", "the model lacks stribeck", tuple(steps), (finding,), last, seen)
-    left = Diagnosis("clean", "the residual is noise", (steps[-1],), (), last, seen)
+    trail = Trail(drive, motion, None, ("run.csv",), (), named, last)
+    alone = consistency.Tables(named.identification)
+    found = Diagnosis("effect", "found", trail, (named,), last, alone, seen=seen)
+    left = Diagnosis("clean", "noise", trail.to(steps[1]), (), last, alone, seen=seen)
     return Improvement("", found, left)
 
 
-def evidence(term: Term, *failed: str) -> Evidence:
-    """failed: what the document says of failed gates."""
-    return Evidence(
-        Candidate(term, {}, 0, 1.0, False),
-        eff=0.123,
-        share=0.9,
-        delta_bic=456.0,
-        likelihood_gain=234.0,
-        cv_gain=0.5,
-        failed=tuple(FailedGate("share", text) for text in failed),
-        parameters=9,
-        residual=np.zeros(3),
-    )
+def evidence(
+    term: Term, *closed: GateResult, delta_bic: float = 456.0, eff: float = 0.123, share: float = 0.9
+) -> Candidate:
+    """closed: results of gates that a candidate does not pass."""
+    opened = {BIC: delta_bic, SHARE: share, LIKELIHOOD: 234.0, ERROR: 1 - 0.5**0.5}
+    kept = {gate: value for gate, value in opened.items() if gate not in [result.gate for result in closed]}
+    results = (*(gate.asked(value) for gate, value in kept.items()), *closed)
+    return Candidate(term, {}, 0, 1.0, np.inf, eff=eff, parameters=9, results=results)
 
 
 def rendered(result) -> str:
@@ -180,7 +179,18 @@ def story_text(summary) -> str:
 @pytest.fixture(scope="module")
 def unexplained(improvement) -> Diagnosis:
     """The same data, had no candidate passed."""
-    return replace(improvement.found, verdict="unexplained", findings=(), steps=improvement.steps[:1])
+    trail = improvement.found.trail.to(improvement.steps[0])
+    return replace(improvement.found, verdict="unexplained", why="nothing explains", joint=0, findings=(), trail=trail)
+
+
+def changed(diagnosis: Diagnosis, change: Callable[[Step], Step]) -> Diagnosis:
+    """A diagnosis with every step changed."""
+    made: dict[Step, Step] = {}
+    last: Step | None = None
+    for step in diagnosis.trail.steps:
+        last = made[step] = replace(change(step), before=last)
+    assert last is not None
+    return replace(diagnosis, trail=diagnosis.trail.to(last), findings=tuple(made[f] for f in diagnosis.findings))
 
 
 def test_page_needs_nothing_beside_it(page):
@@ -388,15 +398,15 @@ def test_floor_of_a_recording_is_the_same_held_out(improvement, summary, story_t
     assert floors(improvement.steps[-1].identification, []) == ()
 
 
-def ranked(term: Term, *failed: str, **values) -> RankedCandidate:
+def ranked(term: Term, model: Model, *closed: GateResult, **values: float) -> RankedCandidate:
     """A candidate as documents have it."""
-    made = replace(evidence(term, *failed), **values)
-    return RankedCandidate(effect=term.effect, joint=term.joint, evidence=made.document())
+    found = diagnosed.evidence_entry(evidence(term, *closed, **values), model)
+    return RankedCandidate(effect=term.effect, joint=term.joint, evidence=found)
 
 
 def test_why_a_candidate_was_not_named(summary):
     finding = summary.document.history[1].finding
-    context = reports.context(summary)
+    context, model = reports.context(summary), summary.diagnosis.model
 
     def why(other: RankedCandidate, rivals=(), scale: float = 1.0) -> str:
         scaled = {k: msgspec.structs.replace(p, floor=scale * p.floor) for k, p in context.places.items()}
@@ -405,57 +415,64 @@ def test_why_a_candidate_was_not_named(summary):
         return findings.in_place_of(other, own, around)
 
     behind = {"delta_bic": 100.0, "share": 0.4}
-    assert why(ranked(ELASTICITY, **behind), (ELASTICITY,)) == (
+    assert why(ranked(ELASTICITY, model, **behind), (ELASTICITY,)) == (
         "is not ruled out: it passes every gate too and explains 40 % of what is missing, stribeck 90 %. BIC prefers "
         "stribeck at joint 1 by 356; by Vuong's test of the likelihoods that is not enough to separate the two"
     )
-    assert why(ranked(ELASTICITY, **behind)).startswith("is ruled out: it passes every gate by itself, but explains 40")
-    assert why(ranked(ELASTICITY, delta_bic=100.0, share=1.0)) == (
+    assert why(ranked(ELASTICITY, model, **behind)).startswith(
+        "is ruled out: it passes every gate by itself, but explains 40"
+    )
+    assert why(ranked(ELASTICITY, model, delta_bic=100.0, share=1.0)) == (
         "is ruled out: it passes every gate by itself, but BIC prefers stribeck at joint 1 by 356, and Vuong's test of "
         "the likelihoods agrees"
     )
-    assert "the error falls less than with stribeck" in why(ranked(ELASTICITY, delta_bic=1000.0))
+    assert "the error falls less than with stribeck" in why(ranked(ELASTICITY, model, delta_bic=1000.0))
     elsewhere = context._replace(places={**context.places, 2: context.places[1]})
-    other = ranked(Term("elasticity", 2))
+    other = ranked(Term("elasticity", 2), model)
     assert findings.in_place_of(other, finding, elsewhere).startswith("is set aside: it acts at another joint")
     named = elsewhere._replace(also={("elasticity", 2)})
     assert findings.in_place_of(other, finding, named).startswith("is named too")
-    failing = ranked(ELASTICITY, "too little", "too wide")
-    assert why(failing) == "is ruled out: too little; too wide"
+    failing = ranked(ELASTICITY, model, SHARE.asked(0.03), EDGE.asked(0.0))
+    assert why(failing) == (
+        "is ruled out: it explains 3 % of what is left, not 20 %; its shape lies at the edge of what was searched"
+    )
     assert "next to nothing" in why(failing, scale=1000.0)
-    useless = ranked(ELASTICITY, "too little", delta_bic=-12.3)
+    useless = ranked(ELASTICITY, model, SHARE.asked(0.03), delta_bic=-12.3)
     assert findings.why_not_named(useless, context, held_out=False).endswith("with it, BIC rises by 12")
-    passing = findings.why_not_named(ranked(ELASTICITY), context, held_out=True)
+    passing = findings.why_not_named(ranked(ELASTICITY, model), context, held_out=True)
     assert passing.endswith("or on the held-out recording")
 
 
-def card_of(improvement: Improvement, verdict: Verdict, rivals: tuple[Term, ...]) -> Reader:
+def card_of(improvement: Improvement, ranking: Ranking, rivals: tuple[Term, ...]) -> Reader:
     """The page's card of the finding, had its search ended so."""
-    finding = replace(improvement.findings[0], verdict=verdict, rivals=rivals)
+    finding = replace(improvement.findings[0], ranking=ranking, rivals=rivals)
     summary = ResultSummary(replace(improvement.found, findings=(finding,)))
     return Reader(fragment(reports.finding_card(summary, 0)))
 
 
 def test_every_finalist_has_its_reason(improvement):
-    first = improvement.findings[0].evidence
-    verdict = Verdict((first, evidence(ELASTICITY), evidence(Term("cable", 1), "it explains 3 % only")), (ELASTICITY,))
-    text = card_of(
-        improvement, verdict, (ELASTICITY, Term("gravity"))
-    ).text  # a pair leaves a rival that has no evidence
+    first, closed = improvement.findings[0].candidate, evidence(Term("cable", 1), SHARE.asked(0.03))
+    ranking = Ranking((first, evidence(ELASTICITY), closed), (ELASTICITY,))
+    # A pair leaves a rival that has no evidence.
+    text = card_of(improvement, ranking, (ELASTICITY, Term("gravity"))).text
     rows = text[text.index("why, or why not") :]
     order = [rows.index(name) for name in ("stribeck at joint 1 named", "elasticity at joint 1 rival", "gravity rival")]
     assert order == sorted(order)
-    for why in ("Not ruled out: it passes every gate too", "it fits about as well", "Ruled out: it explains 3 % only."):
+    for why in (
+        "Not ruled out: it passes every gate too",
+        "it fits about as well",
+        "Ruled out: it explains 3 % of what is left, not 20 %.",
+    ):
         assert why in rows
 
 
 def test_what_does_not_earn_its_parameters_takes_no_row(improvement):
     """But what was named too does: many candidates of an arm of seven joints are of no account to a finding."""
-    weak = replace(evidence(Term("cable", 1), "it explains 3 % only"), delta_bic=-7.0)
-    read = card_of(improvement, Verdict((improvement.findings[0].evidence, weak), ()), ())
+    weak = evidence(Term("cable", 1), SHARE.asked(0.03), delta_bic=-7.0)
+    read = card_of(improvement, Ranking((improvement.findings[0].candidate, weak)), ())
     assert [tag for tag, attributes in read.tags if tag == "th" and attributes.get("scope") == "row"] == ["th"]
     assert "Ruled out because BIC rises with their parameters: cable at joint 1." in read.text
-    last = replace(improvement.found, last=Verdict((weak,), ()))
+    last = replace(improvement.found, ranking=Ranking((weak,)))
     assert "BIC rises with their parameters: cable at joint 1." in Reader(worded(ResultSummary(last))).text
 
 
@@ -482,7 +499,7 @@ def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
     motion, fit = step.identification.motion, step.identification.fit
     wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
     ringing = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
-    found = replace(unexplained, steps=(replace(step, identification=ringing),))
+    found = changed(unexplained, lambda s: replace(s, identification=ringing))
     text = Reader(fragment(reports.left_over(ResultSummary(found)))).text
     line = re.search(r"Strongest line of its spectrum: ([\d.]+) Hz", text)[1]
     assert float(line) == pytest.approx(3.7, abs=0.03)  # one bin of 37 s
@@ -514,11 +531,11 @@ def test_a_peak_that_holds_little_is_named_and_a_slope_is_none(frequency, seed):
 
 
 def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement, capsys):
-    step = improvement.left.steps[-1]
+    step = improvement.left.last
     motion, fit = step.identification.motion, step.identification.fit
     wave = 0.4 * step.joints[0].rms * np.sin(2 * np.pi * 12.3 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
     humming = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
-    clean = replace(improvement.left, steps=(replace(step, identification=humming),))
+    clean = changed(improvement.left, lambda s: replace(s, identification=humming))
     summary = ResultSummary(clean)
     (peak,) = summary.document.peaks
     assert min(abs(f - 12.3) for f in peak.frequencies_hz) < 0.4
@@ -526,7 +543,7 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
     assert re.search(r"Peaks in the spectrum of the residual, with little of its power: joint 1 at .*12\.\d+ Hz", page)
     terminal.show(loop.sections(summary.document))
     assert "Peaks in the spectrum of the residual" in capsys.readouterr().out
-    more = replace(improvement, left=replace(improvement.left, verdict="unexplained", reason="something is left"))
+    more = replace(improvement, left=replace(improvement.left, verdict="unexplained", why="nothing explains", joint=0))
     assert "effect found, more is left" in Reader(worded(more)).text
     assert "more is left" not in Reader(worded(improvement)).text
 
@@ -539,8 +556,9 @@ def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
     assert measured.get_ylim() == predicted.get_ylim()
 
 
-def test_refused_says_what_to_record(unexplained):
-    text = Reader(worded(replace(unexplained, verdict="refused", reason="the joints hardly move"))).text
+def test_refused_says_what_to_record(unexplained, monkeypatch):
+    monkeypatch.setattr(reasons, "poor_excitation", lambda _: "the joints hardly move")
+    text = Reader(worded(replace(unexplained, verdict="refused", why="excitation"))).text
     assert "The joints hardly move." in text
     assert "What to record" in text
     assert "Several constant speeds" in text  # viscous friction, in the model
@@ -553,8 +571,7 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
     values = {**inference.values, STRIBECK: {"speed": Estimate(float("nan"), None, "rad/s")}}
     identification = replace(last.identification)
     identification.__dict__["inference"] = replace(inference, values=values)
-    step = replace(last, identification=identification)
-    found = replace(improvement.found, steps=(improvement.steps[0], step))
+    found = changed(improvement.found, lambda s: replace(s, identification=identification) if s is last else s)
     document = json.loads(json.dumps(ResultSummary(found).document.to_json(), allow_nan=False))
     assert document["findings"][0]["parameters"]["speed"]["value"] is None
 
@@ -577,8 +594,7 @@ def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
 
 def test_joints_are_called_by_their_names_too(improvement, capsys):
     def named(diagnosis: Diagnosis) -> Diagnosis:
-        steps = [replace(step, joints=tuple(replace(s, name="elbow") for s in step.joints)) for step in diagnosis.steps]
-        return replace(diagnosis, steps=tuple(steps))
+        return changed(diagnosis, lambda s: replace(s, joints=tuple(replace(j, name="elbow") for j in s.joints)))
 
     whole = Improvement(improvement.model_text, named(improvement.found), named(improvement.left))
     summary = ResultSummary(whole, ORIGIN)
@@ -595,16 +611,17 @@ def test_joints_are_called_by_their_names_too(improvement, capsys):
 
 def test_text_of_the_user_stays_text(improvement):
     model = improvement.found.model
-    steps = tuple(
-        replace(s, identification=replace(s.identification, model=Renamed(model, HOSTILE))) for s in improvement.steps
-    )
-    found = replace(improvement.found, reason=f"{HOSTILE}.csv is odd", steps=steps)
-    page = rendered(replace(improvement, found=found, left=replace(improvement.left, reason=HOSTILE)))
+
+    def renamed(step: Step) -> Step:
+        return replace(step, identification=replace(step.identification, model=Renamed(model, HOSTILE)))
+
+    found, left = (changed(diagnosis, renamed) for diagnosis in (improvement.found, improvement.left))
+    page = rendered(replace(improvement, found=found, left=left))
     read = Reader(page)
     assert HOSTILE in read.text
     assert "<img" not in page
     assert [tag for tag, _ in read.tags].count("script") == 5  # the motion, the signals, what shows each, the result
-    assert json.loads(read.scripts[-1])["reason"] == HOSTILE
+    assert json.loads(read.scripts[-1])["reason"].startswith("the residual is noise")
 
 
 class Renamed:
@@ -661,7 +678,7 @@ def test_parameters_of_joints_at_their_floor_fold_away(library):
 
 def test_diagnosis_without_a_finding(improvement):
     text = Reader(worded(improvement.left)).text
-    assert "The residual is noise." in text
+    assert "The residual is noise (" in text
     assert "Considered, and not named" in text
     assert "Detection limits" in text
 

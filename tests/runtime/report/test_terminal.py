@@ -5,8 +5,7 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, cast, get_args, get_origin
 
 import msgspec
 import pytest
@@ -14,9 +13,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.detection_limits import Limit
-from runtime.diagnosis.gates import Figures
-from runtime.diagnosis.settings import LEAST_DELTA_BIC, LEAST_EFFECT, LEAST_LIKELIHOOD_GAIN, LEAST_SHARE
+from runtime.diagnosis.gates import BIC, LIKELIHOOD, SHARE, TORQUE
 from runtime.documents.diagnosis import (
     DiagnosedJoint,
     DiagnosisDocument,
@@ -43,6 +42,7 @@ from runtime.documents.recordings import ClockEntry, DeterminedParameter, Inspec
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.report import findings, fits, loop, models, recordings, terminal
+from runtime.report.reasons import closed_gates
 from runtime.report.sections import table, words
 from runtime.wording import fixed, told_apart
 
@@ -163,18 +163,14 @@ def test_a_limit_never_reads_as_what_changes_nothing(
     assert (float(words.split()[-1]) > 1) == (near > 0)
 
 
-_WEIGHED = ("delta_bic", "eff", "share", "likelihood_gain", "cv_gain")
-_LIMITS = (LEAST_DELTA_BIC, LEAST_EFFECT, LEAST_SHARE, LEAST_LIKELIHOOD_GAIN, 0.0)
-
-
-@given(below=st.floats(1e-9, 0.5), share=st.sampled_from([LEAST_SHARE, 0.05, 0.5]))
+@given(below=st.floats(1e-9, 0.5), share=st.sampled_from([SHARE.limit, 0.05, 0.5]))
 def test_no_reason_says_that_a_number_is_not_itself(below: float, share: float) -> None:
     """Whatever is left out by a hair: "0.15 of the noise floor, not 0.15" tells nobody why."""
-    limits = (*_LIMITS[:2], share, *_LIMITS[3:])
-    weighed = SimpleNamespace(**{name: (1 - below) * limit for name, limit in zip(_WEIGHED, limits, strict=True)})
-    reasons = [failed.text for failed in Figures.failed_gates(weighed, 1.0, False, share)]
-    assert len(reasons) == 5
-    for said in reasons[:4]:
+    limits = {BIC: BIC.limit, TORQUE: TORQUE.limit, SHARE: share, LIKELIHOOD: LIKELIHOOD.limit}
+    results = tuple(gate.asked((1 - below) * limit, limit) for gate, limit in limits.items())
+    sentences = closed_gates(Candidate(Term("cable", 1), {}, 0, 1.0, 1.0, results=results), cast(Model, None))
+    assert len(sentences) == len(limits)
+    for said in sentences:
         value, limit = re.findall(r"[-−]?\d+(?:\.\d+)?", said)
         assert float(value.replace("−", "-")) < float(limit)
 

@@ -1,0 +1,285 @@
+"""Whether an effect that passes the gates is accepted, once everything is refitted with it.
+
+The gates weigh a candidate beside a base that stays as it was. Refitted, its values may turn out insignificant, its
+torque may be taken over by the rest, a recording that was not fitted may contradict it, or it may be the rest of an
+effect that was found before, in another form than that one's law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import floor
+
+import numpy as np
+
+from runtime.diagnosis.gates import ERROR
+from runtime.diagnosis.settings import (
+    ABOVE_NOISE,
+    AT_THE_FLOOR,
+    BIC_APART,
+    CLEARLY_LESS,
+    CONTRADICTS,
+    HELD_OUT_FALLS_TO,
+    LEAST_FALL,
+    LEAST_OF_EXCESS,
+    MOST_OF_BOTH,
+    PREDICTED,
+    TAKEN_OVER,
+    UNRESOLVED_ORDER,
+)
+from runtime.diagnosis.steps import Step
+from runtime.identification.covariance import given_shape
+from runtime.identification.estimate import Estimate
+from runtime.identification.problem import Problem
+from runtime.identification.regressors import Regressors
+from runtime.identification.settings import INTERVAL_SIGMAS
+from runtime.model.catalogue import EffectInfo
+from runtime.model.loader import Model
+from runtime.model.terms import Term, Values, joints_of, structure
+from runtime.regression.system import LinearSystem, bic
+from symbolic.described import DescribedParameter
+
+
+def is_accepted(before: Step, after: Step, term: Term) -> bool:
+    """Whether the error falls, at one of the term's own joints and elsewhere, by values that are significant."""
+    own = own_joints(after.identification.model, term)
+    fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after)
+    sure = is_significant(after, term) or _predicts_held_out(before, after, term)
+    return fallen and sure and not _at_a_bound(after, term) and _is_periodic(after, term)
+
+
+def own_joints(model: Model, term: Term) -> tuple[int, ...]:
+    """Joints (0-based) at which a term must show: its own, or any that it reaches where it belongs to the arm."""
+    return joints_of(model, term) if term.joint is None else (term.joint - 1,)
+
+
+def above_noise(step: Step, joints: Sequence[int]) -> bool:
+    """Whether the error is above the noise at any of these joints (0-based)."""
+    return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
+
+
+def error_falls(before: Step, after: Step, joint: int) -> bool:
+    """Whether a joint's error (0-based) is above the noise, and falls by more than chance and by a part of that."""
+    was, now, noise = before.fitted.rms[joint], after.fitted.rms[joint], before.joints[joint].floor.value
+    above = above_noise(before, (joint,)) and was**2 - now**2 > LEAST_OF_EXCESS * (was**2 - noise**2)
+    return above and now < (1 - LEAST_FALL) * was
+
+
+def _fails_held_out(before: Step, after: Step) -> bool:
+    """Whether recordings that were not fitted, if there are any, are not explained clearly better."""
+    if before.held_out is None or after.held_out is None:
+        return False
+    return after.held_out.squared >= HELD_OUT_FALLS_TO * before.held_out.squared
+
+
+def _predicts_held_out(before: Step, after: Step, term: Term) -> bool:
+    """Whether recordings that were not fitted are explained so much better that a term's size must be near the truth,
+    though its shape is uncertain; what was found before and significant stays so."""
+    if before.held_out is None or after.held_out is None:
+        return False
+    given, fitted = structure(before.identification.model), after.identification
+    found = [t for t in before.values if t not in given and t in after.values and is_significant(before, t)]
+    return (
+        after.held_out.squared < PREDICTED * before.held_out.squared
+        and all(is_significant(after, t) for t in found)
+        and _has_size(after, term, given_shape(fitted.problem, fitted.fit, term))
+    )
+
+
+def is_significant(step: Step, term: Term) -> bool:
+    """Whether the interval of a term's size excludes the value at which the effect vanishes."""
+    return _has_size(step, term, step.identification.inference.values[term])
+
+
+def _has_size(step: Step, term: Term, values: Mapping[str, Estimate]) -> bool:
+    sizes = _sizes(step, term)
+    return not sizes or any(_excludes(values[p.name], p.neutral) for p in sizes)
+
+
+def _at_a_bound(step: Step, term: Term) -> bool:
+    """Whether a parameter that sizes a term stopped at the bound of what is physical, or none of them is more than an
+    inertial parameter by another name."""
+    values, sizes = step.identification.inference.values[term], _sizes(step, term)
+    inertial = {lump.name for lump in step.identification.model.lumps}
+    bound = any(values[p.name].value in p.bounds and values[p.name].value != p.neutral for p in sizes)
+    return bound or (bool(sizes) and all(inertial & set(values[p.name].with_others) for p in sizes))
+
+
+def _sizes(step: Step, term: Term) -> list[DescribedParameter]:
+    """The parameters that size a term. None of a transmission: its intervals hold biases of the load whose size is not
+    known, and the gates alone say whether it is there."""
+    info = step.identification.model.library.effects[term.effect]
+    if info.gives_way:
+        return []
+    return [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
+
+
+def _excludes(e: Estimate, neutral: float) -> bool:
+    return e.interval is not None and not e.interval[0] <= neutral <= e.interval[1]
+
+
+def _is_periodic(step: Step, term: Term) -> bool:
+    """Whether a line over the motor's angle can come back after a turn of the motor or of the joint.
+
+    Its order counts whole periods of one of them, as far as its interval separates one order from the next. Any other
+    line is one over time, or chance. A whole number must lie well outside the interval to be ruled out.
+    """
+    model = step.identification.model
+    line = model.library.effects[term.effect].line
+    if line is None or term.joint is None:
+        return True
+    order, ratio = step.identification.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
+    if order.interval is None or max(1.0, ratio) * (order.interval[1] - order.interval[0]) > UNRESOLVED_ORDER:
+        return True
+    middle, half = (order.interval[1] + order.interval[0]) / 2, (order.interval[1] - order.interval[0]) / 2
+    beyond = half * CONTRADICTS / INTERVAL_SIGMAS
+    return any(floor((middle + beyond) * n) >= (middle - beyond) * n for n in (1.0, ratio))
+
+
+# one effect beside another -------------------------------------------------------------------------------------------
+
+
+def same_signals(one: EffectInfo, other: EffectInfo) -> bool:
+    """Whether two effects of a joint act over the same quantities, so that one may be the rest of the other."""
+    return bool(set(one.signals) & set(other.signals))
+
+
+def redundant(none: Step, alone: Sequence[Step], both: Step, joint: int) -> int | None:
+    """Which of two effects (0, 1) the other one nearly makes superfluous at a joint (0-based); None if each is needed.
+
+    none   the step without either     alone   with the first only, with the second only     both   with both
+    """
+    whole = none.fitted.rms[joint] ** 2 - both.fitted.rms[joint] ** 2
+    kept = [(none.fitted.rms[joint] ** 2 - step.fitted.rms[joint] ** 2) / max(whole, 1e-300) for step in alone]
+    if max(kept) < MOST_OF_BOTH:
+        return None
+    return 1 if kept[0] >= kept[1] else 0
+
+
+def preferred(other: Step, best: Step, joint: int) -> bool:
+    """Whether a step clearly leaves less than another: of recordings that were not fitted where they decide, else at
+    a joint (0-based) of those that were."""
+    if refuted(other, best):
+        return False
+    return refuted(best, other) or other.fitted.rms[joint] < (1 - CLEARLY_LESS) * best.fitted.rms[joint]
+
+
+def refuted(step: Step, best: Step) -> bool:
+    """Whether another step explains recordings that were not fitted clearly better."""
+    if step.held_out is None or best.held_out is None:
+        return False
+    return best.held_out.squared < HELD_OUT_FALLS_TO * step.held_out.squared
+
+
+def simplest(terms: Sequence[Term], steps: Sequence[Step], best: int) -> int:
+    """The best term, or the special case of it that leaves hardly more. A gap of almost no width is a spring by another
+    integration, whose rounding would choose."""
+    joint = (terms[best].joint or 1) - 1
+    most = steps[best].fitted.rms[joint] / (1 - ERROR.limit)
+    for k in _special_cases(steps[best], terms, terms[best]):
+        if steps[k].fitted.rms[joint] <= most and not refuted(steps[k], steps[best]):
+            return k
+    return best
+
+
+def less_likely_cases(system: LinearSystem, terms: Sequence[Term], steps: Sequence[Step], best: int) -> list[Term]:
+    """Terms that are special cases of the best one and clearly less likely than it: steps, one a term.
+
+    Candidates are weighed under one variance for all joints, in which what a special case leaves at one or two hardly
+    counts on an arm of many, and Vuong's test is for models of which none contains the other. Refitted, every joint has
+    a variance of its own, and the likelihood alone sets them apart.
+    """
+    special = _special_cases(steps[best], terms, terms[best])
+    if not special:
+        return []
+    scores = whitened_bic(system, steps)
+    return [terms[k] for k in special if scores[k] - scores[best] >= BIC_APART]
+
+
+def _special_cases(step: Step, terms: Sequence[Term], of: Term) -> list[int]:
+    """Which of some terms are special cases of a term of a step."""
+    generalises = step.identification.model.library.effects[of.effect].generalises
+    return [k for k, t in enumerate(terms) if t.effect in generalises and t.joint == of.joint]
+
+
+# whole structures ----------------------------------------------------------------------------------------------------
+
+
+def whitened_bic(system: LinearSystem, steps: Sequence[Step]) -> list[float]:
+    """BIC of each step, residuals whitened by the noise of the best of them; system: of any of them."""
+    fits = [s.identification for s in steps]
+    joints = system.joints
+    weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(joints, f.fit.residual, strict=True)) for f in fits]
+    best = fits[int(np.argmin(weighted))].fit.residual
+    by = [r.whitening(e) for r, e in zip(joints, best, strict=True)]
+    total = sum(r.independent for r in joints)
+    found = []
+    for f in fits:
+        white = [whitened(e) for whitened, e in zip(by, f.fit.residual, strict=True)]
+        fit = sum(bic(float(e @ e), r.independent, 0) for r, e in zip(joints, white, strict=True) if r.count)
+        found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(total)))
+    return found
+
+
+def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
+    return problem.layout.size + sum(len(s) for s in shapes.values())
+
+
+def clearly_better(one: Step, other: Step, score: float, other_score: float) -> bool:
+    """Whether a step explains recordings that were not fitted clearly better than another, or where these do not
+    decide, is clearly likelier; scores: of `whitened_bic`."""
+    if one.held_out is not None and other.held_out is not None:
+        here, there = one.held_out.squared, other.held_out.squared
+        if here < HELD_OUT_FALLS_TO * there:
+            return True
+        if there < HELD_OUT_FALLS_TO * here:
+            return False
+    return score <= other_score - BIC_APART
+
+
+def ruled_out(term: Term, best: Step, joint: int) -> bool:
+    """Whether a step that is clearly more likely rules out a term at a joint (0-based).
+
+    The blows in a gap follow from motion above the band, which a simulation does not know: an error of theirs says
+    little where what stands in their place leaves far more than noise as well.
+    """
+    here = best.joints[joint]
+    rugged = best.identification.model.library.effects[term.effect].has_gap
+    return not rugged or here.rms < ABOVE_NOISE * here.floor.spectrum
+
+
+# dry friction's presliding under another name ------------------------------------------------------------------------
+
+
+def bristles(finding: Step) -> tuple[Term, ...]:
+    """What passes every gate as well and carries the joint's dry friction, where a finding took most of that over.
+
+    After a reversal dry friction grows over a displacement and not at once. A law of the position that holds the same
+    loop takes that friction over, and only its form separates it from bristles of the friction: that of springs and
+    sliders side by side is a law of dry friction, too.
+    Source: Al-Bender, Lampaert & Swevers, The generalized Maxwell-slip model, IEEE Trans. Automatic Control 50, 2005.
+    """
+    model = finding.identification.model
+    others = [c.term for c in finding.ranking.candidates if c.passes and c.term.joint == finding.term.joint]
+    carrying = tuple(t for t in others if t != finding.term and _levels(model, t))
+    info = model.library.effects[finding.term.effect]
+    # A loop needs a memory; a transmission's is no friction.
+    if not carrying or _levels(model, finding.term) or not info.states or info.gives_way:
+        return ()
+    taken = all(_level(finding, t) < (1 - TAKEN_OVER) * _level(finding.previous, t) for t in carrying)
+    return carrying if taken else ()
+
+
+def _levels(model: Model, term: Term) -> list[str]:
+    """Signals of a joint's dry friction that a term reads."""
+    read = model.library.effects[term.effect].signals
+    return [name for name in read if model.library.signal[name].needs == "friction"]
+
+
+def _level(step: Step, term: Term) -> float:
+    """Mean magnitude of the joint's dry friction that a term reads, as a step has it."""
+    found = step.identification
+    joint = (term.joint or 1) - 1
+    signals = Regressors(found.model, found.motion, found.fit.prediction).signals(joint)
+    names = _levels(found.model, term)
+    return float(np.mean([np.mean(np.abs(s.at(name, joint))) for s in signals for name in names]))

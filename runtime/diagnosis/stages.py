@@ -1,0 +1,136 @@
+"""Which physical effect is missing? The method, stage by stage.
+
+Prepare: recordings become a motion in the band in which model and measurement are compared. Identify: the model file's
+structure is fitted, and data that look wrong are refused. While a step improves: every effect of the library is ranked
+beside the fitted model (candidates.py, ranking.py) and must open all gates (gates.py); the best one, or a pair that it
+stood for, is added and everything refitted (search.py, acceptance.py); earlier findings that later ones made
+superfluous are pruned. Decide: findings, silence, or a refusal (verdict.py), and how large each effect would have had
+to be to be seen (detection_limits.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from runtime.diagnosis import detection_limits
+from runtime.diagnosis.acceptance import bristles
+from runtime.diagnosis.grammar_search import Wider
+from runtime.diagnosis.search import (
+    add_further,
+    add_witnessed,
+    best_branch,
+    best_pair,
+    best_single,
+    branches,
+    compared,
+    is_open,
+    reconsidered,
+    with_rivals,
+    without_insignificant,
+    without_replaced,
+)
+from runtime.diagnosis.settings import LEAST_MOVING_S, MOST_FINDINGS
+from runtime.diagnosis.steps import Step, Trail, seconds_moving
+from runtime.diagnosis.verdict import Diagnosis, decide
+from runtime.fit_warnings import suspicions
+from runtime.identification.identify import prepared, refuse_copies, without_tip_rests
+from runtime.model.loader import Model
+from runtime.model.terms import Term
+from runtime.motion.motion import Motion, prepare
+from runtime.recordings.recording import Recording, RecordingError
+
+OnStep = Callable[[Step], None]
+
+
+def diagnose(
+    model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = (), wider: Wider | None = None
+) -> Diagnosis:
+    """Fit the model file's structure, then name what is missing, or say why nothing can be named.
+
+    model        the arm, its library of effects     recordings   that are fitted, at least one
+    held_out     that are judged in the same band and never fitted
+    wider        opens the same arm with guesses in its library; asked where findings leave something: a guess that
+                 explains far more says that physics is missing which the library lacks
+
+    Returns the verdict with every step that led to it. Raises RecordingError where the recordings do not fit the arm,
+    or each other.
+    """
+    return conclude(complete(begin(model, recordings, held_out)), wider)
+
+
+def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Trail:
+    """Prepare and identify: a trail with the model file's structure fitted."""
+    motion = prepared(model, recordings)
+    held = _held_out(motion, held_out, model) if held_out else None
+    refuse_copies([*recordings, *held_out])
+    trail = Trail.begun(model, motion, held, [r.path.name for r in recordings])
+    return replace(trail, suspicions=suspicions(trail.last.identification))
+
+
+def complete(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
+    """The trail at its end: the best of those that follow the first finding with rivals, or one of these; without what
+    is not significant beside the rest. on_step is called with each step of the first way."""
+    trail = follow(trail, on_step)
+    number, others = branches(trail)
+    if others:
+        trail = best_branch([trail, *map(follow, others)], number)
+    trail = without_insignificant(trail)
+    return with_rivals(trail, {f: _unrefuted(f) for f in trail.findings})
+
+
+def follow(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
+    """The trail lengthened as long as a step improves it."""
+    while is_open(trail):
+        longer = advanced(trail)
+        if longer.last is trail.last:
+            return longer
+        trail = longer
+        on_step(trail.last)
+    return trail
+
+
+def advanced(trail: Trail) -> Trail:
+    """Add, then prune: what only a link-side encoder shows, or else the best candidate that passes every gate, or a
+    pair that it stood for. The same last step where nothing passes."""
+    trail = compared(trail)
+    witnessed = add_witnessed(trail)
+    if witnessed.last is not trail.last:
+        return witnessed
+    single = best_single(trail)
+    pair = best_pair(trail, single)
+    if pair is not None:
+        return without_replaced(trail.to(pair))
+    if single is None:
+        return trail
+    trail = add_further(without_replaced(trail.to(single)), single.term)
+    for _ in range(MOST_FINDINGS):
+        pruned = reconsidered(trail)
+        if pruned is trail:
+            break
+        trail = pruned
+    return trail
+
+
+def conclude(trail: Trail, wider: Wider | None = None) -> Diagnosis:
+    """Decide, and say how large each effect would have had to be; wider as for `diagnose`."""
+    able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
+    last = trail.last
+    seen = () if trail.suspicions else tuple(detection_limits.of(last.base, last.floors, able))
+    return replace(decide(trail, wider), seen=seen)
+
+
+def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
+    motion = without_tip_rests(model, prepare(recordings, fitted.band, model))
+    if motion.rigid_given != fitted.rigid_given:
+        has, lacks = ("has", "do not") if motion.rigid_given else ("has no", "do")
+        raise RecordingError(
+            f"{recordings[0].path}: {has} tau1_rigid and the recordings that are fitted {lacks}; "
+            "give the rigid-body torque in all of them or in none"
+        )
+    return motion
+
+
+def _unrefuted(finding: Step) -> tuple[Term, ...]:
+    """The rivals of a finding that nothing refuted, and those that no likelihood sets apart from it."""
+    return tuple(dict.fromkeys(t for t in (*finding.rivals, *bristles(finding)) if t not in finding.refuted))

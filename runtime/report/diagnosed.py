@@ -1,0 +1,172 @@
+"""A diagnosis, an improvement and a draft as the documents that --json prints."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import UNSET
+from msgspec.structs import replace
+
+from runtime.diagnosis import telling_signals
+from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.gates import ERROR, LIKELIHOOD
+from runtime.diagnosis.grammar_search import Draft
+from runtime.diagnosis.ranking import Ranking
+from runtime.diagnosis.remainder import after_effect
+from runtime.diagnosis.steps import Step
+from runtime.diagnosis.verdict import Diagnosis
+from runtime.documents.diagnosis import (
+    DiagnosedJoint,
+    DiagnosisBand,
+    DiagnosisBase,
+    DraftBase,
+    EvidenceEntry,
+    FindingEntry,
+    FitsEntry,
+    HistoryEntry,
+    ImprovementBase,
+    LineAboveBand,
+    RankedCandidate,
+    TwistEvidence,
+)
+from runtime.documents.parts import EffectAt, EncoderSkewEntry
+from runtime.fit_warnings import warnings
+from runtime.identification.compare import structure_entries
+from runtime.identification.twist import fit_twist
+from runtime.loop.improve import Improvement, unexplained
+from runtime.model.loader import Model
+from runtime.report import reasons
+
+
+def document(diagnosis: Diagnosis) -> DiagnosisBase:
+    """As `tendon diagnose --json`, but for what follows from it: with the signals that the residual follows at each
+    unexplained joint."""
+    found, step = _plain(diagnosis), diagnosis.last
+    if diagnosis.verdict != "unexplained":
+        return found
+    joints = list(found.joints)
+    for k in unexplained(step):
+        joints[k] = replace(joints[k], structure=structure_entries(step.joints[k]))
+    return replace(found, joints=joints)
+
+
+def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
+    first, last = diagnosis.trail.first, diagnosis.last.identification
+    band = first.identification.motion.band
+    above = [LineAboveBand(joint=x.joint + 1, order=x.order, frequency_hz=x.frequency) for x in band.above]
+    return DiagnosisBase(
+        verdict=diagnosis.verdict,
+        reason=reasons.reason(diagnosis),
+        band=band.document().as_part_of(DiagnosisBand, above=above),
+        skew=last.inference.skew_entry(),
+        delay=last.delay_entries(),
+        joints=[s.document().as_part_of(DiagnosedJoint) for s in first.joints],
+        parameters=last.inference.inertial_entries(diagnosis.model),
+        rotors=last.inference.rotor_entries(),
+        encoder_skew=_encoder_skew(diagnosis.last),
+        sensors=[worth.document() for worth in diagnosis.sensors],
+        findings=[finding_entry(diagnosis, finding) for finding in diagnosis.findings],
+        ruled_out=ranking_entries(diagnosis.ranking, diagnosis.model),
+        would_have_seen=[limit.document() for limit in diagnosis.seen],
+        recordings=diagnosis.recordings.recording_entries(),
+        inconsistent=diagnosis.recordings.contradiction_entries(),
+        warnings=warnings(last),
+    )
+
+
+def _encoder_skew(step: Step) -> list[EncoderSkewEntry]:
+    """Of each joint with a link-side encoder, by how long that is read later than the motor's."""
+    found = step.identification
+    fits = (fit_twist(found.problem, found.fit, i) for i in range(found.model.n))
+    return [f.skew.document().as_part_of(EncoderSkewEntry, joint=f.joint + 1) for f in fits if f is not None]
+
+
+def finding_entry(diagnosis: Diagnosis, finding: Step) -> FindingEntry:
+    """A finding as in `tendon diagnose --json`."""
+    i, term = finding.joint_index, finding.term
+    info = diagnosis.model.library.effects[term.effect]
+    later = diagnosis.findings[diagnosis.findings.index(finding) + 1 :]
+    left = None if any(f.joint_index == i for f in later) else after_effect(diagnosis.last, i, info)
+    values = diagnosis.last.identification.inference.values.get(term, {})
+    held = [None if s.held_out is None else s.held_out.rms[i] for s in (finding.previous, finding)]
+    return FindingEntry(
+        effect=term.effect,
+        joint=term.joint,
+        share=finding.share(),
+        rms_before=finding.previous.fitted.rms[i],
+        rms_after=finding.fitted.rms[i],
+        held_out_before=held[0],
+        held_out_after=held[1],
+        evidence=evidence_entry(finding.candidate, diagnosis.model),
+        parameters={name: e.document() for name, e in values.items()},
+        rivals=[EffectAt(effect=t.effect, joint=t.joint) for t in finding.rivals],
+        missing_signals=telling_signals.entries(diagnosis.absent(finding)),
+        ranking=ranking_entries(finding.ranking, diagnosis.model),
+        experiment=info.experiment,
+        remainder=None if left is None else reasons.left_over(left, info.name),
+    )
+
+
+def ranking_entries(ranking: Ranking, model: Model) -> list[RankedCandidate]:
+    """Every finalist with what speaks for it and which gates stayed closed."""
+    return [
+        RankedCandidate(effect=c.term.effect, joint=c.term.joint, evidence=evidence_entry(c, model))
+        for c in ranking.candidates
+    ]
+
+
+def evidence_entry(candidate: Candidate, model: Model) -> EvidenceEntry:
+    """What the gates were asked of a candidate, and what they said."""
+    likelihood, twist = candidate.value(LIKELIHOOD), candidate.twist
+    return EvidenceEntry(
+        eff=candidate.eff,
+        share_of_excess=candidate.share,
+        delta_bic=candidate.delta_bic,
+        cv_gain=1 - (1 - candidate.value(ERROR)) ** 2,
+        cv_log_likelihood_gain=likelihood if np.isfinite(likelihood) else None,
+        failed_gates=reasons.closed_gates(candidate, model),
+        twist=UNSET
+        if twist is None
+        else TwistEvidence(rms_before=twist.before, rms_after=twist.after, eff=twist.eff, unit=twist.unit),
+    )
+
+
+def improved(improvement: Improvement) -> ImprovementBase:
+    """As `tendon improve --json`, without the keys that follow from it."""
+    found = improvement.found
+    first, last = found.steps[0].identification, found.last.identification
+    return _plain(improvement.left).as_part_of(
+        ImprovementBase,
+        sensors=[worth.document() for worth in found.sensors],
+        history=[_history(found, step) for step in found.steps],
+        identification=FitsEntry(before=first.document(), after=last.document()),
+    )
+
+
+def _history(found: Diagnosis, step: Step) -> HistoryEntry:
+    return HistoryEntry(
+        added=None if step.added is None else str(step.added),
+        rms=list(step.fitted.rms),
+        relative=list(step.fitted.relative),
+        held_out=None if step.held_out is None else list(step.held_out.rms),
+        held_out_relative=None if step.held_out is None else list(step.held_out.relative),
+        finding=UNSET if step.added is None else finding_entry(found, step),
+    )
+
+
+def drafted(draft: Draft) -> DraftBase:
+    """The key "draft" of `tendon diagnose --json`, without the file."""
+    step, model = draft.step, draft.step.identification.model
+    i, before = step.joint_index, step.previous
+    return DraftBase(
+        effect=draft.term.effect,
+        joint=draft.term.joint,
+        equation=model.library.effects[draft.term.effect].equation,
+        share=step.share(),
+        rms_before=before.fitted.rms[i],
+        rms_after=step.fitted.rms[i],
+        floor=before.joints[i].floor.value,
+        unit=before.joints[i].force_unit,
+        evidence=evidence_entry(step.candidate, model),
+        parameters={name: e.document() for name, e in step.identification.inference.values[draft.term].items()},
+        others=[EffectAt(effect=t.effect, joint=t.joint) for t in draft.others],
+    )

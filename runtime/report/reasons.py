@@ -1,0 +1,235 @@
+"""A diagnosis in sentences: what the gates say, what is left of a residual, and why the verdict is what it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from runtime.diagnosis import gates
+from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.consistency import contradict, deviation
+from runtime.diagnosis.credibility import poor_excitation, wrong_data
+from runtime.diagnosis.gates import GateResult
+from runtime.diagnosis.remainder import Disturbance, Remainder, RepeatingResidual, lines_above, physics, remainder
+from runtime.diagnosis.steps import Step
+from runtime.diagnosis.verdict import Diagnosis, explained
+from runtime.model.loader import Model
+from runtime.model.terms import Term
+from runtime.wording import numbered, per_turn, told_apart, whole_apart
+
+_TIMES_SAID = 5
+"""number of times; so many bursts are listed: a line on a page."""
+
+
+def closed_gates(candidate: Candidate, model: Model) -> list[str]:
+    """A sentence for each gate that stays closed to a candidate."""
+    return [_GATES[result.gate.name](result, candidate, model) for result in candidate.failed]
+
+
+def _part(result: GateResult) -> str:
+    text = f"{100 * result.value:.0f} ± {100 * result.spread:.0f} % of its torque"
+    return text.replace("-", "−")
+
+
+def _play(result: GateResult, candidate: Candidate, model: Model) -> str:
+    unit = model.joints[(candidate.term.joint or 1) - 1].position_unit
+    return f"the link-side encoder shows {result.value:.2g} {unit} {result.gate.name.split()[0]} play than it has"
+
+
+def _resolution(result: GateResult, candidate: Candidate, model: Model) -> str:
+    play = model.library.effects[candidate.term.effect].of_kind("play")
+    unit = model.joints[(candidate.term.joint or 1) - 1].position_unit
+    name = "play" if play is None else play.name
+    return f"its {name} of {result.value:.2g} {unit} is no wider than the {result.limit:.2g} that its encoder resolves"
+
+
+_GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
+    gates.BIC.name: lambda r, *_: f"whitened BIC falls by {whole_apart(r.value, r.limit)}, not by {r.limit:g}",
+    gates.TORQUE.name: lambda r, *_: (
+        f"its own torque is {told_apart(r.value, r.limit)} of the noise floor, not more than {r.limit:g}"
+    ),
+    gates.SHARE.name: lambda r, *_: (
+        f"it explains {whole_apart(100 * r.value, 100 * r.limit)} % of what is left, not {100 * r.limit:.0f} %"
+    ),
+    gates.EDGE.name: lambda *_: "its shape lies at the edge of what was searched",
+    gates.LIKELIHOOD.name: lambda r, *_: (
+        f"held-out log-likelihood changes by {whole_apart(r.value, r.limit)}; at least {r.limit:g} is required"
+    ),
+    gates.ERROR.name: lambda r, *_: f"held-out error does not fall by {100 * r.limit:g} %",
+    gates.RESOLUTION.name: _resolution,
+    gates.MODEL.name: lambda r, *_: f"the model as it is can produce all but {100 * r.value:.2g} % of its torque",
+    gates.ENCODERS.name: lambda *_: "another reading of the encoders would give another torque",
+    gates.LAG.name: lambda r, *_: f"the link-side encoder does not show it: the link lags by {_part(r)}",
+    gates.RIGID.name: lambda r, *_: (
+        f"the link-side encoder shows that the transmission gives way instead: the lag makes up {_part(r)}"
+    ),
+    gates.MORE_PLAY.name: _play,
+    gates.LESS_PLAY.name: _play,
+    gates.ON_LINK.name: lambda r, *_: (
+        f"the torque sensor at the output does not feel it, as it would on the link: {_part(r)}"
+    ),
+    gates.ON_MOTOR.name: lambda r, *_: (
+        f"the torque sensor at the output feels it, as it would not on the motor: {_part(r)}"
+    ),
+    gates.BOUND.name: lambda r, *_: f"it may be none: its 95 % interval begins at {r.value:.3g}",
+    gates.RECORDINGS.name: lambda *_: (
+        "the recordings contradict each other, so that what is missing in which of them is not known"
+    ),
+}
+
+WORDED = frozenset(_GATES)
+"""Names of the gates that have a sentence."""
+
+
+# what is left --------------------------------------------------------------------------------------------------------
+
+
+def left_over(found: Remainder, effect: str | None = None) -> str:
+    """What a residual holds beyond noise; effect: the name of what was added, where that was asked for."""
+    if isinstance(found, Disturbance):
+        return _disturbance(found)
+    part = f"{100 * found.part:.0f} %"
+    if found.follows is None:
+        return (
+            f"{part} of its variance comes back with the motion, so physics is left: "
+            "an effect that is not in the library, or one in another form"
+        )
+    share = f"{part} of what is left comes back with the motion, most of it over {found.follows}"
+    if found.own:
+        return f"{share}: {effect} is the right effect in another form than the library's law"
+    return f"{share}: something else is missing beside {effect}, or it has another form than the library's law"
+
+
+def _disturbance(found: Disturbance) -> str:
+    signs = []
+    if found.line is not None:
+        signs.append(f"{100 * found.line.share:.0f} % of it is at {found.line.frequency:.2f} Hz")
+    if found.slow is not None:
+        signs.append(f"it is {found.slow:.1f} times as dense at low frequencies as in the rest of the band")
+    if found.bursts:
+        times = ", ".join(f"{t:.0f}" for t in found.bursts[:_TIMES_SAID])
+        signs.append(f"it comes in bursts, at {times} s")
+    unknown = "" if found.repeats else " as far as these data tell, which repeat none"
+    return (
+        f"{'; '.join(signs)}, and it does not come back with the motion{unknown}: a disturbance from outside, or noise "
+        "that is not white"
+    )
+
+
+# the verdict ---------------------------------------------------------------------------------------------------------
+
+
+def reason(diagnosis: Diagnosis) -> str:
+    """Why a diagnosis decided so, with lines of the torque that lie above the band."""
+    return _reason(diagnosis) + _above_band(diagnosis.trail.last)
+
+
+def _reason(diagnosis: Diagnosis) -> str:
+    trail, compared = diagnosis.trail, diagnosis.recordings
+    first, last = trail.first, trail.last
+    differ = _file_contradicted(last)
+    preface, where = compared.preface + differ, "" if diagnosis.joint is None else _called(diagnosis.joint, last)
+    match diagnosis.why:
+        case "wrong data":
+            return wrong_data(trail.suspicions)
+        case "unsound fit":
+            return compared.preface + next(filter(None, (s.identification.unsound for s in trail.steps)), "")
+        case "contradiction":
+            return differ + compared.refusal
+        case "comes nearest":
+            return f"{preface}joint {where}: {_comes_nearest(diagnosis)}"
+        case "outdone":
+            return f"{compared.preface}joint {where}: {_outdone(diagnosis)}"
+        case "found":
+            named = [_sentence(f, last) for f in diagnosis.findings]
+            return f"{preface}the model lacks {'; '.join(named)}"
+        case "excitation":
+            return preface + (poor_excitation(first.identification) or "")
+        case "nothing explains":
+            found = remainder(first, diagnosis.joint or 0)
+            rest = "" if found is None else left_over(found)
+            return (
+                f"{preface}joint {where}: no effect of the library explains the residual: {rest}{_undecided(diagnosis)}"
+            )
+        case "noise":
+            rms = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in last.joints)
+            return f"{preface}the residual is noise ({rms}): the recordings show no missing effect"
+
+
+def _comes_nearest(diagnosis: Diagnosis) -> str:
+    trail, joint = diagnosis.trail, diagnosis.joint or 0
+    near = ", ".join(str(f.term) for f in trail.findings if f.joint_index == joint)
+    share = 100 * explained(trail.first, trail.last, joint)
+    rest = physics(trail.last, joint) or RepeatingResidual(0.0)
+    return f"{near} comes nearest, but explains only {share:.0f} % of what is above the noise: {left_over(rest)}"
+
+
+def _outdone(diagnosis: Diagnosis) -> str:
+    assert diagnosis.draft is not None
+    step = diagnosis.draft.step
+    near = ", ".join(str(f.term) for f in diagnosis.trail.findings if f.joint_index == diagnosis.joint)
+    info = step.identification.model.library.effects[step.term.effect]
+    return (
+        f"{near} came nearest, but a term that no effect of the library has explains far more, {info.equation}: "
+        "physics is missing that is not in the library"
+    )
+
+
+def _undecided(diagnosis: Diagnosis) -> str:
+    """What a second recording would decide, as the end of a sentence."""
+    near = diagnosis.undecided
+    if near is None:
+        return ""
+    return (
+        f"; {near.term} would explain {100 * near.share:.0f} % of what is above the noise floor, which stretches that "
+        "were left out in turn do not bear out: record the motion again and give that as --held-out"
+    )
+
+
+def _sentence(finding: Step, last: Step) -> str:
+    i, shown = finding.joint_index, finding.candidate.twist
+    before, after = finding.previous.fitted.relative[i], finding.fitted.relative[i]
+    joint = finding.term.joint
+    where = "" if joint is None else f" at joint {_called(joint - 1, last)}"
+    text = f"{finding.term.effect}{where}{_order(finding.term, last)} "
+    if shown is None:
+        text += f"(error {100 * before:.2f} % to {100 * after:.2f} %)"
+    else:
+        text += f"(twist unexplained by the skew of the encoders {shown.before:.2g} to {shown.after:.2g} {shown.unit})"
+    if finding.rivals:
+        text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
+    return text
+
+
+def _called(joint: int, step: Step) -> str:
+    """A joint (0-based) by its number and the model file's name."""
+    return numbered(joint + 1, step.joints[joint].name)
+
+
+def _order(term: Term, last: Step) -> str:
+    """Of a line over the motor's angle, how often it repeats."""
+    model = last.identification.model
+    line = model.library.effects[term.effect].line
+    if line is None or term.joint is None:
+        return ""
+    return f" at {per_turn(last.shapes[term][line.name], model.joints[term.joint - 1].gear_ratio)}"
+
+
+def _file_contradicted(last: Step) -> str:
+    """Inertial parameters of the file that the data contradict, as the beginning of a sentence."""
+    wrong = []
+    found = last.identification
+    for lump, e in zip(found.model.lumps, found.inference.lumps, strict=True):
+        if lump.value is not None and contradict(lump.value, e.value, deviation(e)):
+            wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
+    return f"check the model file first: {'; '.join(wrong)}; " if wrong else ""
+
+
+def _above_band(step: Step) -> str:
+    """That lines of the torque over the motor's angle lie above the band, as the end of a sentence."""
+    model, band = step.identification.model, step.identification.motion.band
+    found = [
+        f"; joint {line.joint + 1}: a line at {per_turn(line.order, model.joints[line.joint].gear_ratio)} lies above "
+        f"its band, which ends at {band.cutoffs[line.joint]:g} Hz, at {line.frequency:.3g} Hz"
+        for line in lines_above(step)
+    ]
+    return "".join(found)
