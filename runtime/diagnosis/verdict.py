@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from runtime.diagnosis import consistency, detection_limits, sensor_worth, telling_signals
+from runtime.diagnosis import credibility, detection_limits
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.credibility import poor_excitation
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
 from runtime.diagnosis.ranking import Ranking
@@ -48,7 +47,7 @@ class Diagnosis:
     trail: Trail
     findings: tuple[Step, ...]
     ranking: Ranking
-    recordings: consistency.Tables
+    recordings: credibility.Tables
     joint: int | None = None
     draft: Draft | None = None
     undecided: Candidate | None = None
@@ -67,25 +66,12 @@ class Diagnosis:
     def model(self) -> Model:
         return self.trail.first.identification.model
 
-    @property
-    def sensors(self) -> tuple[sensor_worth.SensorWorth, ...]:
-        """What further sensors were worth."""
-        rankings = [*(f.ranking for f in self.findings), self.ranking]
-        weighed = [c for ranking in rankings for c in ranking.candidates]
-        motion = self.trail.first.identification.motion
-        return sensor_worth.of(motion, weighed, [f.candidate for f in self.findings])
-
-    def absent(self, finding: Step) -> tuple[telling_signals.Missing, ...]:
-        """The signals that are not in the recordings and would tell a finding from its rivals."""
-        motion = self.trail.first.identification.motion
-        return telling_signals.missing(self.model, motion, finding.term, finding.rivals)
-
 
 def decide(trail: Trail, wider: Wider | None = None) -> Diagnosis:
     """The verdict, once nothing more passes the gates; wider as for `stages.diagnose`. What would have been seen is
     left out."""
     last = trail.last
-    compared = consistency.compare(last.identification, trail.names, [s.floor.spectrum for s in last.joints])
+    compared = credibility.compare(last.identification, trail.names, [s.floor.spectrum for s in last.joints])
     verdict, why, joint = _decided(trail, compared)
     draft = None
     if verdict == "effect" and wider is not None:
@@ -106,7 +92,7 @@ def decide(trail: Trail, wider: Wider | None = None) -> Diagnosis:
     return found
 
 
-def _withheld(trail: Trail, verdict: Verdict, compared: consistency.Tables) -> Ranking:
+def _withheld(trail: Trail, verdict: Verdict, compared: credibility.Tables) -> Ranking:
     """The last comparison; findings that recordings of different arms made are in it as ruled out."""
     if verdict != "refused" or not trail.findings:
         return trail.ranking
@@ -116,7 +102,7 @@ def _withheld(trail: Trail, verdict: Verdict, compared: consistency.Tables) -> R
     return Ranking((*mine, *(c for c in trail.ranking.candidates if c.term not in named)))
 
 
-def _decided(trail: Trail, compared: consistency.Tables) -> tuple[Verdict, Why, int | None]:
+def _decided(trail: Trail, compared: credibility.Tables) -> tuple[Verdict, Why, int | None]:
     first, last, joints = trail.first, trail.last, range(trail.model.n)
     if trail.suspicions:
         return "refused", "wrong data", None
@@ -129,7 +115,7 @@ def _decided(trail: Trail, compared: consistency.Tables) -> tuple[Verdict, Why, 
             return "unexplained", "comes nearest", i
     if trail.findings:
         return "effect", "found", None
-    if poor_excitation(first.identification):
+    if credibility.poor_excitation(first.identification):
         return "refused", "excitation", None
     left = next((i for i in joints if remainder(first, i)), None)
     if left is not None:

@@ -34,7 +34,7 @@ from runtime.documents.recordings import (
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
-from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
+from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm
 from runtime.experiments.settings import SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
@@ -331,8 +331,8 @@ def propose(
         tuple(repertoire.names[k] for k in choice.numbers),
         times=choice.times,
         limit=limit,
-        before=MotionGround.of(bench, bench.ordinary_path).weigh(),
-        after=MotionGround.of(bench, motion).weigh(),
+        before=MotionPieces.of(bench, bench.ordinary_path).weigh(),
+        after=MotionPieces.of(bench, motion).weigh(),
         ordinary=ordinary,
         confirmation=confirmation,
         relief=relief,

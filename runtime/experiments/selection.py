@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.experiments.pieces import BROAD, Envelope, MotionPiece, in_sequence, pieces
-from runtime.experiments.separation import MotionGround, Pair, Separation, TrialArm
+from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm
 from runtime.experiments.settings import (
     LEAST_SECONDS,
     LEAST_TIMES,
@@ -95,7 +95,7 @@ class Repertoire:
     envelopes: tuple[Envelope, ...]
     names: tuple[str, ...]
     parts: tuple[Array, ...]
-    ground: MotionGround
+    ground: MotionPieces
     passes: int
 
     @classmethod
@@ -110,7 +110,7 @@ class Repertoire:
         names, parts = tuple(found), tuple(found.values())
         passes = 2 if _changes_with_time(bench) else 1
         path, spans = in_sequence([*parts] * passes, joints)
-        return cls(joints, names, parts, MotionGround.of(bench, path, spans), passes)
+        return cls(joints, names, parts, MotionPieces.of(bench, path, spans), passes)
 
     def choice(self, numbers: tuple[int, ...]) -> PieceChoice:
         """These pieces, so many times through that repeats and length suffice for a diagnosis."""

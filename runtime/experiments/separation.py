@@ -31,6 +31,7 @@ from runtime.motion.piece import Piece
 from runtime.progress import of_each
 from runtime.recordings.recording import Recording
 from runtime.regression.bounded import bounded
+from runtime.regression.system import Block, Columns, JointRows, LinearSystem
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, led, simulate
 
@@ -125,27 +126,20 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class _Joint:
-    """At one joint: Gram matrices (pieces, k, k) of base rows, the rivals' torques, then their columns; rows used."""
-
-    base: int
-    gram: Array
-    rows: Array
-
-
-@dataclass(frozen=True)
-class MotionGround:
+class MotionPieces:
     """A motion's pieces, ready to be judged in any choice.
 
-    places: by rival and shape, the rows of the fixed part and of the columns in every joint's Gram matrix.
+    systems  of every joint, weighted by its noise floor, a fold a piece: what the base model may take, then the rivals'
+             torques, then their columns
+    places   by rival and shape, the rows of the fixed part and of the columns behind the torques
     """
 
     bench: TrialArm
-    joints: tuple[_Joint, ...]
+    systems: tuple[LinearSystem, ...]
     places: tuple[tuple[slice, ...], ...]
 
     @classmethod
-    def of(cls, bench: TrialArm, path: Array, spans: Sequence[tuple[float, float]] | None = None) -> MotionGround:
+    def of(cls, bench: TrialArm, path: Array, spans: Sequence[tuple[float, float]] | None = None) -> MotionPieces:
         """Along a motion (n, N) at simulate's rate; spans: from and to which second each piece goes."""
         recording = bench.record(path, None, None)
         # The encoder's steps stay out, so that a special case of a rival is exactly that; the floor has them.
@@ -160,12 +154,8 @@ class MotionGround:
     def weigh(self, chosen: Sequence[int] | None = None, count: float = 1) -> dict[Pair, Separation]:
         """Separations on the chosen pieces, `count` times over; a pair without second rival is its visibility."""
         take = slice(None) if chosen is None else list(chosen)
-        total, rows = 0.0, 1.0
-        for joint, floor in zip(self.joints, self.bench.floor, strict=True):
-            gram = joint.gram[take].sum(axis=0)
-            total = total + _beside(gram, joint.base) / floor**2
-            rows = max(rows, float(joint.rows[take].sum()))
-        everything = np.asarray(total)
+        everything = np.sum([system.beyond_first(take) for system in self.systems], axis=0)
+        rows = max(1.0, *(float(system.sizes[take].sum()) for system in self.systems))
         sums: dict[Pair, float] = {}
         for pair in [*self.bench.pairs, *((k, None) for k in range(len(self.bench.rivals)))]:
             sums[pair] = max(self._left(everything, *pair), 0.0)
@@ -212,7 +202,7 @@ class _Rows:
 
     @property
     def places(self) -> tuple[tuple[slice, ...], ...]:
-        """As `MotionGround`."""
+        """As `MotionPieces`."""
         found, at = [], 0
         for rival, choices in zip(self.bench.rivals, self.shapes, strict=True):
             size = self._size(rival)
@@ -220,19 +210,20 @@ class _Rows:
             at += size * len(choices)
         return tuple(found)
 
-    def joint(self, spans: Sequence[tuple[float, float]], joint: int) -> _Joint:
-        """The Gram matrices of a joint (0-based)."""
+    def joint(self, spans: Sequence[tuple[float, float]], joint: int) -> LinearSystem:
+        """The system of a joint (0-based)."""
         base, rivals = self._base(joint), self.bench.rivals
         torques = [self._torque(rival, joint) for rival in rivals]
         columns = [self._columns(rival, choices, joint) for rival, choices in zip(rivals, self.shapes, strict=True)]
-        stack = np.concatenate([base, torques, *columns])
+        others, free = np.concatenate([torques, *columns]), np.full(len(base), np.inf)
         use, time = self.motion.moving(joint), self.motion.row_time(joint)
-        grams, counts = [], []
-        for start, stop in spans:
-            part = stack[:, use & (time >= start) & (time < stop)]
-            grams.append(part @ part.T)
-            counts.append(part.shape[1])
-        return _Joint(len(base), np.array(grams), np.array(counts, dtype=float))
+        pieces = tuple(slice(*map(int, np.searchsorted(time[use], span))) for span in spans)
+        rows = JointRows(
+            np.zeros(len(time)), use, self.motion.row_piece(joint), 1 / self.bench.floor[joint], stretches=pieces
+        )
+        taken = Block("base", {0: Columns(np.vstack([np.zeros(len(time)), base]))}, -free, free)
+        unbounded = np.full(len(others) - 1, np.inf)
+        return LinearSystem.of([rows], [taken, Block("rivals", {0: Columns(others)}, -unbounded, unbounded)])
 
     def _base(self, joint: int) -> Array:
         """(K, M) what the base model may take."""
@@ -279,14 +270,3 @@ def _own_torque(signals: Signals, rival: Hidden, joint: int) -> Array:
 def _shape(bench: TrialArm, term: Term) -> dict[str, float]:
     shape = {p.name for p in bench.model.library.effects[term.effect].shape}
     return {k: v for k, v in bench.base[term].items() if k in shape}
-
-
-def _beside(gram: Array, base: int) -> Array:
-    """The Gram matrix of the other rows after the first `base` rows have taken from them what they can."""
-    size = np.sqrt(np.maximum(np.diag(gram)[:base], 0.0))
-    there = np.flatnonzero(size > 0)
-    unit = gram[np.ix_(there, there)] / np.outer(size[there], size[there])
-    value, vector = np.linalg.eigh(unit) if len(there) else (np.zeros(0), np.zeros((0, 0)))
-    seen = value > 1e-10 * max(value.max(initial=0.0), 1e-300)
-    half = (vector[:, seen] / np.sqrt(value[seen])).T @ (gram[there, base:] / size[there, None])
-    return gram[base:, base:] - half.T @ half

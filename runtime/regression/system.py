@@ -596,6 +596,14 @@ class LinearSystem:
             cross[..., own.unknown] += rows.weight**2 * (x @ own.columns.T)
         return np.maximum(square - ((cross @ self.projection) * cross).sum(axis=-1), 0.0), square
 
+    def beyond_first(self, folds: slice | Sequence[int]) -> Array:
+        """(R', R') products, on some folds, of all rows behind the first block once its columns took over what they
+        can."""
+        gram, first = self.gram[folds].sum(axis=0), self.blocks[0].rows
+        cross, behind = gram[first], slice(first[-1] + 1, None)
+        left: Array = gram[behind, behind] - cross[:, behind].T @ inverse(cross[:, first]) @ cross[:, behind]
+        return left
+
     def held(self, theta: Array) -> tuple[float, float]:
         """How much of a torque of the last block, theta (1 + k,), the measurement holds already, and its standard
         deviation if rows are white."""

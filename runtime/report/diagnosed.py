@@ -6,7 +6,6 @@ import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from runtime.diagnosis import telling_signals
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import ERROR, LIKELIHOOD
 from runtime.diagnosis.grammar_search import Draft
@@ -34,7 +33,7 @@ from runtime.identification.compare import structure_entries
 from runtime.identification.twist import fit_twist
 from runtime.loop.improve import Improvement, unexplained
 from runtime.model.loader import Model
-from runtime.report import reasons
+from runtime.report import reasons, sensors
 
 
 def document(diagnosis: Diagnosis) -> DiagnosisBase:
@@ -63,7 +62,7 @@ def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
         parameters=last.inference.inertial_entries(diagnosis.model),
         rotors=last.inference.rotor_entries(),
         encoder_skew=_encoder_skew(diagnosis.last),
-        sensors=[worth.document() for worth in diagnosis.sensors],
+        sensors=[worth.document() for worth in sensors.worth(diagnosis)],
         findings=[finding_entry(diagnosis, finding) for finding in diagnosis.findings],
         ruled_out=ranking_entries(diagnosis.ranking, diagnosis.model),
         would_have_seen=[limit.document() for limit in diagnosis.seen],
@@ -99,7 +98,7 @@ def finding_entry(diagnosis: Diagnosis, finding: Step) -> FindingEntry:
         evidence=evidence_entry(finding.candidate, diagnosis.model),
         parameters={name: e.document() for name, e in values.items()},
         rivals=[EffectAt(effect=t.effect, joint=t.joint) for t in finding.rivals],
-        missing_signals=telling_signals.entries(diagnosis.absent(finding)),
+        missing_signals=sensors.entries(sensors.absent(diagnosis, finding)),
         ranking=ranking_entries(finding.ranking, diagnosis.model),
         experiment=info.experiment,
         remainder=None if left is None else reasons.left_over(left, info.name),
@@ -136,7 +135,7 @@ def improved(improvement: Improvement) -> ImprovementBase:
     first, last = found.steps[0].identification, found.last.identification
     return _plain(improvement.left).as_part_of(
         ImprovementBase,
-        sensors=[worth.document() for worth in found.sensors],
+        sensors=[worth.document() for worth in sensors.worth(found)],
         history=[_history(found, step) for step in found.steps],
         identification=FitsEntry(before=first.document(), after=last.document()),
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import inf, isfinite
 from typing import NamedTuple
 
-from runtime.diagnosis.consistency import contradict, deviation
+from runtime.diagnosis.credibility import contradict, deviation
 from runtime.documents.diagnosis import DiagnosisBase, FloorEntry, HistoryEntry
 from runtime.documents.fits import (
     CompareDocument,

@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 
 from runtime.diagnosis import gates
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.consistency import contradict, deviation
-from runtime.diagnosis.credibility import poor_excitation, wrong_data
+from runtime.diagnosis.credibility import contradict, deviation, poor_excitation, wrong_data
 from runtime.diagnosis.gates import GateResult
 from runtime.diagnosis.remainder import Disturbance, Remainder, RepeatingResidual, lines_above, physics, remainder
 from runtime.diagnosis.steps import Step

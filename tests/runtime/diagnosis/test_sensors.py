@@ -10,20 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.diagnosis import sensor_worth
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors, echo
 from runtime.diagnosis.gates import LAG, RIGID, SHARE, Gate, failed
 from runtime.diagnosis.stages import diagnose
-from runtime.diagnosis.telling_signals import missing
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.band import rigid_inertia
 from runtime.recordings.recording import Recording, RecordingError
+from runtime.report import sensors
 from runtime.report.diagnosed import document as diagnosed
 from runtime.report.reasons import reason
+from runtime.report.sensors import missing
 from runtime.setting import SettingError
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import EXTRA, SimulationSettings
@@ -274,7 +274,7 @@ def test_what_sensors_were_worth() -> None:
         weighed("viscous_cubic", SHARE),
         weighed("friction_patch"),
     ]
-    link, output = sensor_worth.of(measured, everything, [named])  # type: ignore[arg-type]
+    link, output = sensors.of(measured, everything, [named])  # type: ignore[arg-type]
     assert (link.columns, output.columns) == (("q1_link",), ("tau2_link",))
     assert (link.decided, link.against) == ((Term("cable", 1),), (Term("linear_spring", 1),))
     assert str(link) == "q1_link: alone rules out cable@1; speaks with the torque against linear_spring@1"

@@ -20,7 +20,7 @@ from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, conf
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import BROAD, Envelope, in_sequence, pieces
 from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peaks
-from runtime.experiments.separation import MotionGround, TrialArm, stated
+from runtime.experiments.separation import MotionPieces, TrialArm, stated
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.simulation.options import SimulationSettings
@@ -162,7 +162,7 @@ def test_known_values_are_stated_in_a_copy(drive: Model) -> None:
 
 def test_a_spring_leaves_gravity_over_a_wide_range_only(drive: Model) -> None:
     bench = _bench(drive, SMALL)
-    narrow, wide = (MotionGround.of(bench, _two_sines(size)).weigh() for size in (0.4, 1.2))
+    narrow, wide = (MotionPieces.of(bench, _two_sines(size)).weigh() for size in (0.4, 1.2))
     for pair in bench.pairs:
         # The cubic term of the sine: three times the angle, relative to the torque nine times.
         relative = [w[pair].rms / w[pair[0], None].rms for w in (narrow, wide)]
@@ -171,7 +171,7 @@ def test_a_spring_leaves_gravity_over_a_wide_range_only(drive: Model) -> None:
 
 def test_a_special_case_is_explained_in_full_and_does_not_explain(drive: Model) -> None:
     bench = _bench(drive, "linear_spring@1:stiffness=2,rest=0.1,cable@1:c1=0,c2=1,c3=2,c4=0")
-    found = MotionGround.of(bench, _two_sines(0.9)).weigh()
+    found = MotionPieces.of(bench, _two_sines(0.9)).weigh()
     assert found[0, 1].rms < 1e-3 < 1 < found[1, 0].rms
     assert found[0, None].rms > 5
 
@@ -179,7 +179,7 @@ def test_a_special_case_is_explained_in_full_and_does_not_explain(drive: Model) 
 def test_an_elasticity_passes_for_inertia_at_one_frequency(drive: Model) -> None:
     bench = _bench(drive, "elasticity@1:stiffness=3000,damping=3")
     several = sum((_sine(f, 0.5 / f**2, 20.0) for f in (0.7, 2.0, 4.0, 8.0)), np.zeros((1, 20_000)))
-    one, many = (MotionGround.of(bench, path).weigh()[0, None].rms for path in (_sine(2.0, 0.25, 20.0), several))
+    one, many = (MotionPieces.of(bench, path).weigh()[0, None].rms for path in (_sine(2.0, 0.25, 20.0), several))
     # What is left of one sine rings from its sudden start.
     assert many > max(1.0, 5 * one)
 
@@ -189,7 +189,7 @@ def test_pieces_add_up_to_the_motion(drive: Model) -> None:
     joints = [Envelope.of(joint) for joint in drive.joints]
     parts = [_sine(0.2, 0.5, 8.0), _sine(1.0, 0.2, 8.0)]
     path, spans = in_sequence(parts, joints)
-    apart, whole = MotionGround.of(bench, path, spans), MotionGround.of(bench, path)
+    apart, whole = MotionPieces.of(bench, path, spans), MotionPieces.of(bench, path)
     for pair, separation in whole.weigh().items():
         # The pauses, where nothing moves, are in no piece; rounding of the band's rows at their edges remains.
         assert apart.weigh().get(pair).strength == pytest.approx(separation.strength, rel=0.02)  # type: ignore[union-attr]

@@ -22,11 +22,10 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from runtime import wording
-from runtime.diagnosis import consistency, detection_limits
+from runtime.diagnosis import credibility, detection_limits
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import BIC, EDGE, ERROR, LIKELIHOOD, SHARE, GateResult
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
-from runtime.diagnosis.sensor_worth import SensorWorth
 from runtime.diagnosis.steps import Errors, Step, Trail
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import RankedCandidate
@@ -44,6 +43,7 @@ from runtime.report import diagnosed, findings, loop, reasons, terminal
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
+from runtime.report.sensors import SensorWorth
 from runtime.report.summary import Invocation, ResultSummary, about
 from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
@@ -103,7 +103,7 @@ def improvement(drive, one) -> Improvement:
     last = Ranking((evidence(ELASTICITY, EDGE.asked(0.0)),))
     seen = (detection_limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
     trail = Trail(drive, motion, None, ("run.csv",), (), named, last)
-    alone = consistency.Tables(named.identification)
+    alone = credibility.Tables(named.identification)
     found = Diagnosis("effect", "found", trail, (named,), last, alone, seen=seen)
     left = Diagnosis("clean", "noise", trail.to(steps[1]), (), last, alone, seen=seen)
     return Improvement("", found, left)
