@@ -270,7 +270,10 @@ class Weighing:
 
 def rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> Ranking:
     """These terms at their best shapes; `floors` are the noise floors of all joints."""
-    return weigh(base, [base.refine(c) for c in _finalists(base, terms)], floors)
+    # What explains next to nothing on the excerpt stays a witness, and its shape as it is.
+    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].solution.sse
+    found = [base.refine(c) if c.gain > least or base.watched(c.term) else c for c in _finalists(base, terms)]
+    return weigh(base, found, floors)
 
 
 def weigh(base: FittedBase, candidates: Sequence[Candidate], floors: Sequence[float]) -> Ranking:
