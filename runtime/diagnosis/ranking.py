@@ -305,16 +305,17 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
     leaves least there, and every transmission with an encoder on either side."""
     system = base.excerpt[1]
 
-    def tried(term: Term) -> tuple[Candidate, Solution] | None:
+    def tried(term: Term) -> tuple[Candidate, float, float] | None:
         c = base.search(term)
         if c is None:
             return None
-        return c, base.without(system, base.replaced(term)).with_block(base.trial(c.term, c.shape)).solution
+        solution = base.without(system, base.replaced(term)).with_block(base.trial(c.term, c.shape)).solution
+        return c, float(solution.held_out[0].sum()), solution.sse
 
-    both = [one for one in of_each("candidates", tried, terms) if one is not None]
-    found = [c for c, _ in both]
-    errors = {c.term: float(e.held_out[0].sum()) for c, e in both}
-    left = {c.term: e.sse for c, e in both}
+    tried_ones = [one for one in of_each("candidates", tried, terms) if one is not None]
+    found = [c for c, _, __ in tried_ones]
+    errors = {c.term: held for c, held, _ in tried_ones}
+    left = {c.term: sse for c, _, sse in tried_ones}
     scored = sorted(found, key=lambda c: errors[c.term])
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
     least = (1 - WORTH_A_LOOK / base.model.n) * float(system.solution.held_out[0].sum())

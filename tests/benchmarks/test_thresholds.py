@@ -9,29 +9,32 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from harness import SHORT, show, sized
+from traced import TracedNumber, logged, nearest
 
-from runtime.diagnosis import diagnose as whole
-from runtime.diagnosis.search import Search
-from runtime.diagnosis.settings import MOST_FINDINGS
+from runtime.diagnosis.gates import BIC, GATES
+from runtime.diagnosis.stages import follow
+from runtime.diagnosis.steps import Trail
+from runtime.diagnosis.verdict import decide
 from runtime.identification.identify import prepared
 from runtime.model.loader import Model
-from runtime.model.terms import structure
 from runtime.motion.motion import Motion
+from runtime.progress import on_cores
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import parse_hidden, simulate
 from tests.judge import cases
 from tests.judge.line import code, opened
 
-ROOMS = ("diagnosis", "identification", "regression", "motion")
+ROOMS = ("gates", "diagnosis", "identification", "regression", "motion")
 BUDGET = float(os.environ.get("TENDON_BENCHMARK_BUDGET", "1500"))
 """Seconds after which nothing is begun; the table goes on where it ended, unless the code has changed."""
 TABLES = Path.home() / ".cache" / "tendon" / "benchmarks"
@@ -85,23 +88,19 @@ class Asked:
         return prepared(self.model, self.recordings)
 
     @cached_property
-    def begun(self) -> Search:
+    def begun(self) -> Trail:
         return self._begin(self.motion)
 
-    def _begin(self, motion: Motion) -> Search:
-        search = Search(self.model, motion, names=tuple(str(k) for k in range(len(self.recordings))))
-        search.start(structure(self.model))
-        return search
+    def _begin(self, motion: Motion) -> Trail:
+        return Trail.begun(self.model, motion, None, [str(k) for k in range(len(self.recordings))])
 
     def answer(self, room: str) -> Answer:
         """With the thresholds as they are now, of which only those of a room, and of later ones, may have changed."""
-        if room == "diagnosis":
-            search = replace(self.begun, steps=[*self.begun.steps], findings=[], _field=None, _taken_back=set())
+        if room in ("gates", "diagnosis"):
+            trail = replace(self.begun, last=replace(self.begun.last))
         else:
-            search = self._begin(prepared(self.model, self.recordings) if room == "motion" else self.motion)
-        while len(search.findings) < MOST_FINDINGS and search.advance() is not None:
-            pass
-        found = whole.conclude(search)
+            trail = self._begin(prepared(self.model, self.recordings) if room == "motion" else self.motion)
+        found = decide(follow(trail))
         rivals = found.findings[0].rivals if found.findings else ()
         return Answer(found.verdict, tuple(str(f.term) for f in found.findings), tuple(map(str, rivals)))
 
@@ -136,7 +135,9 @@ def development_set() -> list[Callable[[], Asked]]:
 
 
 def settings(room: str) -> dict[str, Any]:
-    """Name -> value of a room's thresholds but those that decide no verdict by their own word."""
+    """Name -> value of a room's thresholds but those that decide no verdict by their own word, or of the gates."""
+    if room == "gates":
+        return {f"gate {gate.name}": gate.limit for gate in GATES if gate.limit}
     module = importlib.import_module(f"runtime.{room}.settings")
     body = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body
     found = {}
@@ -158,26 +159,38 @@ def scaled(value: Any, factor: float) -> Any:
 @contextmanager
 def put(name: str, value: Any) -> Iterator[None]:
     """The threshold at another value wherever it is read."""
-    readers = [m for key, m in sys.modules.items() if key.startswith("runtime.") and name in vars(m)]
-    before = {id(m): vars(m)[name] for m in readers}
+    gates = [gate for gate in GATES if f"gate {gate.name}" == name]
+    readers = [vars(m) for key, m in sys.modules.items() if key.startswith("runtime.") and name in vars(m)]
+    before, limits = [reader[name] for reader in readers], [gate.limit for gate in gates]
     try:
-        for module in readers:
-            setattr(module, name, value)
+        for reader in readers:
+            reader[name] = value
+        for gate in gates:
+            object.__setattr__(gate, "limit", value)
         yield
     finally:
-        for module in readers:
-            setattr(module, name, before[id(module)])
+        for reader, old in zip(readers, before, strict=True):
+            reader[name] = old
+        for gate, limit in zip(gates, limits, strict=True):
+            object.__setattr__(gate, "limit", limit)
 
 
-def read(asked: Asked) -> set[str]:
-    """Names that the functions read which an answer calls: what is not among them changes nothing."""
-    called = set()
-    sys.setprofile(lambda frame, *_: called.add(frame.f_code))
-    try:
-        asked.answer("motion")
-    finally:
-        sys.setprofile(None)
-    return {name for function in called for name in function.co_names}
+def margins(asked: Asked) -> dict[str, float]:
+    """By threshold, the factor nearest to 1 at which a comparison with it flips on a recording; NaN for one that is no
+    single number, or that is read in another way than compared. Those that are not read at all are left out."""
+    log, called = logged(), set()
+    whole = {name: value for room in ROOMS for name, value in settings(room).items()}
+    with ExitStack() as changed:
+        for name, value in whole.items():
+            if isinstance(value, float):
+                changed.enter_context(put(name, TracedNumber.of(value, name, log)))
+        sys.setprofile(lambda frame, *_: called.add(frame.f_code))
+        try:
+            asked.answer("motion")
+        finally:
+            sys.setprofile(None)
+    read = {name for function in called for name in function.co_names} | {f"gate {gate.name}" for gate in GATES}
+    return {name: nearest(log[name]) if name in log else float("nan") for name in whole if name in log or name in read}
 
 
 def outcome(asked: Asked, room: str, name: str, value: Any, usual: Answer) -> str:
@@ -193,70 +206,78 @@ def outcome(asked: Asked, room: str, name: str, value: Any, usual: Answer) -> st
     return ""
 
 
-Row = tuple[str, str, str, str]
-"""Recording, threshold, factor, outcome."""
+Row = tuple[str, str, str, str, str]
+"""Recording, threshold, factor, margin, outcome."""
 
 
 def measure(asked: Asked, todo: Sequence[tuple[str, str, float]], until: float) -> Iterator[Row]:
-    names = read(asked) if todo else set()
+    near = margins(asked) if todo else {}
     usual: dict[str, Answer] = {}
     for room, name, factor in todo:
         if time.monotonic() > until:
             return
-        if room not in usual:
-            usual[room] = asked.answer(room)
-        value = scaled(settings(room)[name], factor)
-        yield (
-            asked.name,
-            name,
-            f"{factor:g}",
-            outcome(asked, room, name, value, usual[room]) if name in names else "unread",
-        )
+        margin = near.get(name)
+        # A comparison that flips farther away is not touched.
+        if margin is not None and (np.isnan(margin) or min(1.0, factor) <= margin <= max(1.0, factor)):
+            if room not in usual:
+                usual[room] = asked.answer(room)
+            found = outcome(asked, room, name, scaled(settings(room)[name], factor), usual[room])
+        else:
+            found = "unread" if margin is None else ""
+        yield asked.name, name, f"{factor:g}", "" if margin is None else f"{margin:.3g}", found
 
 
-def test_thresholds(monkeypatch: Any) -> None:
+def test_thresholds() -> None:
     """Asserted is that a threshold out of reach silences every recording: that a change arrives where it is read."""
-    # Limits of detection take most of the time and are no verdict.
-    monkeypatch.setattr(whole.detection_limits, "of", lambda *_: [])
     every = [(room, name, factor) for room in ROOMS for name in settings(room) for factor in FACTORS]
     todo = every[:: sized(1, len(every) // 8)]
     path = TABLES / f"thresholds-{code()}{'-short' if SHORT else ''}.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [tuple(r) for r in csv.reader(path.open())] if path.exists() and not SHORT else []
     until = time.monotonic() + BUDGET
-    for make in development_set()[: sized(None, 2)]:
-        if time.monotonic() > until:
-            break
-        asked = make()
-        known = {(name, factor) for where, name, factor, _ in rows if where == asked.name}
-        left = [(r, n, f) for r, n, f in todo if (n, f"{f:g}") not in known]
-        print(f"{asked.name}: {asked.answer('diagnosis')}, {len(left)} changes to try", flush=True)
-        with put("LEAST_DELTA_BIC", float("inf")):
-            assert asked.answer("diagnosis").named == ()
-        with path.open("a", newline="") as file:
-            for row in measure(asked, left, until):
-                csv.writer(file).writerow(row)
-                file.flush()
-                rows.append(row)
+    with on_cores(1):  # what another process compares is not logged here
+        for make in development_set()[: sized(None, 2)]:
+            if time.monotonic() > until:
+                break
+            asked = make()
+            known = {(name, factor) for where, name, factor, *_ in rows if where == asked.name}
+            left = [(r, n, f) for r, n, f in todo if (n, f"{f:g}") not in known]
+            print(f"{asked.name}: {asked.answer('diagnosis')}, {len(left)} changes to try", flush=True)
+            with put(f"gate {BIC.name}", float("inf")):
+                assert asked.answer("diagnosis").named == ()
+            with path.open("a", newline="") as file:
+                for row in measure(asked, left, until):
+                    csv.writer(file).writerow(row)
+                    file.flush()
+                    rows.append(row)
     table(rows)
 
 
 def table(rows: Sequence[Sequence[str]]) -> None:
-    """A row a threshold: of the recordings that read it, how many answers change, and in what."""
+    """A row a threshold: on how many recordings it is read and compares within a factor of two, and how many answers
+    change, and in what, as it is halved and doubled."""
     tried = sorted({where for where, *_ in rows})
     lines = []
     for room in ROOMS:
         for name, value in settings(room).items():
-            cells = []
+            own = [(factor, margin, what) for _, n, factor, margin, what in rows if n == name]
+            read = [(factor, margin) for factor, margin, what in own if what != "unread"]
+            near = [1 for factor, margin in read if factor == f"{FACTORS[0]:g}" and _within(margin)]
+            cells = [f"{len(near)} of {sum(factor == f'{FACTORS[0]:g}' for factor, _ in read)}"]
             for factor in FACTORS:
-                found = [what for _, n, f, what in rows if (n, f) == (name, f"{factor:g}")]
-                own = [what for what in found if what != "unread"]
-                changed = [f"{own.count(w)} {w}" for w in ("verdict", "named", "rivals", "failed") if w in own]
-                cells.append(f"{', '.join(changed) or '-'} of {len(own)}" if found else "")
-            if any(cells):
+                found = [what for f, _, what in own if f == f"{factor:g}"]
+                changed = [f"{found.count(w)} {w}" for w in ("verdict", "named", "rivals", "failed") if w in found]
+                cells.append(", ".join(changed) or "-")
+            if own:
                 lines.append([f"{room}: {name}", str(value), *cells])
     notes = [
         f"{len(tried)} recordings: {', '.join(tried)}",
-        "counted is the first that changes: verdict, names, rivals",
+        "binds: recordings with a comparison within a factor of two, or read otherwise, of those that read it; counted "
+        "is the first that changes: verdict, names, rivals",
     ]
-    show("Thresholds, halved and doubled", ["threshold", "value", "halved", "doubled"], lines, notes)
+    show("Thresholds, halved and doubled", ["threshold", "value", "binds", "halved", "doubled"], lines, notes)
+
+
+def _within(margin: str) -> bool:
+    factor = float(margin or "inf")
+    return bool(np.isnan(factor)) or FACTORS[0] <= factor <= FACTORS[1]
