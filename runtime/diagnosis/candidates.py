@@ -27,8 +27,7 @@ from runtime.diagnosis.settings import (
     TRIED_SHAPES,
 )
 from runtime.identification import grids
-from runtime.identification.bias import smoothing_change
-from runtime.identification.covariance import shape_derivative, shape_steps
+from runtime.identification.covariance import shape_derivative, shape_steps, smoothing_change
 from runtime.identification.grids import motor_angle
 from runtime.identification.problem import Fit, Problem, Skew
 from runtime.identification.regressors import LINK_LOAD, Regressors

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +12,10 @@ from scipy.special import ndtr, stdtrit
 
 from runtime.documents.fits import FitParameters, FittedEffect, FittedParameter, InertialEntry, RotorEntry
 from runtime.documents.parts import SkewEntry
-from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, structure, unit_of
-
-if TYPE_CHECKING:
-    from runtime.identification.problem import Fit, Problem
-    from runtime.motion.motion import Motion
-from runtime.identification import gaps, onsets
-from runtime.identification.bias import smoothing_score, through_prediction, whitened_shift
 from runtime.identification.estimate import Estimate
+from runtime.identification.fitting import gap_estimates
+from runtime.identification.problem import Fit, Problem
+from runtime.identification.regressors import Regressors
 from runtime.identification.settings import (
     INTERVAL_SIGMAS,
     ROTOR_STEP,
@@ -34,11 +28,16 @@ from runtime.identification.settings import (
     VALUE_STEP_AT_0,
     WHITENED_BIAS,
 )
-from runtime.regression.noise import over_stretches
+from runtime.model.loader import Model
+from runtime.model.terms import Term, Values, joints_of, structure, unit_of
+from runtime.motion.motion import Motion
+from runtime.regression.bounded import solve
+from runtime.regression.noise import Whitening, autoregression, lag_by_lag, over_stretches
 from runtime.wording import number
 from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
+
 
 INERTIA_UNIT = {"revolute": "kg m^2", "prismatic": "kg"}
 
@@ -357,9 +356,178 @@ def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) 
         found[name] = _estimate(
             value, variance, sigmas, unit=unit_of(problem.model, term, name), others=tuple(sorted(others))
         )
-    for name, ends in onsets.intervals(problem, fit, term).items():
+    for name, ends in _onset_intervals(problem, fit, term).items():
         found[name] = replace(found[name], interval=ends, with_others=())
-    return gaps.estimates(problem, fit, term, found)
+    return gap_estimates(problem, fit, term, found)
+
+
+# places and moments at which a torque sets in ------------------------------------------------------------------------
+#
+# Such a torque jumps at a moment or a place, so that no derivative gives an interval: it reaches as far as the jump can
+# be moved without explaining the recordings significantly less.
+
+
+def _onset_intervals(problem: Problem, fit: Fit, term: Term) -> dict[str, tuple[float, float]]:
+    """The 95 % intervals of where a term's torque jumps, by the parameters' names; empty where it does not."""
+    info = problem.model.library.effects[term.effect]
+    onset, begin, end = info.of_kind("onset"), info.of_kind("begin"), info.of_kind("end")
+    found = {}
+    for parameter, where in ((onset, _moments), (begin, _positions), (end, _positions)):
+        if parameter is not None:
+            found[parameter.name] = _ends(problem, fit, term, name=parameter.name, span=where(problem, term))
+    return found
+
+
+def _moments(problem: Problem, term: Term) -> tuple[float, float, float]:
+    """First and last moment of the recordings, and a row of the band, s."""
+    pieces = problem.motion.pieces
+    low, high = min(p.began + float(p.t[0]) for p in pieces), max(p.began + float(p.t[-1]) for p in pieces)
+    return low, high, 1 / problem.motion.row_rate(joints_of(problem.model, term)[0])
+
+
+def _positions(problem: Problem, term: Term) -> tuple[float, float, float]:
+    """Lowest and highest position of the term's joint, and how far it goes from sample to sample."""
+    joint = joints_of(problem.model, term)[0]
+    pieces = problem.motion.pieces_of(joint)
+    low, high = min(float(p.q[joint].min()) for p in pieces), max(float(p.q[joint].max()) for p in pieces)
+    return low, high, float(np.mean([np.abs(p.qd[joint]).mean() * p.dt for p in pieces]))
+
+
+def _ends(problem: Problem, fit: Fit, term: Term, name: str, span: tuple[float, float, float]) -> tuple[float, float]:
+    """The first and the last place that is as good, to the finest step; span: low, high and that step."""
+    low, high, finest = span
+    at = fit.shapes[term][name]
+
+    def as_good(place: float) -> bool:
+        return not _worse(problem, fit, term, {**fit.shapes[term], name: place})
+
+    def end(limit: float) -> float:
+        near, step = at, finest if limit > at else -finest
+        while abs(limit - near) > finest and as_good(near + step if abs(step) < abs(limit - near) else limit):
+            near = near + step if abs(step) < abs(limit - near) else limit
+            step *= 2
+        far = near + step if abs(step) < abs(limit - near) else limit
+        while abs(far - near) > finest:
+            middle = (near + far) / 2
+            near, far = (middle, far) if as_good(middle) else (near, middle)
+        return far
+
+    return min(at, end(min(low, at))), max(at, end(max(high, at)))
+
+
+def _worse(problem: Problem, fit: Fit, term: Term, shape: dict[str, float]) -> bool:
+    """Whether the squared error with this shape is larger by more than the noise makes it, whose rows hang together."""
+    part = fit.coefficients[problem.layout.slices[term]]
+    loss, noise = 0.0, []
+    for joint in joints_of(problem.model, term):
+        here, there = (problem.regressors.columns(term, joint, s) for s in (fit.shapes[term], shape))
+        use, change = problem.motion.moving(joint), np.append(1.0, part) @ (there - here)
+        weight = problem.weights[joint] ** 2
+        noise.append(weight * (fit.residual[joint] * change)[use])
+        loss += weight * float(change[use] @ change[use]) / 2 - float(noise[-1].sum())
+    return loss > INTERVAL_SIGMAS * float(np.sqrt(max(lag_by_lag(np.concatenate(noise)), 0.0)))
+
+
+# biases that no residual shows ---------------------------------------------------------------------------------------
+
+
+def through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+    """(K', K') what an unknown (second index) adds to the equations' derivative because effects read the torque that is
+    predicted with it: what hangs on a transmission is as heavy as the fitted arm.
+
+    The equations were solved with the prediction held, and then again with what that gave.
+    """
+    model, motion, size = problem.model, problem.motion, len(jacobian[0])
+    reading = [t for t in problem.layout.terms if "arm" in model.library.needs[t.effect]]
+    found = np.zeros((size, size))
+    if motion.rigid_given or not reading:
+        return found
+    as_fitted = Regressors(model, motion, fit.prediction)
+    for k in range(problem.layout.lumps.start, problem.layout.lumps.stop):
+        step = SHAPE_STEP * abs(fit.coefficients[k]) or SHAPE_STEP
+        theta = fit.coefficients + step * (np.arange(len(fit.coefficients)) == k)
+        other = Regressors(model, motion, problem.prediction(theta, fit.shapes))
+        for i, more in _torque_change(problem, fit, reading, one=as_fitted, other=other).items():
+            use = motion.moving(i)
+            found[:, k] += problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use]) / step
+    return found
+
+
+def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+    """(K',) by which the unknowns move, to first order, if every joint's rows are whitened by its residual.
+
+    What pushes the link from outside is answered by the controller, in whose motion it comes back, at the link's
+    resonance most: noise and motion hang together, and plain least squares takes the one for a torque of the other.
+    With the noise's own spectrum it does so less; where the two estimates differ, the equations are not exact, and the
+    difference is as much as is known of the error.
+
+    Source: Hausman 1978, Specification tests in econometrics, Econometrica 46(6); for the bias of the closed loop and a
+    model of the noise against it: Ljung, System Identification, 1999.
+    """
+    motion, size = problem.motion, len(jacobian[0])
+    gram, moment = np.zeros((size, size)), np.zeros(size)
+    for i, x in enumerate(jacobian):
+        use, residual = motion.moving(i), fit.residual[i]
+        if not use.any():
+            continue
+        ar = autoregression(residual, motion.unaffected(i), motion.row_piece(i))
+        by = Whitening.of(ar, use, motion.row_piece(i), motion.eliminated(i))
+        white, noise = by(np.vstack([x, residual])), by(_read(problem, fit, i, size))
+        # A residual that is mere rounding weighs no more than in the fit itself.
+        rms = float(np.sqrt(white[-1] @ white[-1] / white.shape[1]))
+        weight = 1 / max(rms, 1e-12) ** 2
+        gram += weight * (white[:-1] @ white[:-1].T - noise[:-1] @ noise[:-1].T)
+        moment += weight * (white[:-1] @ white[-1] - noise[:-1] @ noise[-1])
+    return solve(gram, moment)
+
+
+def _read(problem: Problem, fit: Fit, joint: int, size: int) -> Array:
+    """(size + 1, M) what the encoders' noise adds to a joint's rows of a Jacobian and to its residual (0-based)."""
+    columns, fixed = problem.noise_rows(joint, fit.shapes)
+    noise = np.zeros((size + 1, len(fixed)))
+    noise[: len(columns)] = columns
+    noise[-1] = -(fixed + fit.coefficients @ columns)
+    return noise
+
+
+def _torque_change(
+    problem: Problem, fit: Fit, terms: Sequence[Term], one: Regressors, other: Regressors
+) -> dict[int, Array]:
+    """By joint (0-based), (M,) by which the torque of some terms changes if other regressors are read than one's."""
+    found = {i: np.zeros(len(fit.residual[i])) for i in range(problem.model.n)}
+    for term in terms:
+        theta = np.append(1.0, fit.coefficients[problem.layout.slices[term]])
+        for i in joints_of(problem.model, term):
+            there, here = (r.columns(term, i, fit.shapes[term]) for r in (other, one))
+            found[i] += theta @ (there - here)
+    return found
+
+
+def smoothing_change(problem: Problem, fit: Fit) -> dict[int, Array]:
+    """By joint (0-based), (M,) by which the torque changes if what a transmission is simulated under keeps all of the
+    encoder's noise; empty where nothing gives way.
+
+    The load is smoothed, which takes some of the motion away near a resonance and makes the joint look stiffer and
+    less damped; without it, noise passes for motion, and the joint looks softer and more damped. The truth lies
+    between the two.
+    """
+    effects = problem.model.library.effects
+    soft = [t for t in problem.layout.terms if effects[t.effect].gives_way]
+    if not soft:
+        return {}
+    smooth, raw = (
+        Regressors(problem.model, motion, fit.prediction) for motion in (problem.motion, problem.motion.unsmoothed)
+    )
+    return _torque_change(problem, fit, soft, one=smooth, other=raw)
+
+
+def smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+    """(K',) by which the scores change with `smoothing_change`."""
+    score = np.zeros(len(jacobian[0]))
+    for i, more in smoothing_change(problem, fit).items():
+        use = problem.motion.moving(i)
+        score -= problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use])
+    return score
 
 
 def estimate(e: Estimate | None) -> str:

@@ -7,19 +7,30 @@ definite over the recorded motion, and effects stay within their physical bounds
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification import delays, gaps, grids
+from runtime.identification import grids
+from runtime.identification.estimate import Estimate
 from runtime.identification.grids import motor_angle
-from runtime.identification.problem import Fit, Problem, Skew, first_least
+from runtime.identification.problem import Fit, Problem, Skew, first_least, weighted
 from runtime.identification.regressors import Ahead, Regressors, open_rotors
 from runtime.identification.settings import (
+    AS_GOOD_A_FLANK,
+    CLEAR_DELAY,
+    DELAY_ACCURACY,
+    DELAY_STEPS,
+    GAP_ACCURACY,
+    GAP_REACH,
+    GAP_STEPS,
     HOLD,
+    HOPELESS_FLANK,
+    LONGEST_DELAY,
+    LONGEST_LAG,
     NOMINAL_SKEW,
     PREDICTION_PASSES,
     ROTOR_ASSUMED,
@@ -33,13 +44,14 @@ from runtime.identification.settings import (
     SKEW_RANGE,
     SKEW_SIGMAS,
     SKEWS_APART,
+    SMALL_DELAY,
     SOFT_SKEW_PASSES,
 )
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import RecordingError
-from runtime.regression.bounded import inverse
+from runtime.regression.bounded import bounded, inverse
 
 Array = NDArray[np.float64]
 
@@ -154,7 +166,7 @@ def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:
         lead = model.library.effects[term.effect].of_kind("lead")
         if lead is not None and term.joint is not None:
             times[term.joint - 1] = values[lead.name]
-    return delays.large(motion, fit.skew, times)
+    return _large_delays(motion, fit.skew, times)
 
 
 def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
@@ -200,7 +212,7 @@ def _refine(
     solved = problem.solve(shapes, Skew(at.at))
     theta = solved.coefficients
     if free_skew and not hold and not soft:
-        ahead = delays.ahead(problem, shapes, at.at)
+        ahead = _ahead(problem, shapes, at.at)
     prediction = problem.prediction(theta, shapes)
     return problem, Fit(
         prediction,
@@ -269,7 +281,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
         upper.append(ROTOR_SHARES[1] * both)
         x0.append(float(np.clip(problem.rotors.get(joint, share * both), lower[-1], upper[-1])))
     if not x0:
-        return problem, gaps.found(problem, shapes, skew)
+        return problem, _with_gaps(problem, shapes, skew)
     from scipy.optimize import least_squares  # where it is used: it takes longer to load than a fit
 
     lo, scale = np.array(lower), np.array(upper) - np.array(lower)
@@ -292,7 +304,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
     z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
     ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
     best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
-    return best, gaps.found(best, grids.least_places(best, changed, skew), skew)
+    return best, _with_gaps(best, grids.least_places(best, changed, skew), skew)
 
 
 def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
@@ -305,3 +317,127 @@ def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
         if assumed > 0:
             found[joint] = (ROTOR_ASSUMED, assumed / ROTOR_ASSUMED)
     return found
+
+
+# torques that lead the motion ----------------------------------------------------------------------------------------
+
+
+def _ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahead:
+    """The time beyond `skew` samples that leaves least of each joint's torque; 0 for a joint that does not move, and
+    where that is hardly less than without.
+
+    A delay shifts the torque and no regressor: the equations stay, and only their right side is filtered again. A
+    torque at a time that is none of its own would have the noise of both times in its column.
+    Source: separable least squares in the delay, Ljung, System Identification, 1999.
+    """
+    return _large_delays(problem.motion, skew, [_delay_of(problem, shapes, i, skew) for i in range(problem.model.n)])
+
+
+def _large_delays(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
+    """These times (n,) s, where first order does not do for them: it has the encoders' noise in it, that is known."""
+    given = np.array(times)
+    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < SMALL_DELAY
+    return Ahead(skew, np.where(small, 0.0, given))
+
+
+def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew: float) -> float:
+    use = problem.motion.moving(joint)
+    if not use.any():
+        return 0.0
+    x, fixed = (rows[..., use] for rows in problem.rows(joint, shapes))
+    gram, layout = x @ x.T, problem.layout
+
+    def left(time: float) -> float:
+        y = problem.motion.torque_ahead(joint, skew, time)[use] - fixed
+        rest = y - bounded(gram, x @ y, layout.lower, upper=layout.upper, near=layout.stated) @ x
+        return float(rest @ rest) / max(float(y @ y), 1e-300)
+
+    step = 1 / (DELAY_STEPS * problem.motion.cutoff(joint))
+    times = step * np.arange(-np.ceil(LONGEST_LAG / step), np.ceil(LONGEST_DELAY / step) + 1)
+    best = float(times[int(np.argmin([left(float(t)) for t in times]))])
+    from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
+
+    found = minimize_scalar(
+        left, bounds=(best - step, best + step), method="bounded", options={"xatol": DELAY_ACCURACY * step}
+    )
+    rows = int(use.sum()) - problem.motion.dependent(joint, use)
+    clear = rows * np.log(left(0.0) / max(float(found.fun), 1e-300)) > CLEAR_DELAY
+    return float(found.x) if clear else 0.0
+
+
+# the width of a gap --------------------------------------------------------------------------------------------------
+#
+# What lies behind a gap strikes its flanks at instants that depend on everything: the error over the width is rugged,
+# and no derivative leads to its minimum. It is sought in steps over a range, and then between them. Stiffness and
+# damping of the flanks act above the band, where nothing is compared: the interval of the width holds the best widths
+# with all flanks that are as good, and nothing is claimed of the flanks.
+
+
+def _with_gaps(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> dict[Term, Values]:
+    """Shapes with the width of every gap at the least error that lies around it."""
+    best = dict(shapes)
+    for term in problem.layout.terms:
+        if problem.model.library.effects[term.effect].has_gap:
+            best[term] = _narrowed(problem, best, skew, term)[1]
+    return best
+
+
+def gap_estimates(problem: Problem, fit: Fit, term: Term, values: dict[str, Estimate]) -> dict[str, Estimate]:
+    """A term's estimates with the interval that its flanks leave to its gap, and none for themselves; as they are for
+    a term without a gap."""
+    info = problem.model.library.effects[term.effect]
+    play = info.of_kind("play")
+    if not info.has_gap or play is None:
+        return values
+    skew = Skew(fit.skew)
+    own = _squared_error(problem, fit.shapes, skew)
+    tried = [(own, fit.shapes[term])]
+    for flanks in _flanks(problem, fit, term):
+        shapes = {**fit.shapes, term: flanks}
+        if _squared_error(problem, shapes, skew) < HOPELESS_FLANK**2 * own:
+            tried.append(_narrowed(problem, shapes, skew, term))
+    least = min(error for error, _ in tried)
+    as_good = [shape[play.name] for error, shape in tried if error <= AS_GOOD_A_FLANK**2 * least]
+    step = GAP_REACH ** (1 / GAP_STEPS)
+    ends = min(as_good) / step, max(as_good) * step
+    return {name: replace(e, interval=ends if name == play.name else None) for name, e in values.items()}
+
+
+def _flanks(problem: Problem, fit: Fit, term: Term) -> list[Values]:
+    """The term's shape with the flanks of the grid in the place of its own."""
+    own = fit.shapes[term]
+    play = problem.model.library.effects[term.effect].of_kind("play")
+    kept = {play.name: own[play.name]} if play else {}
+    choices = ({**own, **c, **kept} for c in grids.points(problem.regressors, term))
+    return list({tuple(c.items()): c for c in choices}.values())
+
+
+def _narrowed(problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term: Term) -> tuple[float, Values]:
+    """The least squared error over the width of a term's gap, and the term's shape there."""
+    from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
+
+    play = problem.model.library.effects[term.effect].of_kind("play")
+    own = shapes[term]
+    if play is None or not own[play.name] > 0:
+        return _squared_error(problem, shapes, skew), own
+
+    def shape(logarithm: float) -> Values:
+        return {**own, play.name: float(np.exp(logarithm))}
+
+    def error(logarithm: float) -> float:
+        return _squared_error(problem, {**shapes, term: shape(logarithm)}, skew)
+
+    reach = float(np.log(GAP_REACH))
+    widths = np.log(own[play.name]) + np.linspace(-reach, reach, 2 * GAP_STEPS + 1)
+    tried = [shape(w) for w in widths]
+    problem.foresee(term, tried, shapes)
+    errors = problem.errors([{**shapes, term: one} for one in tried], skew)
+    best, step = first_least(errors), reach / GAP_STEPS
+    bounds = (widths[best] - step, widths[best] + step)
+    between = minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": GAP_ACCURACY * step})
+    least, at = min((float(errors[best]), float(widths[best])), (float(between.fun), float(between.x)))
+    return least, shape(at)
+
+
+def _squared_error(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> float:
+    return weighted(problem.solve(shapes, skew).residual, problem.weights)

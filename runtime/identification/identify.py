@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from runtime.documents.fits import FitDocument
 from runtime.documents.parts import DelayEntry
-from runtime.identification import delays, soundness
 from runtime.identification.covariance import Inference, infer
+from runtime.identification.estimate import Estimate
 from runtime.identification.fitting import drivable, solve
-from runtime.identification.problem import Fit, Problem, weighted
+from runtime.identification.problem import Fit, Problem, Skew, weighted
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import INERTIA_CONFIGURATIONS, LOWERED_TO, MOST_COMPENSATED
+from runtime.identification.settings import FAR_WORSE, INERTIA_CONFIGURATIONS, LOWERED_TO, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
 from runtime.motion.band import believable, choose_band, coupled, lowered, raised, rigid_inertia
@@ -48,7 +48,7 @@ class Identification:
     @cached_property
     def unsound(self) -> str | None:
         """Why the fit cannot be believed; None where nothing speaks against it."""
-        return soundness.reason(self.problem, self.fit)
+        return _unsound(self.problem, self.fit)
 
     @cached_property
     def uncorrected(self) -> Inference | None:
@@ -63,7 +63,7 @@ class Identification:
 
     def delay_entries(self) -> list[DelayEntry]:
         """The whole delay from torque to motion of every joint."""
-        return delays.entries(self.model, self.inference, self.motion.pieces[0].dt)
+        return _delay_entries(self.model, self.inference, self.motion.pieces[0].dt)
 
     def document(self) -> FitDocument:
         """Every figure of the fit; intervals are 95 %."""
@@ -125,7 +125,7 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     band = raised(recordings, choose_band(recordings, inertia), inertia, ratios)
     first = motion = prepare(recordings, band, model)
     for _ in range(6):  # to an eighth
-        if motion.rigid_given or soundness.compensated(model, motion) <= MOST_COMPENSATED:
+        if motion.rigid_given or _compensated(model, motion) <= MOST_COMPENSATED:
             return motion
         lower = lowered(motion.band, LOWERED_TO)
         if lower is None:
@@ -236,3 +236,117 @@ def _dry_friction(signals: Signals, term: Term, name: str, joint: int, rate: flo
     ahead, library = np.full(len(signals.piece.t), rate), signals.model.library
     sides = [library.torque(term.effect, {**read, name: x}, values, signals.piece.dt) for x in (ahead, -ahead)]
     return np.asarray(np.abs(sides[0] - sides[1]) / 2)
+
+
+def _delay_entries(model: Model, inference: Inference, dt: float) -> list[DelayEntry]:
+    """The whole delay from torque to motion of every joint, s, as verbs print it: what is assumed of it (half a sample
+    of a hold) and what is estimated, the shift between the samples or an effect that leads. dt: s between samples."""
+    document = []
+    for joint in range(1, model.n + 1):
+        shift = dt * inference.skew
+        assumed, estimated, interval = shift, 0.0, None
+        if inference.skew_interval is not None:
+            assumed, estimated = 0.0, shift
+            interval = (dt * inference.skew_interval[0], dt * inference.skew_interval[1])
+        for found in _leads(model, inference, joint):
+            estimated += found.value
+            interval = None if found.interval is None else (found.interval[0] + shift, found.interval[1] + shift)
+        document.append(
+            DelayEntry(
+                joint=joint,
+                value=assumed + estimated,
+                unit="s",
+                interval=interval,
+                assumed=assumed,
+                estimated=estimated,
+            )
+        )
+    return document
+
+
+def _leads(model: Model, inference: Inference, joint: int) -> list[Estimate]:
+    """Times by which effects say that a joint's recorded torque is ahead."""
+    found = []
+    for term, values in inference.values.items():
+        lead = model.library.effects[term.effect].of_kind("lead")
+        if lead is not None and term.joint == joint:
+            found.append(values[lead.name])
+    return found
+
+
+# whether a fit may be believed ---------------------------------------------------------------------------------------
+#
+# The encoders' noise is subtracted from the Gram matrix. Where it is most of a column, the rest is a difference of two
+# large estimates: it may be negative, or so small that a coefficient becomes arbitrary. Such a fit leaves more than
+# plain least squares would, and at last more than no model at all. Source: errors in variables and their compensation,
+# Söderström, Automatica 43, 2007; that the compensated estimate exists only where the compensated matrix is positive,
+# Fuller, Measurement Error Models, 1987, section 2.5.
+
+
+def _compensated(model: Model, motion: Motion) -> float:
+    """The largest part of an inertial column's power that is the encoders' noise; 0 without such columns."""
+    regressors = Regressors(model, motion)
+    power, noise = np.zeros(len(model.lumps)), np.zeros(len(model.lumps))
+    for i in range(model.n):
+        use = motion.moving(i)
+        x = regressors.rigid(i)[:, use]
+        power += np.sum(x**2, axis=1)
+        noise += np.sum((regressors.perturbed.rigid(i)[:, use] - x) ** 2, axis=1)
+    return float(np.max(np.divide(noise, power, out=np.zeros_like(power), where=power > 0), initial=0.0))
+
+
+def _unsound(problem: Problem, fit: Fit) -> str | None:
+    """Why a fit cannot be believed; None where nothing speaks against it."""
+    return _worse_than_none(problem, fit) or _mostly_noise(problem, fit) or _worse_than_plain(problem, fit)
+
+
+def _worse_than_none(problem: Problem, fit: Fit) -> str | None:
+    for i, left in enumerate(fit.residual):
+        use = problem.motion.moving(i)
+        torque = float(np.sum(problem.motion.torque(i, fit.skew)[use] ** 2))
+        if (rest := float(left[use] @ left[use])) > torque:
+            error = 100 * float(np.sqrt(rest / max(torque, 1e-300)))
+            return (
+                f"joint {i + 1}: the fit is worse than no model (error {error:.0f} %): these recordings do not tell "
+                "its parameters; record faster motion, or with a finer encoder"
+            )
+    return None
+
+
+def _mostly_noise(problem: Problem, fit: Fit) -> str | None:
+    """What another reading of the encoders would change in a joint's predicted torque, against that torque."""
+    for i in range(problem.model.n):
+        use = problem.motion.moving(i)
+        noise, fixed = problem.noise_rows(i, fit.shapes)
+        read = (fit.coefficients @ noise + fixed)[use]
+        torque = problem.motion.torque(i, fit.skew)[use]
+        part = float(read @ read) / max(float(torque @ torque), 1e-300)
+        if part > MOST_COMPENSATED:
+            return (
+                f"joint {i + 1}: {100 * min(part, 1.0):.0f} % of the power of its torque would be the encoder's noise, "
+                "differentiated twice; record faster motion, or with a finer encoder"
+            )
+    return None
+
+
+def _worse_than_plain(problem: Problem, fit: Fit) -> str | None:
+    for i, (mine, theirs) in enumerate(zip(_squares(problem, fit.residual), _plain(problem, fit), strict=True)):
+        if mine > FAR_WORSE * theirs:
+            times = float(np.sqrt(mine / max(theirs, 1e-300)))
+            return (
+                f"joint {i + 1}: compensated for the encoder's noise, the fit leaves {times:.1f} "
+                "times what plain least squares leave of the torque: the noise is too much of what the model reads; "
+                "record faster motion, or with a finer encoder"
+            )
+    return None
+
+
+def _squares(problem: Problem, residual: Sequence[Array]) -> list[float]:
+    return [float(w**2 * (r @ r)) for w, r in zip(problem.weights, residual, strict=True)]
+
+
+def _plain(problem: Problem, fit: Fit) -> list[float]:
+    """Per joint the weighted squared error of least squares without compensation, on the rows and with the shapes of
+    a fit."""
+    system = problem.system(fit.shapes, Skew(fit.skew)).without_noise()
+    return _squares(problem, system.residual(system.least(problem.inertia_cut)))
