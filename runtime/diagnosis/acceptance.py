@@ -24,8 +24,6 @@ from runtime.diagnosis.settings import (
     LEAST_OF_EXCESS,
     MOST_OF_BOTH,
     PREDICTED,
-    TAKEN_OVER,
-    UNRESOLVED_ORDER,
 )
 from runtime.diagnosis.steps import Step
 from runtime.identification.covariance import given_shape
@@ -129,7 +127,8 @@ def _is_periodic(step: Step, term: Term) -> bool:
     if line is None or term.joint is None:
         return True
     order, ratio = step.identification.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
-    if order.interval is None or max(1.0, ratio) * (order.interval[1] - order.interval[0]) > UNRESOLVED_ORDER:
+    # An interval that is wider holds a whole number by chance as often as not.
+    if order.interval is None or max(1.0, ratio) * (order.interval[1] - order.interval[0]) > 0.5:
         return True
     middle, half = (order.interval[1] + order.interval[0]) / 2, (order.interval[1] - order.interval[0]) / 2
     beyond = half * CONTRADICTS / INTERVAL_SIGMAS
@@ -266,7 +265,7 @@ def bristles(finding: Step) -> tuple[Term, ...]:
     # A loop needs a memory; a transmission's is no friction.
     if not carrying or _levels(model, finding.term) or not info.states or info.gives_way:
         return ()
-    taken = all(_level(finding, t) < (1 - TAKEN_OVER) * _level(finding.previous, t) for t in carrying)
+    taken = all(_level(finding, t) < 0.5 * _level(finding.previous, t) for t in carrying)
     return carrying if taken else ()
 
 

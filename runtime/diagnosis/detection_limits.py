@@ -21,15 +21,7 @@ from numpy.typing import NDArray
 from runtime.diagnosis.candidates import FittedBase
 from runtime.diagnosis.gates import TORQUE, failed
 from runtime.diagnosis.ranking import Weighing, Whitened
-from runtime.diagnosis.settings import (
-    LIMIT_DOUBLINGS,
-    LIMIT_FINE,
-    LIMIT_LIKELY,
-    LIMIT_OF_ITS_OWN,
-    LIMIT_SIGMAS,
-    LIMIT_START,
-    NO_TORQUE,
-)
+from runtime.diagnosis.settings import LIMIT_OF_ITS_OWN, LIMIT_SIGMAS
 from runtime.documents.diagnosis import LimitEntry
 from runtime.identification import grids
 from runtime.model.catalogue import EffectInfo
@@ -108,7 +100,7 @@ def _neutral(block: Block) -> Array | None:
     if not columns[0].any():
         return np.zeros(len(columns) - 1)
     found = np.linalg.lstsq(columns[1:].T, -columns[0], rcond=None)[0]
-    return found if np.allclose(found @ columns[1:], -columns[0], atol=NO_TORQUE * np.abs(columns[0]).max()) else None
+    return found if np.allclose(found @ columns[1:], -columns[0], atol=1e-9 * np.abs(columns[0]).max()) else None
 
 
 def _typical(shapes: Sequence[Values]) -> Values:
@@ -137,7 +129,7 @@ def _of_amount(beside: Whitened, term: Term, shape: Values, choices: int, neutra
     own = weighing.own(one)
     if own == 0.0 or failed(weighing.of_torque(one)):
         return None
-    start = LIMIT_START * TORQUE.limit * weighing.floor / own
+    start = 0.5 * TORQUE.limit * weighing.floor / own  # half of the least torque that passes
     # What the noise holds of the torque by chance may only make it harder to see.
     held, spread = weighing.held(one)
     if not np.isfinite(held + spread):
@@ -154,23 +146,20 @@ def _of_amount(beside: Whitened, term: Term, shape: Values, choices: int, neutra
 
 
 def _least(seen: Callable[[float], bool], start: float) -> float | None:
-    """The smallest amount that is seen, to a factor of LIMIT_FINE, looked for from a likely one on; None if none is
-    seen between the start and LIMIT_DOUBLINGS doublings of it."""
-    ladder = start * 2.0 ** np.arange(LIMIT_DOUBLINGS)
-    place = LIMIT_LIKELY
+    """The smallest amount that is seen, as finely as users tell limits apart; None if none is seen up to a thousand
+    times the start."""
+    ladder = start * 2.0 ** np.arange(11)
+    place = 2  # most limits lie near it, so that the search ends soonest
     if seen(float(ladder[place])):
         while place > 0 and seen(float(ladder[place - 1])):
             place -= 1
     else:
-        above = (k for k in range(place + 1, LIMIT_DOUBLINGS) if seen(float(ladder[k])))
+        above = (k for k in range(place + 1, len(ladder)) if seen(float(ladder[k])))
         if (found := next(above, None)) is None:
             return None
         place = found
-    low, high = 0.5 * float(ladder[place]), float(ladder[place])
-    while high > LIMIT_FINE * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if seen(middle) else (middle, high)
-    return high
+    amount, unseen = {"": float(ladder[place])}, {"": 0.5 * float(ladder[place])}
+    return _between(lambda found: seen(found[""]), unseen, amount, "")[""]
 
 
 def _of_shape(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Limit | None:
@@ -269,8 +258,9 @@ def _along_its_own_motion(base: FittedBase, term: Term, shapes: Sequence[Values]
 
 
 def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:
-    """The weakest shape that is seen between one that is not and one that is, to a factor of LIMIT_FINE."""
-    while max(shape[name], unseen[name]) > LIMIT_FINE * min(shape[name], unseen[name]):
+    """The weakest shape that is seen between one that is not and one that is, to a fifth: users would call limits that
+    are nearer the same."""
+    while max(shape[name], unseen[name]) > 1.2 * min(shape[name], unseen[name]):
         middle = {k: float(np.sqrt(shape[k] * unseen[k])) for k in shape}
         shape, unseen = (middle, unseen) if seen(middle) else (shape, middle)
     return shape

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.ranking import Ranking, rank
-from runtime.diagnosis.settings import GUESS_FINALISTS, GUESS_REACH
+from runtime.diagnosis.settings import GUESS_REACH
 from runtime.diagnosis.steps import Step
 from runtime.identification.identify import identify_motion
 from runtime.identification.problem import Problem
@@ -36,7 +36,7 @@ class Draft:
 
 
 def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[int]) -> Draft | None:
-    """As `propose`, on the residual of any step and at these joints (0-based)."""
+    """The best guess on the residual of a step at these joints (0-based); None if none passes."""
     found = _base(step, model)
     floors = [s.floor.value for s in step.joints]
     passing = []
@@ -78,7 +78,7 @@ def _rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> R
     finalists: list[Term] = []
     for size in sorted({len(info[t.effect].parameters) for t in terms}):
         equals = [t for t in terms if len(info[t.effect].parameters) == size]
-        finalists += [c.term for c in rank(base, equals, floors).candidates[:GUESS_FINALISTS]]
+        finalists += [c.term for c in rank(base, equals, floors).candidates[:3]]
     return rank(base, finalists, floors)
 
 

@@ -13,8 +13,6 @@ from runtime.diagnosis.settings import (
     BURST_POWER,
     FORM_ABOVE_NOISE,
     FORM_PART,
-    LEAST_WHITE,
-    SAME_ORDER,
     SLOW_AND_BURSTS,
     SLOW_DENSITY,
 )
@@ -99,7 +97,7 @@ def lines_above(step: Step) -> list[LineAbove]:
         line
         for line in step.identification.motion.band.above
         if line.rms > TORQUE.limit * step.floors[line.joint]
-        and not any(abs(line.order / order - 1) < SAME_ORDER for order in known.get(line.joint, ()))
+        and not any(abs(line.order / order - 1) < 0.01 for order in known.get(line.joint, ()))
     ]
 
 
@@ -113,7 +111,8 @@ def outside(step: Step, joint: int) -> Disturbance | None:
     noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
     read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
     left, rate = motion.noise_left(joint), motion.row_rate(joint)
-    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), LEAST_WHITE * s.rms**2) if use.any() else 1.0
+    # At least half is the torque's own noise, though the encoder's was estimated larger.
+    white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0
     expected = white * left / (np.mean(left[use]) if use.any() else 1.0) + _smooth(read**2, rate)
     worst, rows = spectra.bursts(residual, use, expected, rate)
     if motion.band.mistimed:

@@ -34,12 +34,7 @@ from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.settings import (
     BIC_APART,
     LEAST_MOVING_S,
-    MOST_BRANCHES,
     MOST_FINDINGS,
-    MOST_PAIRS,
-    MOST_RIVALS,
-    PAIR_BEAM,
-    PAIR_SHIFT,
     PAIR_WORTH_FITTING,
     SHOWN_ALIKE,
 )
@@ -146,7 +141,7 @@ def _refitted(trail: Trail, candidate: Candidate, rivals: Sequence[Term]) -> Ste
     where they can.
     """
     step, ranked = trail.last, trail.ranking.candidates
-    others = [c for c in ranked if c.term in rivals and c is not candidate][:MOST_RIVALS]
+    others = [c for c in ranked if c.term in rivals and c is not candidate][:4]  # time
     special = trail.model.library.effects[candidate.term.effect].generalises
     others += [c for c in ranked if c.passes and c.term.effect in special and c not in others]
     tried = [candidate, *others]
@@ -223,7 +218,7 @@ def best_pair(trail: Trail, single: Step | None) -> Step | None:
         p
         for p in found
         if taken not in p.terms and p.gain > PAIR_WORTH_FITTING * max(least, _least_gain(base, step, p))
-    ][:MOST_PAIRS]
+    ][:2]  # time
     if not others:
         return None
     steps = [trail.with_candidates(step, p.first, p.second) for p in others]
@@ -251,7 +246,7 @@ def _pairs(base: FittedBase, candidates: Sequence[Candidate]) -> list[CandidateP
     the base, and the library is searched for the best second one beside it.
     """
     found: dict[frozenset[Term], CandidatePair] = {}
-    beam = sorted((c for c in candidates if c.gain > 0), key=lambda c: -c.gain)[:PAIR_BEAM]
+    beam = sorted((c for c in candidates if c.gain > 0), key=lambda c: -c.gain)[:6]
     for pair in of_each("pairs", lambda first: _partner(base, first), beam):
         if pair is not None:
             key = frozenset(pair.terms)
@@ -281,7 +276,8 @@ def _beside(base: FittedBase, first: Candidate) -> LinearSystem:
     silent = {joint: Columns(part.rows) for joint, part in block.columns.items()}
     extended, free = system.with_block(replace(block, columns=silent)), np.full(1, np.inf)
     for name in base.moving(first.term):
-        step, at = PAIR_SHIFT * base.grid_step(first, name), first.shape[name]
+        # Over so much of a step of the grid a derivative is taken: between rounding and curvature.
+        step, at = 0.05 * base.grid_step(first, name), first.shape[name]
         there = at * float(np.exp(step)) if base.logarithmic(first.term) else at + step
         moved = base.trial(first.term, {**first.shape, name: there})
         if not moved.finite:
@@ -464,7 +460,7 @@ def branches(trail: Trail) -> tuple[int, list[Trail]]:
     later = len(findings) > number + 1
     if not later and remainder(trail.last, findings[number].joint_index) is None:
         return number, []
-    made = [_instead(trail, number, term) for term in findings[number].rivals[:MOST_BRANCHES]]
+    made = [_instead(trail, number, term) for term in findings[number].rivals[:3]]  # time
     return number, [branch for branch in made if branch is not None]
 
 

@@ -30,45 +30,11 @@ BIC_APART: Final = 10.0
 """natural logarithm, doubled; two candidates are told apart beyond it: "very strong" (Kass & Raftery 1995); trial of a
 method."""
 
-MOST_RIVALS: Final = 4
-"""number of rivals; so many are refitted as a whole beside the first; time."""
-
 CLEARLY_LESS: Final = 0.01
 """part of the error, RMS; a rival that leaves so much less when all is refitted takes the first's place; development
 recordings."""
 
-MOST_BRANCHES: Final = 3
-"""number of rivals; so many of a finding are followed to their ends beside it; time."""
-
-UNRESOLVED_ORDER: Final = 0.5
-"""number of periods a turn, from end to end of a 95 % interval; wider, nobody can say whether an order is a whole one:
-chance would find one in half of all; by construction."""
-
-TAKEN_OVER: Final = 0.5
-"""part of a joint's dry friction; a law of the position that takes more of it over is its presliding; between all of it
-and none, by construction."""
-
 # the search over candidates -----------------------------------------------------------------------------------------
-
-EXCERPT_SAMPLES: Final = 60_000
-"""samples; on so many shapes are searched for one joint, fewer for more, as the root of their number; time, and
-development recordings, on which verdicts did not suffer."""
-
-TRIED_SHAPES: Final = 4
-"""number of shapes; of the quick ranking the first are weighed with every coefficient within its bounds; development
-recordings."""
-
-REFINE_STEPS: Final = 14
-"""number of evaluations a shape parameter; a simplex has come to rest then; development recordings."""
-
-REFINE_START: Final = 0.5
-"""grid steps; the first simplex reaches halfway to the neighbour; by construction."""
-
-REFINE_REACH: Final = 1.5
-"""grid steps; a refined shape stays nearer, as the neighbours were tried; by construction."""
-
-REFINE_ACCURACY: Final = 0.02
-"""grid steps; a finer place changes no verdict; development recordings."""
 
 WORTH_A_LOOK: Final = 0.004
 """part of the squared error on the excerpt, for one joint; a candidate whose fall is less is not looked at on the
@@ -82,18 +48,9 @@ FINALISTS_OF_A_JOINT: Final = 3
 
 # pairs of effects ---------------------------------------------------------------------------------------------------
 
-PAIR_BEAM: Final = 6
-"""number of candidates; a partner is sought for each of the best; development recordings with two effects."""
-
-PAIR_SHIFT: Final = 0.05
-"""grid steps; so far a shape is moved to see what its error would do; between rounding and curvature."""
-
 PAIR_WORTH_FITTING: Final = 0.97
 """part of the fall of the squared error with the single finding and its best partner; a pair without it must reach so
 much on the excerpt to be fitted on the whole; development recordings with two effects."""
-
-MOST_PAIRS: Final = 2
-"""number of pairs; so many are fitted on the whole; time."""
 
 # a finding, refitted ------------------------------------------------------------------------------------------------
 
@@ -157,10 +114,6 @@ FORM_ABOVE_NOISE: Final = 1.03
 """ratio to the instruments' noise; the same for the residual's level; development recordings with forms that are not
 the library's."""
 
-SAME_ORDER: Final = 0.01
-"""part of an order; a line above the band and one that was found from below it, so near to each other, are one; finer
-than the orders of a motor's lines are apart; a choice."""
-
 SLOW_DENSITY: Final = 3.2
 """ratio of densities; low frequencies over the rest of the band from which a disturbance from outside is called slow;
 development recordings with and without disturbances."""
@@ -172,10 +125,6 @@ recordings with and without disturbances."""
 SLOW_AND_BURSTS: Final = (2.3, 3.0)
 """ratios as of the two before; both together are no chance, though neither would be enough; development recordings with
 disturbances."""
-
-LEAST_WHITE: Final = 0.5
-"""part of the residual's variance; at least as much is taken to be the torque's noise where bursts are looked for,
-though the encoder's were estimated larger; by construction."""
 
 # contradictions -----------------------------------------------------------------------------------------------------
 
@@ -206,10 +155,6 @@ distribution."""
 
 # guesses ------------------------------------------------------------------------------------------------------------
 
-GUESS_FINALISTS: Final = 3
-"""number of guesses of each number of parameters; so many meet in the last comparison, simple ones, too; development
-recordings with laws that the library lacks."""
-
 GUESS_REACH: Final = 0.95
 """part of the best guess's fall of BIC; a simpler one within it is preferred; development recordings with laws that the
 library lacks."""
@@ -220,23 +165,6 @@ LIMIT_SIGMAS: Final = 1.645
 """standard deviations; with noise of another draw 95 % of recordings would still show the effect; normal distribution,
 on one side."""
 
-LIMIT_FINE: Final = 1.2
-"""ratio of an amount that is seen to one that is not; a search for the limit ends there; what a user would call the
-same limit, and time."""
-
-LIMIT_START: Final = 0.5
-"""part of the least effect that passes the gates; no limit is looked for below; by construction."""
-
-LIMIT_LIKELY: Final = 2
-"""number of doublings; there most limits lie within another of it, so that a search from there ends soonest; time."""
-
-LIMIT_DOUBLINGS: Final = 11
-"""number of doublings; from the start a thousand times as much is reached: an effect that is not seen then has no
-limit; a choice."""
-
 LIMIT_OF_ITS_OWN: Final = 1.5
 """ratio of torque to that with the parameter at its weakest; below, others of the shape make it, as the flanks of a gap
 do; development recordings."""
-
-NO_TORQUE: Final = 1e-9
-"""part of the largest torque; below it is rounding; double precision."""

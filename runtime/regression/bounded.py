@@ -5,26 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from runtime.regression.settings import (
-    INERTIA_CUTS,
-    INERTIA_MARGIN,
-    KEPT_ENDS,
-    OPTIMAL,
-    RANK,
-    RIDGE,
-    SOLVER_ACCURACY,
-    WELL_POSED,
-)
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Sides = NDArray[np.int8]
 """(K,) 1 for a coefficient on its lower bound, -1 for one on its upper bound, 0 for the others."""
+
+RANK: Final = 1e-9
+"""ratio of eigenvalues of a scaled Gram matrix; a direction below is rounding; double precision, squared columns."""
+WELL_POSED: Final = 1e-3
+"""smallest pivot of a scaled Cholesky factor; below, directions may be unseen, and eigenvalues decide; far above the
+root of RANK, so that both ways agree."""
+OPTIMAL: Final = 1e-10
+"""part of the largest moment per column's size; where the cost falls by less towards the inside, a bound is kept."""
 
 
 def solve(gram: Array, moment: Array, near: Array | None = None) -> Array:
@@ -176,10 +174,12 @@ def minimise(
     # What the program seeks is counted from there, so that its ridge holds it there.
     g, m, cuts = gram / np.outer(scale, scale), (moment - gram @ begin) / scale, []
     lowest, highest = (lower - begin) * scale, (upper - begin) * scale
-    for _ in range(INERTIA_CUTS):
+    # Each cut is a posture at which D was not positive definite; good data need a few. The margin is the solver's.
+    most, margin = 30, 1e-6
+    for _ in range(most):
         cuts.append(cut / scale / max(float(np.linalg.norm(cut / scale)), 1e-300))
         a = np.array(cuts)
-        scaled = _quadratic_program(g, m, lowest, upper=highest, a=a, least=INERTIA_MARGIN - a @ (begin * scale))
+        scaled = _quadratic_program(g, m, lowest, upper=highest, a=a, least=margin - a @ (begin * scale))
         theta = begin + _snapped(scaled, lowest, highest) / scale
         cut = violated(theta)
         if cut is None:
@@ -189,7 +189,7 @@ def minimise(
 
 def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
     """Coefficients within the solver's accuracy of a bound, or beyond it, exactly on it."""
-    near = SOLVER_ACCURACY * float(np.max(np.abs(theta), initial=0.0))
+    near = 1e-8 * float(np.max(np.abs(theta), initial=0.0))
     theta = np.where(theta < lower + near, lower, theta)
     return np.where(theta > upper - near, upper, theta)
 
@@ -205,7 +205,7 @@ def _quadratic_program(g: Array, m: Array, lower: Array, upper: Array, a: Array,
 
     value, vector = np.linalg.eigh(g)
     positive = float(np.sum(value[value > 0])) or 1.0
-    root = np.sqrt(np.maximum(value, RIDGE * positive / len(m)))
+    root = np.sqrt(np.maximum(value, 1e-12 * positive / len(m)))
     back = vector / root  # x = back (u + goal), so that the cost is |u|²/2
     goal = back.T @ m
     has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
@@ -270,11 +270,11 @@ class Alike:
             self._remember(sides, int(ended.sum()))
 
     def _remember(self, sides: Sides, count: int) -> None:
-        """In front where most of the problems end so, else behind the first."""
+        """In front where most of the problems end so, else behind the first; four are tried."""
         key = sides.tobytes()
         others = [e for e in self.ends if e.tobytes() != key]
         place = 0 if 2 * count > len(self.grams) else 1
-        self.ends[:] = [*others[:place], sides, *others[place:]][:KEPT_ENDS]
+        self.ends[:] = [*others[:place], sides, *others[place:]][:4]
 
     @cached_property
     def _reach(self) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from runtime.regression.settings import LEAST_UNKNOWN, MOST_LAGS, WHITE_LEAST
+from runtime.regression.settings import MOST_LAGS, WHITE_LEAST
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,7 +46,7 @@ class Whitening:
         parts = [ones] if directions is None else [ones, sparse.diags_array(use.astype(float)) @ directions]
         unknown = sparse.csc_array(sparse.hstack(parts))
         size = np.sqrt(np.asarray(unknown.power(2).sum(axis=0)))
-        there = size > LEAST_UNKNOWN
+        there = size > 1e-4  # what the filter leaves less of is rounding
         filtered = sparse.csc_array(by @ unknown[:, there])
         size = np.sqrt(np.asarray(filtered.power(2).sum(axis=0)))
         return cls(use, by, sparse.csc_array(filtered @ sparse.diags_array(1 / size)))
@@ -54,7 +54,7 @@ class Whitening:
     @cached_property
     def _gram(self) -> SuperLU:
         size = self.unknown.shape[1]
-        return splu(sparse.csc_array(self.unknown.T @ self.unknown + LEAST_UNKNOWN**2 * sparse.eye_array(size)))
+        return splu(sparse.csc_array(self.unknown.T @ self.unknown + 1e-8 * sparse.eye_array(size)))
 
     def __call__(self, x: Array) -> Array:
         """x (..., M) -> (..., M), of as many rows more than are independent as there are unknowns."""

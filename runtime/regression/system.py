@@ -26,7 +26,7 @@ from scipy import sparse
 
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
 from runtime.regression.noise import Whitening, autoregression
-from runtime.regression.settings import FOLDS, LARGEST_COLUMN, LEAST_OWN, SHRINKAGE
+from runtime.regression.settings import FOLDS, LEAST_OWN, SHRINKAGE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -129,7 +129,8 @@ class Block:
         rows = [x for part in self.columns.values() for x in (part.rows, part.noise) if x is not None]
         # The largest and the least of them are as good as all magnitudes, and NaN is among them.
         ends = [(np.max(x, axis=(-2, -1)), np.min(x, axis=(-2, -1))) for x in rows]
-        there = [(high < LARGEST_COLUMN) & (low > -LARGEST_COLUMN) for high, low in ends]
+        largest = 1e100  # far beyond it, squares overflow
+        there = [(high < largest) & (low > -largest) for high, low in ends]
         return np.asarray(np.all(there, axis=0))
 
     def choice(self, which: int | Mask) -> Block:
