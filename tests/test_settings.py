@@ -36,7 +36,7 @@ ELSEWHERE = {
     "motion/spectra.py: Waves": "aliases of a B-spline's grid, and rounding of what a model's columns leave",
     "diagnosis/candidates.py: _search_beside_grid": "numerics: where a simplex begins and ends",
     "diagnosis/detection_limits.py: _between": "how finely a limit is said",
-    "diagnosis/remainder.py: lines_above": "a hundredth of an order, less than a motor's lines are apart",
+    "diagnosis/steps.py: lines_above": "a hundredth of an order, less than a motor's lines are apart",
     "diagnosis/search.py: _beside": "a step for a derivative",
     "regression/bounded.py": "numerics of least squares: what is rounding, and where a solver ends",
     "regression/noise.py: Whitening": "what is rounding",

@@ -30,7 +30,6 @@ from runtime.diagnosis.acceptance import (
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.gates import BIC, TORQUE
 from runtime.diagnosis.ranking import Ranking, rank, weigh
-from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.settings import (
     BIC_APART,
     LEAST_MOVING_S,
@@ -38,7 +37,7 @@ from runtime.diagnosis.settings import (
     PAIR_WORTH_FITTING,
     SHOWN_ALIKE,
 )
-from runtime.diagnosis.steps import Step, Trail, seconds_moving, with_witnessed
+from runtime.diagnosis.steps import Step, Trail, remainder, seconds_moving, with_witnessed
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each

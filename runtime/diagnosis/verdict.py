@@ -10,10 +10,9 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
 from runtime.diagnosis.ranking import Ranking
-from runtime.diagnosis.remainder import after_effect, physics, remainder
 from runtime.diagnosis.search import undecided
 from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED
-from runtime.diagnosis.steps import Step, Trail
+from runtime.diagnosis.steps import Step, Trail, after_effect, physics, remainder
 from runtime.model.loader import Model
 
 Verdict = Literal["effect", "clean", "unexplained", "refused"]

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.grammar_search import Draft, best
-from runtime.diagnosis.remainder import remainder
 from runtime.diagnosis.stages import begin, complete, conclude
-from runtime.diagnosis.steps import Step, residuals_elsewhere
+from runtime.diagnosis.steps import Step, remainder, residuals_elsewhere
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.fits import FitDocument
 from runtime.identification.compare import JointSeries, series_on

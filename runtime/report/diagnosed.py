@@ -10,8 +10,7 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import ERROR, LIKELIHOOD
 from runtime.diagnosis.grammar_search import Draft
 from runtime.diagnosis.ranking import Ranking
-from runtime.diagnosis.remainder import after_effect
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Step, after_effect
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import (
     DiagnosedJoint,

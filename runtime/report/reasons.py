@@ -8,8 +8,7 @@ from runtime.diagnosis import gates
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.credibility import contradict, deviation, poor_excitation, wrong_data
 from runtime.diagnosis.gates import GateResult
-from runtime.diagnosis.remainder import Disturbance, Remainder, RepeatingResidual, lines_above, physics, remainder
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Disturbance, Remainder, RepeatingResidual, Step, lines_above, physics, remainder
 from runtime.diagnosis.verdict import Diagnosis, explained
 from runtime.model.loader import Model
 from runtime.model.terms import Term

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from msgspec import UNSET
 
-from runtime.diagnosis.remainder import after_effect, physics
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Step, after_effect, physics
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEntry, ImprovementDocument, PeaksEntry
 from runtime.documents.fits import CompareDocument

@@ -10,8 +10,7 @@ import numpy as np
 from markupsafe import Markup
 from msgspec import UNSET
 
-from runtime.diagnosis.remainder import remainder
-from runtime.diagnosis.steps import Step, seconds_moving
+from runtime.diagnosis.steps import Step, remainder, seconds_moving
 from runtime.documents.diagnosis import CommandEntry, HistoryEntry
 from runtime.documents.fits import CompareDocument, JointEntry
 from runtime.documents.parts import given

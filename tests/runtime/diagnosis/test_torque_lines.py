@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.diagnosis.remainder import lines_above
 from runtime.diagnosis.stages import diagnose
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Step, lines_above
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import identify, prepared
 from runtime.loop.improve import improve

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.diagnosis.remainder import outside
 from runtime.diagnosis.stages import begin
+from runtime.diagnosis.steps import outside
 from runtime.identification.identify import prepared
 from runtime.model.loader import Model
 from runtime.motion import clock, noise, spectra
