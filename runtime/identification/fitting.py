@@ -7,7 +7,7 @@ definite over the recorded motion, and effects stay within their physical bounds
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -147,6 +147,9 @@ def solve(
         )
         if np.allclose(before.coefficients, fit.coefficients, rtol=SAME_PREDICTION, atol=0.0) or _settles(before, fit):
             break
+    if free and not fit.skew_free and not _gives_way(model, known):
+        # No term of the structure reads them: effects that delay a torque fix the skew.
+        fit = replace(fit, ahead=_ahead(problem, fit.shapes, fit.skew))
     return problem, fit
 
 
@@ -176,6 +179,11 @@ def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Pr
     return all(float(np.min(s.link_inertia(i))) > 0 for i in own for s in regressors.signals(i))
 
 
+def _gives_way(model: Model, terms: Iterable[Term]) -> bool:
+    """Whether a transmission gives way, which delays, too: beside it a time cannot be measured by itself."""
+    return any(model.library.effects[t.effect].gives_way for t in terms)
+
+
 def _needs_prediction(model: Model, term: Term) -> bool:
     return bool(model.library.needs[term.effect] & IDENTIFIED)
 
@@ -190,9 +198,7 @@ def _refine(
     prediction: Prediction | None,
     ahead: Ahead | None = None,
 ) -> tuple[Problem, Fit]:
-    # What gives way delays, too: beside it a time cannot be measured by itself.
-    soft = any(model.library.effects[t.effect].gives_way for t in known)
-    ahead = None if soft else ahead
+    ahead = None if _gives_way(model, known) else ahead
     problem = Problem(model, motion, tuple(known), prediction=prediction, ahead=ahead)
     missing = {t: v for t, v in known.items() if t not in shapes}
     at = Skew(skew, "shared" if free_skew else "no")
@@ -211,8 +217,6 @@ def _refine(
             break
     solved = problem.solve(shapes, Skew(at.at))
     theta = solved.coefficients
-    if free_skew and not hold and not soft:
-        ahead = _ahead(problem, shapes, at.at)
     prediction = problem.prediction(theta, shapes)
     return problem, Fit(
         prediction,
