@@ -10,7 +10,6 @@ import numpy as np
 from runtime.identification.compare import driving_speed, has_proper_inertia
 from runtime.identification.identify import Identification
 from runtime.identification.regressors import OF_MASSES, arm_functions_read
-from runtime.identification.settings import FRICTION_RANGE
 from runtime.identification.wrong_data import (
     CURRENT,
     DEGREES,
@@ -254,7 +253,7 @@ def _driving_friction(identification: Identification) -> list[str]:
     found = []
     for i, joint in enumerate(identification.model.joints):
         fastest = max(float(np.abs(p.qd[i]).max()) for p in identification.motion.pieces_of(i))
-        speed = driving_speed(identification, i, FRICTION_RANGE * fastest)
+        speed = driving_speed(identification, i, 4 * fastest)
         if speed is not None:
             found.append(
                 f"joint {i + 1}: the friction found drives the joint from {speed:.3g} {joint.position_unit}/s on; "

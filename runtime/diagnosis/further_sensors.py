@@ -19,8 +19,8 @@ from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.gates import LAG, LESS_PLAY, MORE_PLAY, ON_LINK, ON_MOTOR, RIGID, Gate, GateResult
 from runtime.diagnosis.settings import SENSOR_SIGMAS
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import LARGEST_QUANTILE, LOADED
-from runtime.identification.twist import late
+from runtime.identification.settings import LOADED
+from runtime.identification.twist import late, without_peaks
 from runtime.model.terms import Term, joints_of
 from runtime.motion.piece import Piece, Sensors
 from runtime.regression.noise import over_stretches
@@ -116,7 +116,7 @@ class FurtherSensors:
             loads.append(piece.in_band(signals.loads[own]))
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(whole, own)[own]
-        largest = float(np.quantile(np.abs(carried), LARGEST_QUANTILE))
+        largest = without_peaks(carried)
         use = motion.unaffected(own) & (np.abs(carried) > LOADED * largest)
         torque = carried[use] / largest
         base = np.array([np.ones_like(torque), torque, torque**3])

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from runtime.identification.settings import CLEARLY_LIKELIER
+
 Sensor = Literal["link encoder", "output sensor"]
 _TRIAL: Final = "trial of the method: 15 effects in a joint, 45 recordings with and 44 without a hidden effect"
 _CODED: Final = "development recordings with coarse encoders"
@@ -59,7 +61,7 @@ BIC: Final = Gate(
     "bic",
     "fall of BIC on whitened rows, the search for shapes and lines charged",
     "above",
-    30.0,
+    CLEARLY_LIKELIER,
     "natural logarithm, doubled",
     "on clean recordings 10 alone would have named something on 23 of 30",
     _TRIAL,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from typing import Final
 
 import numpy as np
 from msgspec import UNSET
@@ -14,7 +15,7 @@ from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, S
 from runtime.identification.identify import Identification, identify
 from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import HARDLY_POSITIVE, STRUCTURE_BINS, STRUCTURE_LEAST_SHARE
+from runtime.identification.settings import HARDLY_POSITIVE, STRUCTURE_LEAST_SHARE
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, joints_of, structure
 from runtime.motion import repeats
@@ -24,6 +25,9 @@ from runtime.motion.repeats import Floor, floor
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
+
+_BINS: Final = 24
+"""bins of equal count; a curve over a signal may turn a dozen times."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,7 @@ def structure_shares(series: JointSeries) -> dict[str, float]:
     """
     r = series.residual
     total = float(np.sum((r - r.mean()) ** 2)) if len(r) else 0.0
-    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > 2 * STRUCTURE_BINS]
+    sides = [use for use in (series.qd > 0, series.qd <= 0) if np.count_nonzero(use) > 2 * _BINS]
     if total == 0 or not sides:
         return dict.fromkeys(series.signals(), 0.0)
     between = sum(float(use.sum() * (r[use].mean() - r.mean()) ** 2) for use in sides) / total
@@ -186,7 +190,7 @@ def _share(r: Array, values: Array) -> float:
     The remainder around the means gives how much of their squares is chance; where it is correlated from row to row,
     so many rows count as one. The correlation of r itself does not give this: a function of a slow signal is as slow.
     """
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, STRUCTURE_BINS + 1)[1:-1]))
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, _BINS + 1)[1:-1]))
     index = np.searchsorted(edges, values)
     count = np.bincount(index)
     means = np.bincount(index, weights=r) / np.maximum(count, 1)

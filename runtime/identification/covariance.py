@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,10 @@ from runtime.identification.problem import Fit, Problem
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import (
     INTERVAL_SIGMAS,
-    ROTOR_STEP,
     SCORE_BLOCK_S,
     SEPARABLE,
-    SHAPE_STEP,
     SMOOTHING_BIAS,
     TANGLED_SHARE,
-    VALUE_STEP,
-    VALUE_STEP_AT_0,
     WHITENED_BIAS,
 )
 from runtime.model.loader import Model
@@ -37,6 +34,10 @@ from runtime.wording import number
 from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
+
+_STEP: Final = 1e-3
+"""part of a rotor's inertia, a shape or an inertial parameter (its unit where that is 0); over it the derivative of a
+torque is taken: between rounding and curvature."""
 
 
 INERTIA_UNIT = {"revolute": "kg m^2", "prismatic": "kg"}
@@ -217,10 +218,8 @@ def _rotor_sides(problem: Problem) -> dict[int, tuple[Problem, Problem, float]]:
     lies between."""
     found = {}
     for joint, value in problem.rotors.items():
-        more, less = (
-            problem.with_rotors({**problem.rotors, joint: (1 + s) * value}) for s in (ROTOR_STEP, -ROTOR_STEP)
-        )
-        found[joint] = (more, less, 2 * ROTOR_STEP * value)
+        more, less = (problem.with_rotors({**problem.rotors, joint: (1 + s) * value}) for s in (_STEP, -_STEP))
+        found[joint] = (more, less, 2 * _STEP * value)
     return found
 
 
@@ -238,7 +237,7 @@ def shape_steps(problem: Problem, fit: Fit) -> list[tuple[Term, str, float]]:
         for name, value in fit.shapes[term].items():
             parameter = problem.model.library.effects[term.effect].parameter(name)
             if parameter.grid is not None and parameter.grid.continuous:
-                found.append((term, name, SHAPE_STEP * abs(value) if value else SHAPE_STEP))
+                found.append((term, name, _STEP * abs(value) if value else _STEP))
     return found
 
 
@@ -338,7 +337,8 @@ def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) 
     for k in range(len(where)):
         moved, moved_shape = coefficients.copy(), dict(shape)
         at = moved[k] if k < len(moved) else shape[free[k - len(moved)]]
-        step = VALUE_STEP * abs(at) if at else VALUE_STEP_AT_0
+        # A declared parameter is a smooth function in closed form.
+        step = 1e-5 * abs(at) if at else 1e-8
         if k < len(moved):
             moved[k] += step
         else:
@@ -444,7 +444,7 @@ def through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Arr
         return found
     as_fitted = Regressors(model, motion, fit.prediction)
     for k in range(problem.layout.lumps.start, problem.layout.lumps.stop):
-        step = SHAPE_STEP * abs(fit.coefficients[k]) or SHAPE_STEP
+        step = _STEP * abs(fit.coefficients[k]) or _STEP
         theta = fit.coefficients + step * (np.arange(len(fit.coefficients)) == k)
         other = Regressors(model, motion, problem.prediction(theta, fit.shapes))
         for i, more in _torque_change(problem, fit, reading, one=as_fitted, other=other).items():

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,31 +22,16 @@ from runtime.identification.problem import Fit, Problem, Skew, first_least, weig
 from runtime.identification.regressors import Ahead, Regressors, open_rotors
 from runtime.identification.settings import (
     AS_GOOD_A_FLANK,
-    CLEAR_DELAY,
-    DELAY_ACCURACY,
-    DELAY_STEPS,
-    GAP_ACCURACY,
-    GAP_REACH,
-    GAP_STEPS,
+    CLEARLY_LIKELIER,
     HOLD,
     HOPELESS_FLANK,
     LONGEST_DELAY,
     LONGEST_LAG,
     NOMINAL_SKEW,
-    PREDICTION_PASSES,
     ROTOR_ASSUMED,
-    ROTOR_SHARES,
-    SAME_PREDICTION,
-    SAME_RESIDUAL,
-    SEARCH_EVALUATIONS,
-    SEARCH_FALL,
-    SEARCH_INSIDE,
-    SEARCH_STEP,
     SKEW_RANGE,
     SKEW_SIGMAS,
     SKEWS_APART,
-    SMALL_DELAY,
-    SOFT_SKEW_PASSES,
 )
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
@@ -54,6 +40,11 @@ from runtime.recordings.recording import RecordingError
 from runtime.regression.bounded import bounded, inverse
 
 Array = NDArray[np.float64]
+
+_GAP_REACH: Final = 2.5
+"""ratio; so far to either side of where a search over candidates, in steps of 2, left a gap its width is sought."""
+_GAP_STEPS: Final = 6
+"""number of steps to either side: among those that chance makes the least error is not missed."""
 
 
 def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]:
@@ -131,7 +122,7 @@ def solve(
     problem, fit = _refine(
         model, motion, known, shapes=shapes, skew=at, free_skew=free, prediction=prediction, ahead=ahead
     )
-    for _ in range(PREDICTION_PASSES - 1 if needs else 0):
+    for _ in range(7 if needs else 0):
         before = fit
         if not drivable(model, motion, needs, fit.prediction):
             break
@@ -145,7 +136,7 @@ def solve(
             prediction=fit.prediction,
             ahead=_delayed(model, motion, fit),
         )
-        if np.allclose(before.coefficients, fit.coefficients, rtol=SAME_PREDICTION, atol=0.0) or _settles(before, fit):
+        if _settles(before, fit):
             break
     if free and not fit.skew_free and not _gives_way(model, known):
         # No term of the structure reads them: effects that delay a torque fix the skew.
@@ -154,10 +145,14 @@ def solve(
 
 
 def _settles(before: Fit, after: Fit) -> bool:
-    """Whether what is left of no joint's torque moves by more than noise does: what the data hardly tell, a place that
-    few rows pass, may go on wandering."""
+    """Whether no coefficient moves by more than a thousandth, or what is left of no joint's torque by more than noise
+    does: what the data hardly tell, a place that few rows pass, may go on wandering."""
+    if np.allclose(before.coefficients, after.coefficients, rtol=1e-3, atol=0.0):
+        return True
+    # Over 2500 rows all coefficients together move so much by a tenth of a standard deviation.
+    noise = 2e-3
     both = zip(before.residual, after.residual, strict=True)
-    return all(np.linalg.norm(b - a) <= SAME_RESIDUAL * np.linalg.norm(b) for a, b in both)
+    return all(np.linalg.norm(b - a) <= noise * np.linalg.norm(b) for a, b in both)
 
 
 def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:
@@ -246,8 +241,8 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
         joint for t in problem.layout.terms if effects[t.effect].gives_way for joint in joints_of(problem.model, t)[:1]
     }
     common = skew
-    # Noise in the torque that is shifted shortens the steps; beside what gives way they are no short ones.
-    for _ in range(SOFT_SKEW_PASSES if soft else 2):
+    # Noise in the torque that is shifted shortens the steps, to a third at least; beside what gives way they are long.
+    for _ in range(8 if soft else 2):
         shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
         common = Skew(float(np.clip(common.at + shift, *SKEW_RANGE)), "shared")
     solved = problem.solve(shapes, Skew(common.at, "each"))
@@ -281,8 +276,9 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
                 x0.append(float(np.clip(shape[parameter.name], low, high)))
     rotors = _open_rotors(problem)
     for joint, (share, both) in rotors.items():
-        lower.append(ROTOR_SHARES[0] * both)
-        upper.append(ROTOR_SHARES[1] * both)
+        # On either side something is left.
+        lower.append(0.02 * both)
+        upper.append(0.98 * both)
         x0.append(float(np.clip(problem.rotors.get(joint, share * both), lower[-1], upper[-1])))
     if not x0:
         return problem, _with_gaps(problem, shapes, skew)
@@ -305,9 +301,12 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
         parts = there.solve(changed, skew).residual
         return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
 
-    z0 = np.clip((np.array(x0) - lo) / scale, SEARCH_INSIDE, 1 - SEARCH_INSIDE)
-    ends = {"xtol": SEARCH_STEP, "ftol": SEARCH_FALL, "max_nfev": SEARCH_EVALUATIONS}
-    best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=SEARCH_STEP, **ends).x)
+    # The method begins inside its bounds. A derivative's step lies between rounding and curvature; a search that moves
+    # by less has ended, and a grid has brought its start near.
+    inside, step = 1e-6, 1e-4
+    z0 = np.clip((np.array(x0) - lo) / scale, inside, 1 - inside)
+    ends = {"xtol": step, "ftol": 1e-6, "max_nfev": 12}
+    best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=step, **ends).x)
     return best, _with_gaps(best, grids.least_places(best, changed, skew), skew)
 
 
@@ -340,7 +339,7 @@ def _ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahea
 def _large_delays(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
     """These times (n,) s, where first order does not do for them: it has the encoders' noise in it, that is known."""
     given = np.array(times)
-    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < SMALL_DELAY
+    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < 1.0  # rad
     return Ahead(skew, np.where(small, 0.0, given))
 
 
@@ -356,16 +355,14 @@ def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
         rest = y - bounded(gram, x @ y, layout.lower, upper=layout.upper, near=layout.stated) @ x
         return float(rest @ rest) / max(float(y @ y), 1e-300)
 
-    step = 1 / (DELAY_STEPS * problem.motion.cutoff(joint))
+    step = 1 / (8 * problem.motion.cutoff(joint))  # between two of them no least error is missed
     times = step * np.arange(-np.ceil(LONGEST_LAG / step), np.ceil(LONGEST_DELAY / step) + 1)
     best = float(times[int(np.argmin([left(float(t)) for t in times]))])
     from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
 
-    found = minimize_scalar(
-        left, bounds=(best - step, best + step), method="bounded", options={"xatol": DELAY_ACCURACY * step}
-    )
+    found = minimize_scalar(left, bounds=(best - step, best + step), method="bounded", options={"xatol": step / 100})
     rows = int(use.sum()) - problem.motion.dependent(joint, use)
-    clear = rows * np.log(left(0.0) / max(float(found.fun), 1e-300)) > CLEAR_DELAY
+    clear = rows * np.log(left(0.0) / max(float(found.fun), 1e-300)) > CLEARLY_LIKELIER
     return float(found.x) if clear else 0.0
 
 
@@ -402,7 +399,7 @@ def gap_estimates(problem: Problem, fit: Fit, term: Term, values: dict[str, Esti
             tried.append(_narrowed(problem, shapes, skew, term))
     least = min(error for error, _ in tried)
     as_good = [shape[play.name] for error, shape in tried if error <= AS_GOOD_A_FLANK**2 * least]
-    step = GAP_REACH ** (1 / GAP_STEPS)
+    step = _GAP_REACH ** (1 / _GAP_STEPS)
     ends = min(as_good) / step, max(as_good) * step
     return {name: replace(e, interval=ends if name == play.name else None) for name, e in values.items()}
 
@@ -431,14 +428,15 @@ def _narrowed(problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term:
     def error(logarithm: float) -> float:
         return _squared_error(problem, {**shapes, term: shape(logarithm)}, skew)
 
-    reach = float(np.log(GAP_REACH))
-    widths = np.log(own[play.name]) + np.linspace(-reach, reach, 2 * GAP_STEPS + 1)
+    reach = float(np.log(_GAP_REACH))
+    widths = np.log(own[play.name]) + np.linspace(-reach, reach, 2 * _GAP_STEPS + 1)
     tried = [shape(w) for w in widths]
     problem.foresee(term, tried, shapes)
     errors = problem.errors([{**shapes, term: one} for one in tried], skew)
-    best, step = first_least(errors), reach / GAP_STEPS
+    best, step = first_least(errors), reach / _GAP_STEPS
     bounds = (widths[best] - step, widths[best] + step)
-    between = minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": GAP_ACCURACY * step})
+    # Finer, the width is chance.
+    between = minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": step / 5})
     least, at = min((float(errors[best]), float(widths[best])), (float(between.fun), float(between.x)))
     return least, shape(at)
 

@@ -13,10 +13,6 @@ from numpy.typing import NDArray
 
 from runtime.identification.problem import Problem, Skew, first_least
 from runtime.identification.regressors import Regressors
-from runtime.identification.settings import (
-    MIDDLE_OF_SPEEDS,
-    SLOWEST_ROWS,
-)
 from runtime.model.loader import EffectInfo, Model
 from runtime.model.terms import Term, Values, joints_of
 from runtime.motion.motion import Motion
@@ -188,7 +184,8 @@ class MotorAngle:
     @property
     def span(self) -> tuple[float, float]:
         """Lowest order with enough periods in the motion, and the highest that is in the band while it is slow."""
-        slow = float(np.quantile(self.speed, SLOWEST_ROWS)) if len(self.speed) else 0.0
+        # It is in the band on a tenth of the rows: enough for its order and its amplitude.
+        slow = float(np.quantile(self.speed, 0.1)) if len(self.speed) else 0.0
         return LEAST_PERIODS * self.period, 2 * np.pi * self.cutoff / max(slow, 1e-300)
 
     def spread(self) -> Array:
@@ -226,7 +223,7 @@ class MotorAngle:
         if not found:
             return {}
         margin = LEAST_PERIODS / max(float(np.ptp(self.time)), 1e-300)
-        slow, fast = (self._speed(part) / (2 * np.pi) for part in MIDDLE_OF_SPEEDS)
+        slow, fast = (self._speed(part) / (2 * np.pi) for part in (0.02, 0.98))
         swept = min(found) * slow - margin, max(found) * fast + margin
         over_time = angle_spectrum(2 * np.pi * self.time, left, base, projection=projection, span=swept)
         kept = {}

@@ -15,9 +15,9 @@ from runtime.documents.parts import DelayEntry
 from runtime.identification.covariance import Inference, infer
 from runtime.identification.estimate import Estimate
 from runtime.identification.fitting import drivable, solve
-from runtime.identification.problem import Fit, Problem, Skew, weighted
+from runtime.identification.problem import Fit, Problem, Skew, configurations, weighted
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import FAR_WORSE, INERTIA_CONFIGURATIONS, LOWERED_TO, MOST_COMPENSATED
+from runtime.identification.settings import MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
 from runtime.motion.band import believable, choose_band, coupled, lowered, raised, rigid_inertia
@@ -127,7 +127,8 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     for _ in range(6):  # to an eighth
         if motion.rigid_given or _compensated(model, motion) <= MOST_COMPENSATED:
             return motion
-        lower = lowered(motion.band, LOWERED_TO)
+        # The noise of an acceleration falls to a sixth each time.
+        lower = lowered(motion.band, float(np.sqrt(0.5)))
         if lower is None:
             break
         motion = prepare(recordings, lower, model)
@@ -168,7 +169,7 @@ def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:
     if not model.lumps_known:
         return coupled(np.full((n, n), np.nan), believable(np.full(n, np.nan), recordings))
     own = np.diagonal(model.inertia(np.zeros((n, 1)))[:, :, 0]).copy()
-    q = np.concatenate([r.q[:, :: max(1, r.q.shape[1] // INERTIA_CONFIGURATIONS)] for r in recordings], axis=1)
+    q = configurations([r.q for r in recordings])
     return coupled(np.sqrt(np.mean(model.inertia(q) ** 2, axis=2)), believable(own, recordings))
 
 
@@ -331,7 +332,8 @@ def _mostly_noise(problem: Problem, fit: Fit) -> str | None:
 
 def _worse_than_plain(problem: Problem, fit: Fit) -> str | None:
     for i, (mine, theirs) in enumerate(zip(_squares(problem, fit.residual), _plain(problem, fit), strict=True)):
-        if mine > FAR_WORSE * theirs:
+        # Noise that is that part of a column makes plain least squares leave so much of what the truth does.
+        if MOST_COMPENSATED * mine > theirs:
             times = float(np.sqrt(mine / max(theirs, 1e-300)))
             return (
                 f"joint {i + 1}: compensated for the encoder's noise, the fit leaves {times:.1f} "

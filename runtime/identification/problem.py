@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from runtime.identification.estimate import Estimate
 from runtime.identification.regressors import Ahead, Regressors
-from runtime.identification.settings import INERTIA_CONFIGURATIONS, NEUTRAL_INERTIA, SAME_ERROR
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
@@ -96,7 +95,8 @@ class LinearUnknowns:
 def _neutral(lump: LumpInfo) -> float:
     """Of a base inertial parameter that the file leaves open: next to nothing for an inertia or a mass that moves with
     its own joint, so that D is positive definite whatever the data tell; 0 for the others."""
-    return NEUTRAL_INERTIA if lump.name in (f"J{lump.joint}", f"M{lump.joint}") else 0.0
+    # Less than any joint moves, more than the rounding of D's eigenvalues.
+    return 1e-6 if lump.name in (f"J{lump.joint}", f"M{lump.joint}") else 0.0
 
 
 @dataclass(frozen=True)
@@ -152,13 +152,13 @@ def weighted(residual: Sequence[Array], weights: Array) -> float:
 
 def first_least(errors: Array) -> int:
     """Index of the first of the least of squared errors (S,); what rounding tells apart is equal."""
-    return int(np.argmax(errors <= (1 + SAME_ERROR) * errors.min()))
+    return int(np.argmax(errors <= (1 + 1e-10) * errors.min()))
 
 
 def least_inertia(model: Model, motion: Motion, lumps: Array) -> tuple[float, Array, Array]:
     """The smallest eigenvalue of D over configurations of the motion, kg m² (kg), with its direction (n,) and its
     configuration (n, 1); `lumps` are base inertial parameters."""
-    q = _configurations(motion)
+    q = configurations([p.q for p in motion.pieces])
     value, vector = np.linalg.eigh(_inertias(model, q, lumps))
     worst = int(np.argmin(value[:, 0]))
     return float(value[worst, 0]), vector[worst, :, 0], q[:, worst : worst + 1]
@@ -167,15 +167,16 @@ def least_inertia(model: Model, motion: Motion, lumps: Array) -> tuple[float, Ar
 def _positive(model: Model, motion: Motion, lumps: Array) -> bool:
     """Whether D is positive definite at all of these configurations, in a tenth of the time."""
     try:
-        np.linalg.cholesky(_inertias(model, _configurations(motion), lumps))
+        np.linalg.cholesky(_inertias(model, configurations([p.q for p in motion.pieces]), lumps))
     except np.linalg.LinAlgError:
         return False
     return True
 
 
-def _configurations(motion: Motion) -> Array:
-    """(n, N) all over the motion."""
-    return np.concatenate([p.q[:, :: max(1, p.q.shape[1] // INERTIA_CONFIGURATIONS)] for p in motion.pieces], axis=1)
+def configurations(stretches: Sequence[Array]) -> Array:
+    """(n, N) some configurations of every stretch of motion (n, M); D changes slowly with the posture."""
+    enough = 60
+    return np.concatenate([q[:, :: max(1, q.shape[1] // enough)] for q in stretches], axis=1)
 
 
 def _inertias(model: Model, q: Array, lumps: Array) -> Array:

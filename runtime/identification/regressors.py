@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification.settings import SLOPE_STEP
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, OF_DRIVE, Prediction, SignalContext, Structure, Term, given, joints_of
 from runtime.motion.motion import Motion
@@ -94,8 +93,9 @@ class Signals(SignalContext):
     def growth(self, function: str, by: str, own: int) -> Array:
         """(n, N), by central differences: exact to rounding for rates, in which torques are quadratic."""
         if (function, by, own) not in self._slopes:
-            ends = [self._shifted(function, by, own, step) for step in (SLOPE_STEP, -SLOPE_STEP)]
-            self._slopes[function, by, own] = (ends[0] - ends[1]) / (2 * SLOPE_STEP)
+            step = 1e-4  # curvature adds a part of 1e-8, rounding one of 1e-11
+            ends = [self._shifted(function, by, own, part) for part in (step, -step)]
+            self._slopes[function, by, own] = (ends[0] - ends[1]) / (2 * step)
         return self._slopes[function, by, own]
 
     def _shifted(self, function: str, by: str, own: int, step: float) -> Array:

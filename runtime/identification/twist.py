@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from runtime.identification.covariance import interval, places, stretches, uncertainty
 from runtime.identification.estimate import Estimate
 from runtime.identification.regressors import Regressors
-from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LARGEST_QUANTILE, LOADED, TWIST_PASSES
+from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LOADED
 from runtime.model.terms import Term
 from runtime.motion.spectra import white_inside
 from runtime.regression.bounded import inverse
@@ -59,7 +59,7 @@ class TwistEquation:
         """The same with the direction of the load as the cause, where a gap's flanks surely touch: beside a spring,
         linear or hardening, and beside friction that the model does not have right."""
         size, use = np.abs(self.cause[0]), self.rows.use
-        largest = float(np.quantile(size[use], LARGEST_QUANTILE))
+        largest = without_peaks(self.cause[0][use])
         load = self.cause / largest
         # Friction that is not right has a column of its own there.
         more = np.stack([load, load**3, np.sign(self.base[:, 0])], axis=1)
@@ -146,13 +146,19 @@ class TwistFit:
     equation: TwistEquation
 
 
+def without_peaks(torque: Array) -> float:
+    """The largest size of a torque (M,), without single peaks."""
+    return float(np.quantile(np.abs(torque), 0.99))
+
+
 def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
     """The twist equation of a joint (0-based); None without a link-side encoder, or where rests reach all rows."""
     if not problem.motion.has("twist", joint) or not problem.motion.unaffected(joint).any():
         return None
     errors = _load_errors(problem, fit, joint)
     skew, equation = 0.0, _equation(problem, fit, joint, skew=0.0, errors=errors)
-    for _ in range(TWIST_PASSES):
+    # The shift is short against any motion in the band: the second step moves it by a thousandth.
+    for _ in range(2):
         skew += float(equation.solution[0])
         equation = _equation(problem, fit, joint, skew=skew, errors=errors)
     info = problem.model.joints[joint]

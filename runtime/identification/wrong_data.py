@@ -26,7 +26,6 @@ from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.settings import (
     DOUBTED_RATIO,
     EXCHANGED_FALLS_TO,
-    FACTOR_OF_INERTIA,
     SUSPECTED_FROM,
     SUSPECTED_RATIO,
     TURNED_FALLS_TO,
@@ -256,7 +255,8 @@ def _explained(ratio: float, sizes: Mapping[str, float], least: float) -> tuple[
     """Kinds of mistakes of these sizes that explain a ratio, and alternatives to the first of them."""
     sizes_together = {k: prod(sizes[kind] for kind in k) for k in _TOGETHER if sizes.keys() >= set(k)}
     off = {k: abs(log(ratio / size)) for k, size in sizes_together.items() if abs(log(size)) > log(least)}
-    near = [k for k, distance in off.items() if distance < log(FACTOR_OF_INERTIA)]
+    # Data sheets are as uncertain as a factor of two.
+    near = [k for k, distance in off.items() if distance < log(2)]
     if not near or near[0][0] not in _INSTEAD:
         return (near[0] if near else ()), ()
     alike = [kinds for kinds in near if kinds[0] in _INSTEAD and kinds[1:] == near[0][1:]]
