@@ -34,7 +34,7 @@ from runtime.diagnosis.settings import (
     BIC_APART,
     LEAST_MOVING_S,
     MOST_FINDINGS,
-    PAIR_WORTH_FITTING,
+    MOST_OF_BOTH,
     SHOWN_ALIKE,
 )
 from runtime.diagnosis.steps import Step, Trail, remainder, seconds_moving, with_witnessed
@@ -214,9 +214,7 @@ def best_pair(trail: Trail, single: Step | None) -> Step | None:
     own = [p for p in found if taken in p.terms]
     least = own[0].gain if own else 0.0
     others = [
-        p
-        for p in found
-        if taken not in p.terms and p.gain > PAIR_WORTH_FITTING * max(least, _least_gain(base, step, p))
+        p for p in found if taken not in p.terms and p.gain > MOST_OF_BOTH * max(least, _least_gain(base, step, p))
     ][:2]  # time
     if not others:
         return None

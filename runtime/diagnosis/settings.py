@@ -48,10 +48,6 @@ FINALISTS_OF_A_JOINT: Final = 3
 
 # pairs of effects ---------------------------------------------------------------------------------------------------
 
-PAIR_WORTH_FITTING: Final = 0.97
-"""part of the fall of the squared error with the single finding and its best partner; a pair without it must reach so
-much on the excerpt to be fitted on the whole; development recordings with two effects."""
-
 # a finding, refitted ------------------------------------------------------------------------------------------------
 
 MOST_FINDINGS: Final = 6
@@ -80,7 +76,8 @@ development recordings."""
 MOST_OF_BOTH: Final = 0.97
 """part of the fall of the squared error with two effects over the same quantities; where one of them alone reaches as
 much, the other is what its law lacks: a law that comes within a sixth of an effect's amplitude is that effect in
-another form; development recordings with forms that are not the library's."""
+another form; a pair without it must reach as much on the excerpt to be fitted; development recordings with forms that
+are not the library's, and with two effects."""
 
 HELD_OUT_FALLS_TO: Final = 0.93
 """part of the squared error on held-out recordings; an effect must bring it below, which chance does not; two effects

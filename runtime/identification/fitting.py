@@ -25,8 +25,6 @@ from runtime.identification.settings import (
     CLEARLY_LIKELIER,
     HOLD,
     HOPELESS_FLANK,
-    LONGEST_DELAY,
-    LONGEST_LAG,
     NOMINAL_SKEW,
     ROTOR_ASSUMED,
     SKEW_RANGE,
@@ -356,7 +354,9 @@ def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
         return float(rest @ rest) / max(float(y @ y), 1e-300)
 
     step = 1 / (8 * problem.motion.cutoff(joint))  # between two of them no least error is missed
-    times = step * np.arange(-np.ceil(LONGEST_LAG / step), np.ceil(LONGEST_DELAY / step) + 1)
+    # s: a field bus takes some cycles of 1 to 10 ms to hand a command on, a current filter of 10 to 100 Hz less.
+    longest_lag, longest_delay = 0.02, 0.05
+    times = step * np.arange(-np.ceil(longest_lag / step), np.ceil(longest_delay / step) + 1)
     best = float(times[int(np.argmin([left(float(t)) for t in times]))])
     from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
 

@@ -32,13 +32,6 @@ SKEW_SIGMAS: Final = 4.0
 """standard deviations of white rows; they are smaller than those of rows that hang together, for which so many stand
 in; development recordings with delays."""
 
-LONGEST_DELAY: Final = 0.05
-"""s; a torque that is recorded further ahead of its motion belongs to no drive: a command over a field bus takes some
-cycles of 1 to 10 ms; a choice."""
-
-LONGEST_LAG: Final = 0.02
-"""s; likewise for one that is recorded after the motion, as through a current filter of 10 to 100 Hz; a choice."""
-
 CLEARLY_LIKELIER: Final = 30.0
 """natural logarithm of a likelihood, doubled; a torque is taken at another time, and an effect may be named, where that
 is so much likelier: on clean recordings 10 alone would have named something on 23 of 30; trial of the method."""

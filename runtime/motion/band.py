@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from runtime.documents.parts import BandEntry
 from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator, welch
-from runtime.motion.noise import MeasuredRate, SampleNoise, measured_rates, resolution
+from runtime.motion.noise import ENOUGH_FOR_NOISE, MeasuredRate, SampleNoise, measured_rates, resolution
 from runtime.motion.settings import (
     CLOSE_CUTOFFS,
     CUTOFF_OF_SAMPLING,
     ENCODER_SHARE,
-    ENOUGH_FOR_NOISE,
     HIGHEST_CUTOFF,
     INERTIA_SEEN,
     LEAST_PERIODS,

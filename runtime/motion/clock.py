@@ -9,17 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 
-from runtime.motion.settings import CLOCK_SMOOTHER, CLOCK_WANDER, EVEN_GRID
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.intp]
+
+EVEN_GRID: Final = 0.02
+"""part of a period; instants that depart less from an even grid count as on it, and the recording is not interpolated;
+real recordings, whose controllers log steps of 10 and 12 ms."""
+CLOCK_WANDER: Final = 1e-3
+"""part of a period; segments whose mean steps differ by less have one clock: an inertia is then wrong by twice that at
+most; quartz clocks differ by a tenth of it and less."""
+CLOCK_SMOOTHER: Final = 1.5
+"""ratio of squared departures from smooth; over the instants for which it is so much less the positions were taken;
+chance reaches it with a thousand samples once in a million; development recordings with uneven stamps."""
 
 
 @dataclass(frozen=True)

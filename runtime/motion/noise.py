@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +16,16 @@ from numpy.typing import NDArray
 from runtime.motion.clock import EvenGrid, Stretch
 from runtime.motion.filters import differentiator, welch
 from runtime.motion.settings import (
-    ENOUGH_FOR_NOISE,
     FOLLOWS_RATE,
     LOWEST_CUTOFF,
-    RATE_BETTER,
-    RATE_SCALE,
     WHITE_BAND,
 )
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
+
+ENOUGH_FOR_NOISE: Final = 200_000
+"""samples; from so many the instruments' noise is known, and a longer recording costs no more; time."""
 
 
 def _density(x: Array, rate: float) -> tuple[Array, Array]:
@@ -152,10 +153,12 @@ def _measured_rate(
     left = slow[0] - theta @ slow[1]
     if left @ left > 0.5 * slow[0] @ slow[0]:
         return MeasuredRate(False, own, f"{rate} does not follow {derivative}: it is not used", wrong=True)
-    if not 1 / (1 + RATE_SCALE) < scale < 1 + RATE_SCALE:
+    # Another unit would make every friction wrong by as much.
+    if not 1 / 1.05 < scale < 1.05:
         why = f"{rate} is {scale:.3g} times {derivative}: is its unit right? It is not used"
         return MeasuredRate(False, own, why, wrong=True)
-    if own > RATE_BETTER * of_position:
+    # Half the noise changes a cut-off by a sixth: less does not justify a second instrument.
+    if own > 0.5 * of_position:
         return MeasuredRate(False, own, f"{rate} is no quieter than {derivative}: not used")
     # A difference to the reading before is half a period late.
     if abs(late) > quarter:

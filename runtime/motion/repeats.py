@@ -18,7 +18,6 @@ from runtime.motion.settings import (
     LASTING,
     REPEAT_ALIKE,
     REPEAT_ALIKE_RATE,
-    REPEAT_LEAST_TRAVEL,
     REPEAT_WINDOW_S,
 )
 
@@ -117,8 +116,8 @@ def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:
     rows = []
     for begin in range(0, coarse.shape[1] - 2 * width, every):
         window = coarse[:, begin : begin + width]
-        # A window in which no joint moves comes back everywhere.
-        if not np.any(np.ptp(window, axis=1) > REPEAT_LEAST_TRAVEL * reach):
+        # A window in which no joint moves by a fiftieth of its range comes back everywhere.
+        if not np.any(np.ptp(window, axis=1) > 0.02 * reach):
             continue
         lag = _same_later(coarse, window, begin, width)
         if lag is None:

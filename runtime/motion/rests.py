@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,20 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import DENSE_DIRECTIONS, LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+UNKNOWN_OVER_NOISE: Final = 0.3
+"""ratio to the torque noise in the band; a combination of rows is eliminated if the dry friction at rest could exceed
+it there; what is left in is then small beside the noise, also where it comes back; by construction."""
+SAME_DIRECTION: Final = 1e-3
+"""part of a row; combinations of rows that differ by less are one; rounding."""
+LEAST_OF_ROW: Final = 0.1
+"""part of a row; one of which the elimination leaves less is not used; by construction."""
+DENSE_DIRECTIONS: Final = 40_000
+"""number of rows times combinations; up to so many, products with a full matrix are faster than with a sparse one;
+time, it decides no result."""
 
 
 def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:

@@ -48,9 +48,6 @@ MOST_DELAY: Final = 4.0
 
 # instruments' noise --------------------------------------------------------------------------------------------------
 
-ENOUGH_FOR_NOISE: Final = 200_000
-"""samples; from so many the instruments' noise is known, and a longer recording costs no more; time."""
-
 WHITE_BAND: Final = (0.3, 0.45)
 """parts of the sampling rate; between them a joint does not move and filters of the instruments pass: what is there is
 noise; development recordings."""
@@ -59,31 +56,11 @@ FOLLOWS_RATE: Final = 0.7
 """number; the correlation of noise and squared rate over blocks, from which on instants are uncertain; simulated
 recordings: below 0.45 with even stamps, coarse encoders too, above 0.85 with stamps of whole milliseconds."""
 
-RATE_BETTER: Final = 0.5
-"""part of the density of the noise of differentiated positions, near the cut-off; a measured rate with less is used:
-half the noise changes a cut-off by a sixth, and less does not justify a second instrument; a choice."""
-
-RATE_SCALE: Final = 0.05
-"""part of one; a rate that is so much larger or smaller than the derivative of the positions has another unit, and
-would make every friction wrong by as much; a choice."""
-
 INERTIA_SEEN: Final = 0.3
 """part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it
 shows no inertia; development recordings."""
 
 # the clock -----------------------------------------------------------------------------------------------------------
-
-EVEN_GRID: Final = 0.02
-"""part of a period; instants that depart less from an even grid count as on it, and the recording is not interpolated;
-real recordings, whose controllers log steps of 10 and 12 ms."""
-
-CLOCK_WANDER: Final = 1e-3
-"""part of a period; segments whose mean steps differ by less have one clock: an inertia is then wrong by twice that at
-most; quartz clocks differ by a tenth of it and less."""
-
-CLOCK_SMOOTHER: Final = 1.5
-"""ratio of squared departures from smooth; over the instants for which it is so much less the positions were taken;
-chance reaches it with a thousand samples once in a million; development recordings with uneven stamps."""
 
 # rests ---------------------------------------------------------------------------------------------------------------
 
@@ -99,22 +76,8 @@ SLOW_MOTION: Final = 0.1
 """part of the fastest rate; slower is slow motion: a standstill beyond it cannot be told from motion, and a motor below
 it shows no line above the band; a choice."""
 
-UNKNOWN_OVER_NOISE: Final = 0.3
-"""ratio to the torque noise in the band; a combination of rows is eliminated if the dry friction at rest could exceed
-it there; what is left in is then small beside the noise, also where it comes back; by construction."""
-
-SAME_DIRECTION: Final = 1e-3
-"""part of a row; combinations of rows that differ by less are one; rounding."""
-
-LEAST_OF_ROW: Final = 0.1
-"""part of a row; one of which the elimination leaves less is not used; by construction."""
-
 UNAFFECTED: Final = 0.97
 """part of a row; where the elimination leaves more, no unknown torque reached it; development recordings."""
-
-DENSE_DIRECTIONS: Final = 40_000
-"""number of rows times combinations; up to so many, products with a full matrix are faster than with a sparse one;
-time, it decides no result."""
 
 HELD_RANGE: Final = {"revolute": 5e-3, "prismatic": 5e-4}
 """rad, m; a joint that never leaves a range like this is held by its friction, which has no direction then; development
@@ -134,9 +97,6 @@ REPEAT_ALIKE_RATE: Final = 0.03
 """part of a joint's fastest rate, beside standstill's; rates that differ by less, RMS, are the same motion; development
 recordings, closed loop with noise."""
 
-REPEAT_LEAST_TRAVEL: Final = 0.02
-"""part of a joint's range; a window in which no joint moves by more comes back everywhere; development recordings."""
-
 LASTING: Final = 0.33
 """part of the residual's variance; so much must come back with the motion for it to count as repeatable; development
 recordings with disturbances from outside."""
@@ -152,10 +112,6 @@ SLOW_PART: Final = 0.15
 WHITE_PART: Final = (0.35, 0.85)
 """parts of the cut-off; between them noise is taken to be white: above slow physics, below the filter's edge;
 development recordings."""
-
-PEAK_CHANCE: Final = 4.5
-"""standard deviations of the cube root of a density of noise (Wilson & Hilferty 1931); a bin of noise exceeds it three
-times in a million; by construction."""
 
 # lines over the motor's angle ----------------------------------------------------------------------------------------
 

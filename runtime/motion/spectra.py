@@ -23,7 +23,6 @@ from runtime.motion.settings import (
     LEAST_PERIODS,
     LINE_ABOVE_CHANCE,
     LINE_STANDS_OUT,
-    PEAK_CHANCE,
     ROWS_OVER_CUTOFF,
     SLOW_PART,
     WHITE_PART,
@@ -89,7 +88,8 @@ def peaks(residual: Array, rate: float, cutoff: float) -> list[float]:
     f, power = density(residual, rate)
     inside = int(np.searchsorted(f, cutoff, side="right"))
     freedom = 2 * max(1.0, 1.8 * np.count_nonzero(residual) / (2 * (len(f) - 1)))
-    most = (1 - 2 / (9 * freedom) + PEAK_CHANCE * np.sqrt(2 / (9 * freedom))) ** 3
+    chance = 4.5  # standard deviations: a bin of noise exceeds it three times in a million
+    most = (1 - 2 / (9 * freedom) + chance * np.sqrt(2 / (9 * freedom))) ** 3
     found = []
     for k in range(far, inside):
         around = power[k - near : k + near + 1]

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from runtime.model.loader import Model
 from runtime.motion import rests
 from runtime.motion.filters import LowPass, low_pass
-from runtime.motion.rests import UnknownTorque
-from runtime.motion.settings import LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE
+from runtime.motion.rests import LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE, UnknownTorque
 
 Mask = NDArray[np.bool_]
 
