@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from runtime.identification.settings import CLEARLY_LIKELIER
+from runtime.regression.settings import LEAST_OWN
 
 Sensor = Literal["link encoder", "output sensor"]
 _TRIAL: Final = "trial of the method: 15 effects in a joint, 45 recordings with and 44 without a hidden effect"
@@ -99,7 +100,7 @@ LIKELIHOOD: Final = Gate(
     "likelihood",
     "gain of the cross-validated log-likelihood on whitened rows",
     "above",
-    15.0,
+    CLEARLY_LIKELIER / 2,
     "natural logarithm",
     "half of what BIC must fall by",
     _TRIAL,
@@ -128,7 +129,7 @@ MODEL: Final = Gate(
     "model",
     "square of the torque that the model cannot take over, of the whole",
     "above",
-    1e-4,
+    LEAST_OWN,
     "part",
     "a hundredth of its size must be the candidate's own",
     "development recordings",
