@@ -349,7 +349,7 @@ def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
     gram, layout = x @ x.T, problem.layout
 
     def left(time: float) -> float:
-        y = problem.motion.torque_ahead(joint, skew, time)[use] - fixed
+        y = problem.motion.torque_delayed(joint, skew, time)[use] - fixed
         rest = y - bounded(gram, x @ y, layout.lower, upper=layout.upper, near=layout.stated) @ x
         return float(rest @ rest) / max(float(y @ y), 1e-300)
 

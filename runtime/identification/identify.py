@@ -20,7 +20,7 @@ from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
-from runtime.motion.band import believable, choose_band, coupled, lowered, raised, rigid_inertia
+from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised, rigid_inertia
 from runtime.motion.clock import grid
 from runtime.motion.motion import Motion, prepare
 from runtime.motion.rests import at_rest
@@ -164,13 +164,13 @@ def identify_motion(
 
 
 def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:
-    """(n, n) kg m² (kg), RMS of the model file's D over the recordings' configurations, as far as it is believable."""
+    """(n, n) kg m² (kg), RMS of the model file's D over the recordings' configurations, as far as it is credible."""
     n = model.n
     if not model.lumps_known:
-        return coupled(np.full((n, n), np.nan), believable(np.full(n, np.nan), recordings))
+        return coupling_bound(np.full((n, n), np.nan), credible_inertia(np.full(n, np.nan), recordings))
     own = np.diagonal(model.inertia(np.zeros((n, 1)))[:, :, 0]).copy()
     q = configurations([r.q for r in recordings])
-    return coupled(np.sqrt(np.mean(model.inertia(q) ** 2, axis=2)), believable(own, recordings))
+    return coupling_bound(np.sqrt(np.mean(model.inertia(q) ** 2, axis=2)), credible_inertia(own, recordings))
 
 
 # --- rests of the end-effector ---

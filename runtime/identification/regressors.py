@@ -369,11 +369,11 @@ class Regressors:
         """
         time, motion = float(ahead.times[joint]), self.motion
         half = motion.pieces[0].dt / 2
-        slope = motion.torque_ahead(joint, ahead.skew, time + half) - motion.torque_ahead(
+        slope = motion.torque_delayed(joint, ahead.skew, time + half) - motion.torque_delayed(
             joint, ahead.skew, time - half
         )
         slope /= 2 * half
-        later = motion.torque_ahead(joint, ahead.skew, time)
+        later = motion.torque_delayed(joint, ahead.skew, time)
         return np.stack([motion.torque(joint, ahead.skew) - later + time * slope, -slope])
 
     def skew(self, joint: int) -> Array:

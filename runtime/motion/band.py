@@ -197,11 +197,11 @@ def lowered(band: Band, factor: float) -> Band | None:
 # --- inertias, of the model file and of the recordings ---
 
 
-def coupled(D: Array, inertia: Array) -> Array:
+def coupling_bound(D: Array, inertia: Array) -> Array:
     """(n, n) kg m² (kg), at most, of each joint's torque for each joint's acceleration.
 
     D (n, n): of the model file; NaN where it is not stated, which stands for the strongest coupling of two bodies.
-    inertia (n,): the joints' own, as `believable` gives them.
+    inertia (n,): the joints' own, as `credible_inertia` gives them.
     """
     believed, own = np.sqrt(inertia), np.sqrt(np.abs(np.diagonal(D)))
     # A joint that is held may have any inertia.
@@ -233,7 +233,7 @@ def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
     return np.maximum(inertia, 1e-12)
 
 
-def believable(stated: Array, recordings: Sequence[Recording]) -> Array:
+def credible_inertia(stated: Array, recordings: Sequence[Recording]) -> Array:
     """(n,) kg m² (kg): the stated inertias, except those that are unknown (NaN) or less than half of the recordings'
     own, as a guess is. These are the recordings', or where none is measurable the most that the torque permits.
 

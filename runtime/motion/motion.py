@@ -244,7 +244,7 @@ class Motion:
         if skew not in kept:
             if len(kept) > 3:
                 kept.clear()
-            kept[skew] = self.torque_ahead(joint, skew, 0.0)
+            kept[skew] = self.torque_delayed(joint, skew, 0.0)
             kept[skew].flags.writeable = False
         return kept[skew]
 
@@ -252,7 +252,7 @@ class Motion:
         """(M,) measured torque in the band, `skew` samples later than recorded."""
         return np.concatenate([p.late(p.tau[joint], skew) for p in self.pieces_of(joint)])
 
-    def torque_ahead(self, joint: int, skew: float, time: float) -> Array:
+    def torque_delayed(self, joint: int, skew: float, time: float) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s later than recorded, less what is unknown."""
         pieces = self.pieces_of(joint)
         return np.concatenate([p.equation(p.late(p.tau[joint], skew + time / p.dt), joint) for p in pieces])

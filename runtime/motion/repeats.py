@@ -15,10 +15,10 @@ from runtime.motion.filters import convolved
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.motion.settings import (
-    LASTING,
     REPEAT_ALIKE,
     REPEAT_ALIKE_RATE,
     REPEAT_WINDOW_S,
+    REPEATABLE_SHARE,
 )
 
 Array = NDArray[np.float64]
@@ -181,7 +181,7 @@ class Floor:
         """Whether the residual comes back with the motion; None where no motion was repeated."""
         if self.repeating is None:
             return None
-        return self.repeating**2 > LASTING * rms**2
+        return self.repeating**2 > REPEATABLE_SHARE * rms**2
 
 
 def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, read: Array) -> Floor:

@@ -97,7 +97,7 @@ REPEAT_ALIKE_RATE: Final = 0.03
 """part of a joint's fastest rate, beside standstill's; rates that differ by less, RMS, are the same motion; development
 recordings, closed loop with noise."""
 
-LASTING: Final = 0.33
+REPEATABLE_SHARE: Final = 0.33
 """part of the residual's variance; so much must come back with the motion for it to count as repeatable; development
 recordings with disturbances from outside."""
 

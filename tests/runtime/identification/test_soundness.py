@@ -13,7 +13,7 @@ from runtime.diagnosis.stages import conclude, diagnose
 from runtime.diagnosis.steps import Trail
 from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
-from runtime.motion.band import believable
+from runtime.motion.band import credible_inertia
 from runtime.motion.motion import prepare
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.report.reasons import reason
@@ -51,10 +51,10 @@ def test_a_guessed_inertia_does_not_choose_the_band(tmp_path: Path, coarse: Reco
 
 
 def test_an_inertia_that_is_nearly_right_chooses_it(coarse: Recording) -> None:
-    assert believable(np.array([np.nan]), [coarse]) == pytest.approx([0.2365], rel=0.5)
-    assert believable(np.array([0.2]), [coarse]) == pytest.approx([0.2])
+    assert credible_inertia(np.array([np.nan]), [coarse]) == pytest.approx([0.2365], rel=0.5)
+    assert credible_inertia(np.array([0.2]), [coarse]) == pytest.approx([0.2])
     still = replace(coarse, q=1e-4 * np.random.default_rng(0).standard_normal(coarse.q.shape))
-    assert believable(np.array([1e-9]), [still]) == pytest.approx([1e-9])
+    assert credible_inertia(np.array([1e-9]), [still]) == pytest.approx([1e-9])
 
 
 def test_a_fit_that_compensation_has_spoilt_is_refused(drive: Model, coarse: Recording) -> None:

@@ -20,7 +20,7 @@ from runtime.diagnosis.steps import outside
 from runtime.identification.identify import prepared
 from runtime.model.loader import Model
 from runtime.motion import clock, noise, spectra
-from runtime.motion.band import believable
+from runtime.motion.band import credible_inertia
 from runtime.motion.settings import LOWEST_CUTOFF
 from runtime.recordings import recording
 from runtime.recordings.contents import RecordingError
@@ -148,8 +148,8 @@ def read(columns: dict[str, Array], dt: float = 4e-3) -> Recording:
 
 @pytest.mark.filterwarnings("error")
 def test_no_acceleration_under_a_torque_is_no_inertia_that_is_known() -> None:
-    assert believable(np.array([np.nan]), [read({"q1": np.zeros(N), "tau1": 1e11 * NOISE})]) == np.inf
-    assert believable(np.array([0.3]), [read({"q1": np.zeros(N), "tau1": 1e11 * NOISE})]) == 0.3
+    assert credible_inertia(np.array([np.nan]), [read({"q1": np.zeros(N), "tau1": 1e11 * NOISE})]) == np.inf
+    assert credible_inertia(np.array([0.3]), [read({"q1": np.zeros(N), "tau1": 1e11 * NOISE})]) == 0.3
 
 
 @pytest.mark.filterwarnings("error")
