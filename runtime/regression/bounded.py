@@ -45,11 +45,36 @@ def solve(gram: Array, moment: Array, near: Array | None = None) -> Array:
     if not failed and np.diagonal(factor).min() > WELL_POSED:
         answer: Array = lapack.dpotrs(factor, moment / size, lower=True)[0] / size
         return answer
-    value, vector = np.linalg.eigh(scaled)
-    seen = value > RANK * value[-1]
     begin = np.zeros(len(moment)) if near is None else near
     rest = moment / size - scaled @ (begin * size)
-    return begin + (vector[:, seen] @ ((vector[:, seen].T @ rest) / value[seen])) / size
+    found = _beside_unseen(scaled, rest)
+    if found is None:
+        value, vector = np.linalg.eigh(scaled)
+        seen = value > RANK * value[-1]
+        found = vector[:, seen] @ ((vector[:, seen].T @ rest) / value[seen])
+    return begin + found / size
+
+
+def _beside_unseen(scaled: Array, moment: Array) -> Array | None:
+    """(K,) the shortest solution where some directions are surely unseen and all others surely seen: columns that
+    depend on others to rounding. A pivoted Cholesky factor takes a tenth of the time of eigenvalues; None where only
+    these decide."""
+    clear, rounding = 1e-6, 1e-12
+    factor, order, rank, _ = lapack.dpstrf(scaled, tol=clear, lower=True)
+    order, lower = order - 1, np.tril(factor)[:, :rank]
+    seen, unseen = lower[:rank], lower[rank:]
+    rest = scaled[np.ix_(order[rank:], order[rank:])] - unseen @ unseen.T
+    if not rank or np.abs(rest).max(initial=0.0) > rounding:
+        return None
+    through = lapack.dtrtrs(seen, unseen.T, lower=True, trans=1)[0]
+    ordered = moment[order]
+    if np.abs(ordered[rank:] - through.T @ ordered[:rank]).max(initial=0.0) > rounding * np.abs(moment).max():
+        return None
+    basic = np.append(lapack.dpotrs(seen, ordered[:rank], lower=True)[0], np.zeros(len(moment) - rank))
+    null = np.vstack([-through, np.eye(len(moment) - rank)])
+    found = np.empty(len(moment))
+    found[order] = basic - null @ np.linalg.solve(null.T @ null, null.T @ basic)
+    return found
 
 
 def inverse(gram: Array) -> Array:

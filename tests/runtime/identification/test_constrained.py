@@ -124,6 +124,22 @@ def test_an_unseen_direction_stays_near_what_is_stated() -> None:
     assert np.allclose(theta, [4.0, 0.0, -7.0])
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.integers(1, 4))
+@settings(max_examples=60, deadline=None)
+def test_dependent_columns_give_the_shortest_step_from_what_is_stated(seed: int, size: int, dependent: int) -> None:
+    """The pseudoinverse of the scaled columns, by singular values of the rows instead of from their Gram matrix."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((60, size)) @ rng.permutation(
+        np.hstack([np.eye(size), rng.uniform(-1, 1, (size, dependent))]), axis=1
+    )
+    x, y, near = x * 10.0 ** rng.uniform(-2, 2, x.shape[1]), rng.standard_normal(60), rng.standard_normal(x.shape[1])
+    scale = np.linalg.norm(x, axis=0)
+    expected = near + np.linalg.pinv(x / scale, rcond=1e-6) @ (y - x @ near) / scale
+    assert np.allclose(
+        solve(x.T @ x, x.T @ y, near) * scale, expected * scale, rtol=0, atol=1e-6 * np.abs(near * scale).max()
+    )
+
+
 def test_a_cut_counts_from_the_origin_whatever_is_stated() -> None:
     """The first coefficient is seen and cut at 0, the second unseen: it stays."""
     gram, moment = np.diag([1.0, 0.0]), np.array([-2.0, 0.0])

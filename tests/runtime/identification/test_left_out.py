@@ -19,7 +19,7 @@ from runtime.identification.compare import compare
 from runtime.identification.identify import identify
 from runtime.loop.improve import improve
 from runtime.model.terms import Term
-from runtime.motion.band import believable
+from runtime.motion.band import credible_inertia
 from runtime.report.diagnosed import document as diagnosed
 from runtime.report.reasons import reason
 from runtime.simulation import simulate
@@ -104,7 +104,7 @@ def test_what_no_row_tells_stays_open(sourced: Sourced) -> None:
 
 
 def test_the_band_follows_the_inertia_that_the_recordings_show() -> None:
-    assert believable(np.array([np.nan]), [recorded(None, seed=4)])[0] == pytest.approx(0.2365, rel=0.1)
+    assert credible_inertia(np.array([np.nan]), [recorded(None, seed=4)])[0] == pytest.approx(0.2365, rel=0.1)
 
 
 @pytest.mark.slow
