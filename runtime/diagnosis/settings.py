@@ -46,8 +46,6 @@ FINALISTS: Final = 8
 FINALISTS_OF_A_JOINT: Final = 3
 """number of candidates; of every joint so many are among them, lest one joint fill the list; development recordings."""
 
-# pairs of effects ---------------------------------------------------------------------------------------------------
-
 # a finding, refitted ------------------------------------------------------------------------------------------------
 
 MOST_FINDINGS: Final = 6

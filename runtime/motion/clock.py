@@ -23,12 +23,6 @@ Counts = NDArray[np.intp]
 EVEN_GRID: Final = 0.02
 """part of a period; instants that depart less from an even grid count as on it, and the recording is not interpolated;
 real recordings, whose controllers log steps of 10 and 12 ms."""
-CLOCK_WANDER: Final = 1e-3
-"""part of a period; segments whose mean steps differ by less have one clock: an inertia is then wrong by twice that at
-most; quartz clocks differ by a tenth of it and less."""
-CLOCK_SMOOTHER: Final = 1.5
-"""ratio of squared departures from smooth; over the instants for which it is so much less the positions were taken;
-chance reaches it with a thousand samples once in a million; development recordings with uneven stamps."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +126,8 @@ def _even(t: Array, period: float) -> bool:
     """Whether a sample lies near each place; a slow wander of the clock moves none."""
     even = np.linspace(t[0], t[-1], len(t))
     drift = abs((t[-1] - t[0]) / (len(t) - 1) - period) / period
-    return bool(np.abs(t - even).max() < EVEN_GRID * period) and drift < CLOCK_WANDER
+    # An inertia is wrong by twice a drift at most; quartz clocks differ by a tenth of this and less.
+    return bool(np.abs(t - even).max() < EVEN_GRID * period) and drift < 1e-3
 
 
 def _period(t: Array) -> float:
@@ -207,7 +202,8 @@ def _smoother(recording: Recording, period: float, counts: Sequence[Counts]) -> 
             counted, stamped = (float(np.mean(_roughness(at, q) ** 2)) for at in (n, t))
             ratios.append(float(np.log(max(counted, 1e-300) / max(stamped, 1e-300))))
     largest = max(ratios, key=abs)
-    if abs(largest) < np.log(CLOCK_SMOOTHER):
+    # Chance reaches a ratio of 1.5 with a thousand samples once in a million.
+    if abs(largest) < np.log(1.5):
         return "neither"
     return "count" if largest < 0 else "stamps"
 

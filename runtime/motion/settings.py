@@ -60,8 +60,6 @@ INERTIA_SEEN: Final = 0.3
 """part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it
 shows no inertia; development recordings."""
 
-# the clock -----------------------------------------------------------------------------------------------------------
-
 # rests ---------------------------------------------------------------------------------------------------------------
 
 STANDSTILL_NOISE: Final = 4.0

@@ -15,7 +15,7 @@ from runtime.identification.identify import Identification, identify_motion, pre
 from runtime.identification.regressors import Regressors
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Term, structure
-from runtime.motion.band import choose_band, coupled
+from runtime.motion.band import choose_band, coupling_bound
 from runtime.motion.motion import prepare
 from runtime.motion.settings import HIGHEST_CUTOFF, WIDE_ENOUGH
 from runtime.recordings.recording import Recording
@@ -79,9 +79,9 @@ def test_beside_a_narrow_band_a_joint_s_own_ends_where_resonances_begin() -> Non
 
 
 def test_what_is_not_known_of_a_coupling_is_as_much_as_two_inertias_permit() -> None:
-    open_file = coupled(np.full((2, 2), np.nan), np.array([4.0, 1.0]))
+    open_file = coupling_bound(np.full((2, 2), np.nan), np.array([4.0, 1.0]))
     assert open_file == pytest.approx(np.array([[4.0, 2.0], [2.0, 1.0]]))
-    stated = coupled(np.array([[1.0, -0.25], [-0.25, 1.0]]), np.array([4.0, 1.0]))
+    stated = coupling_bound(np.array([[1.0, -0.25], [-0.25, 1.0]]), np.array([4.0, 1.0]))
     assert stated == pytest.approx(np.array([[4.0, 0.5], [0.5, 1.0]]))
 
 

@@ -55,6 +55,7 @@ IN_SPACE = {name: effect for name, effect in DECLARED.items() if effect != LIBRA
 EVERY = LIBRARY | {f"{name} in space": effect for name, effect in IN_SPACE.items()}
 EFFECTS = pytest.mark.parametrize("effect", EVERY.values(), ids=EVERY)
 LEVEL = SIGNAL["level"].symbol
+QD = SIGNAL["qd"].symbol
 # Sums of a handful of terms of order 1 to 1e3, and exponentials of arguments up to 1e2.
 CLOSE = {"rel_tol": 1e-9, "abs_tol": 1e-12}
 
@@ -170,9 +171,11 @@ def test_units(effect: Effect, joint_type: str, data: st.DataObject) -> None:
     results = [(effect.torque, u.FORCE), *((s.step, s.unit) for s in effect.states)]
     results += [(s.initial, s.unit) for s in effect.states]
     for expr, unit in results:
-        # Constants that keep quotients finite have no unit: 1e-9 N m of level, 1e-7 rad/s, where all else cancels.
+        # Constants that keep quotients finite have no unit: 1e-9 N m of level, 1e-7 rad/s, where all else cancels. A
+        # damping times a rate multiplies such a quotient.
         levels = [abs(read[LEVEL]) for read in (values, other) if read.get(LEVEL)]
-        near = 1e-8 * max(1.0, scale(unit), *(1 / level for level in levels))
+        times = max(1.0, *(abs(read.get(parameter("damping"), 0.0) * read.get(QD, 0.0)) for read in (values, other)))
+        near = 1e-8 * times * max(1.0, scale(unit), *(1 / level for level in levels))
         assert math.isclose(evaluate(expr, other), evaluate(expr, values) * scale(unit), rel_tol=1e-6, abs_tol=near)
 
 
