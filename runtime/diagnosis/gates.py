@@ -218,7 +218,7 @@ RECORDINGS: Final = Gate(
     "below",
     1.0,
     "number",
-    "of recordings of different arms nobody knows what is missing in which",
+    "where recordings contradict each other, no single model fits all, and an effect may be missing in some only",
     "by construction",
 )
 

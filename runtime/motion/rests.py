@@ -13,6 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
+from runtime.motion.settings import LEAST_OF_ROW
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,8 +23,6 @@ UNKNOWN_OVER_NOISE: Final = 0.3
 it there; what is left in is then small beside the noise, also where it comes back; by construction."""
 SAME_DIRECTION: Final = 1e-3
 """part of a row; combinations of rows that differ by less are one; rounding."""
-LEAST_OF_ROW: Final = 0.1
-"""part of a row; one of which the elimination leaves less is not used; by construction."""
 DENSE_DIRECTIONS: Final = 40_000
 """number of rows times combinations; up to so many, products with a full matrix are faster than with a sparse one;
 time, it decides no result."""

@@ -74,6 +74,10 @@ SLOW_MOTION: Final = 0.1
 """part of the fastest rate; slower is slow motion: a standstill beyond it cannot be told from motion, and a motor below
 it shows no line above the band; a choice."""
 
+LEAST_OF_ROW: Final = 0.1
+"""part of a row; one of which the elimination leaves less holds mostly what friction at rest may be, and is not used;
+a choice."""
+
 UNAFFECTED: Final = 0.97
 """part of a row; where the elimination leaves more, no unknown torque reached it; development recordings."""
 

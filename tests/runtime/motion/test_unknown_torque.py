@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from runtime.model.loader import Model
 from runtime.motion import rests
 from runtime.motion.filters import LowPass, low_pass
-from runtime.motion.rests import LEAST_OF_ROW, SAME_DIRECTION, UNKNOWN_OVER_NOISE, UnknownTorque
+from runtime.motion.rests import SAME_DIRECTION, UNKNOWN_OVER_NOISE, UnknownTorque
+from runtime.motion.settings import LEAST_OF_ROW
 
 Mask = NDArray[np.bool_]
 
