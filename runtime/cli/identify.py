@@ -38,7 +38,7 @@ def identify(
 ) -> None:
     """Fit base inertial parameters and effects to recordings. With 95 % confidence intervals. Exit status 1 if the
     fit is not to be believed."""
-    from runtime.report import fits, terminal
+    from runtime.report import diagnosed, fits, terminal
 
     if write:
         check_own(model)
@@ -49,7 +49,7 @@ def identify(
 
     with terminal.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
-        document = found.document()
+        document = diagnosed.judged(found)
     written = []
     if write and found.verdict == "fitted":
         source.edits.set(document).write()

@@ -39,7 +39,7 @@ def inspect(
     """Show what is in a recording and what looks wrong with it. Exit status 1 if it cannot be used as it is."""
     from runtime.inspection.inspection import inspect as inspected
     from runtime.inspection.inspection import with_model
-    from runtime.report import recordings, terminal
+    from runtime.report import diagnosed, recordings, terminal
 
     columns = column_mapping(maps)
     source = None
@@ -53,7 +53,7 @@ def inspect(
             loaded = source.compiled.model()
         with terminal.working("fitting"):
             found = with_model(found, loaded)
-    emit(json, found.document(), terminal.printer(recordings.inspection))
+    emit(json, diagnosed.inspected(found), terminal.printer(recordings.inspection))
     if picture is not None and found.recording is not None:
         from runtime.inspection.signals import complete_signals
         from runtime.report.plots.motion_plots import signals_over_time

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Literal
 
@@ -18,17 +19,17 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import CONTRADICTS, FAR_ABOVE_NOISE, LEAST_MOVING_S, MATERIAL, ONLY_NOISE
 from runtime.diagnosis.steps import seconds_moving
-from runtime.documents.fits import ContradictionEntry, JudgedFitDocument, RecordingFit
-from runtime.fit_warnings import Suspicion, improper_inertia, suspicions, warnings
-from runtime.identification.compare import JointSeries, series
+from runtime.documents.fits import ContradictionEntry, RecordingFit
+from runtime.fit_warnings import Suspicion, suspicions
+from runtime.identification.compare import JointSeries, has_proper_inertia, series
 from runtime.identification.covariance import Inference, infer
 from runtime.identification.estimate import Estimate
 from runtime.identification.identify import Identification
 from runtime.identification.problem import Fit, Problem, Skew
 from runtime.identification.settings import INTERVAL_SIGMAS
-from runtime.model.terms import Term
+from runtime.motion.motion import Motion
 from runtime.recordings.recording import Recording
-from runtime.wording import quantity, times_floor
+from runtime.wording import times_floor
 from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
@@ -55,33 +56,24 @@ class Table:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A parameter that two recordings do not agree on. term: None for an inertial parameter; estimates a recording."""
+    """A parameter, with its effect and joint where it has one, that two recordings do not agree on.
+
+    recordings, estimates   the two recordings' files, and the parameter's value in each
+    """
 
     name: str
     unit: str
-    term: Term | None
-    names: tuple[str, ...]
+    recordings: tuple[str, ...]
     estimates: tuple[Estimate, ...]
-
-    @property
-    def label(self) -> str:
-        """The parameter, with its effect and joint where it has one."""
-        return self.name if self.term is None else f"{self.term} {self.name}"
 
     def document(self) -> ContradictionEntry:
         return ContradictionEntry(
-            name=self.label,
+            name=self.name,
             unit=self.unit,
-            recordings=list(self.names),
+            recordings=list(self.recordings),
             values=[e.value for e in self.estimates],
             intervals=[e.interval for e in self.estimates],
         )
-
-    def __str__(self) -> str:
-        values = [
-            f"{quantity(e.value, self.unit, 3)} in {name}" for e, name in zip(self.estimates, self.names, strict=True)
-        ]
-        return f"{self.label} is {' and '.join(values)}"
 
 
 @dataclass(frozen=True)
@@ -99,20 +91,9 @@ class Tables:
         return all(table.left < ONLY_NOISE for table in self.tables)
 
     @property
-    def refusal(self) -> str:
-        """Why nothing can be named from recordings whose arm is not the same; empty if it is."""
-        if self.inertial:
-            apart, why = self.inertial, "another payload, another arm, or a base model that is wrong"
-        elif self.effects:
-            apart, why = self.effects, "temperature, load or wear"
-        else:
-            return ""
-        return f"the recordings contradict each other: {'; '.join(map(str, apart))}: {why}; diagnose them one by one"
-
-    @property
-    def preface(self) -> str:
-        """What differs between recordings that hold more than noise, as the beginning of a sentence."""
-        return f"{self.refusal}; " if self.refusal else ""
+    def contradictory(self) -> bool:
+        """Whether the arm is not the same in all recordings."""
+        return bool(self.inertial or self.effects)
 
     def recording_entries(self) -> list[RecordingFit]:
         """What each recording says alone."""
@@ -135,15 +116,14 @@ def compare(identification: Identification, names: Sequence[str], floors: Sequen
         for k, lump in enumerate(model.lumps):
             estimates = [t.inference.lumps[k] for t in tables]
             inertial += _apart(
-                identification, tables, None, name=lump.name, estimates=estimates, part=slice(k, k + 1), floors=floors
+                identification, tables, lump.name, estimates=estimates, part=slice(k, k + 1), floors=floors
             )
     effects = []
     for term, part in layout.slices.items():
         for parameter in model.library.effects[term.effect].linear:
             estimates = [t.inference.values[term][parameter.name] for t in tables]
-            effects += _apart(
-                identification, tables, term, name=parameter.name, estimates=estimates, part=part, floors=floors
-            )
+            name = f"{term} {parameter.name}"
+            effects += _apart(identification, tables, name, estimates=estimates, part=part, floors=floors)
     return Tables(identification, tables, tuple(inertial), tuple(effects))
 
 
@@ -182,7 +162,6 @@ def _table(identification: Identification, number: int, name: str, floors: Seque
 def _apart(
     identification: Identification,
     tables: Sequence[Table],
-    term: Term | None,
     name: str,
     estimates: Sequence[Estimate],
     part: slice,
@@ -195,12 +174,12 @@ def _apart(
         difference = abs(a.value - b.value)
         if spread > 0 and contradict(a.value, b.value, spread):
             apart = one.fit.coefficients[part] - two.fit.coefficients[part]
-            if _worth(identification, part, apart, floors):
+            if _exceeds_noise(identification, part, apart, floors):
                 found.append((difference / spread, (one.name, two.name), (a, b)))
     if not found:
         return []
     _, names, pair = max(found, key=lambda item: item[0])
-    return [Contradiction(name, pair[0].unit, term, names=names, estimates=pair)]
+    return [Contradiction(name, pair[0].unit, names, pair)]
 
 
 def contradict(one: float, other: float, spread: float) -> bool:
@@ -210,13 +189,13 @@ def contradict(one: float, other: float, spread: float) -> bool:
 
 
 def deviation(e: Estimate) -> float:
-    """Standard deviation; infinite where the data do not tell the parameter alone."""
+    """Standard deviation; infinite where the data do not determine the parameter alone."""
     if e.interval is None or not np.all(np.isfinite([e.value, *e.interval])):
         return float("inf")
     return (e.interval[1] - e.interval[0]) / (2 * INTERVAL_SIGMAS)
 
 
-def _worth(identification: Identification, part: slice, apart: Array, floors: Sequence[float]) -> bool:
+def _exceeds_noise(identification: Identification, part: slice, apart: Array, floors: Sequence[float]) -> bool:
     """Whether a difference of coefficients makes more torque than the noise, at some joint."""
     problem, shapes, motion = identification.problem, identification.fit.shapes, identification.motion
     for i, floor in enumerate(floors):
@@ -227,33 +206,30 @@ def _worth(identification: Identification, part: slice, apart: Array, floors: Se
     return False
 
 
+Unreliable = Literal["short motion", "inseparable", "worse than zero", "improper inertia"]
+"""Why a fit to data that do not look wrong may not be believed: no joint moves for long enough; the motion does not
+separate parameters; zero torque would have no larger error; the error is large, the inertia at a physical bound."""
+
+
 @dataclass(frozen=True)
 class JudgedFit:
-    """A fit, the errors that it leaves at every joint, each recording's own, and why it may not be believed.
-
-    reason: a sentence a person can act on, or none
-    """
+    """A fit, the errors that it leaves at every joint, each recording's own, and what looks wrong with the data."""
 
     identification: Identification
     joints: tuple[JointSeries, ...]
     recordings: Tables
-    reason: str
+    suspicions: tuple[Suspicion, ...]
+
+    @cached_property
+    def why(self) -> Literal["wrong data", "contradiction"] | Unreliable | None:
+        """Why it may not be believed; None where nothing speaks against it."""
+        if self.suspicions:
+            return "wrong data"
+        return "contradiction" if self.recordings.contradictory else unreliable(self.identification, self.joints)
 
     @property
     def verdict(self) -> Literal["fitted", "refused"]:
-        return "refused" if self.reason else "fitted"
-
-    def document(self) -> JudgedFitDocument:
-        """As `tendon identify --json`, but for what was written."""
-        return self.identification.document().as_part_of(
-            JudgedFitDocument,
-            verdict=self.verdict,
-            reason=self.reason or _fitted(self.joints),
-            joints=[joint.document() for joint in self.joints],
-            recordings=self.recordings.recording_entries(),
-            inconsistent=self.recordings.contradiction_entries(),
-            warnings=[*warnings(self.identification), *([] if self.reason else above_noise(self.joints))],
-        )
+        return "fitted" if self.why is None else "refused"
 
 
 def judged(identification: Identification, recordings: Sequence[Recording]) -> JudgedFit:
@@ -261,35 +237,35 @@ def judged(identification: Identification, recordings: Sequence[Recording]) -> J
     joints = series(identification)
     names = [r.path.name for r in recordings]
     tables = compare(identification, names, [s.floor.spectrum for s in joints])
-    return JudgedFit(identification, joints, tables, _reason(identification, joints, tables))
+    return JudgedFit(identification, joints, tables, suspicions(identification))
 
 
-def _reason(identification: Identification, joints: Sequence[JointSeries], tables: Tables) -> str:
-    return wrong_data(suspicions(identification)) or tables.refusal or unreliable(identification, joints)
+def unreliable(identification: Identification, joints: Sequence[JointSeries]) -> Unreliable | None:
+    """Why a fit to data that do not look wrong may not be believed; None if nothing speaks against it."""
+    poor = poor_excitation(identification)
+    if poor is not None:
+        return poor
+    if any(s.relative >= 1 for s in joints):
+        return "worse than zero"
+    far = any(map(far_above_noise, joints))
+    return "improper inertia" if far and not has_proper_inertia(identification) else None
 
 
-def unreliable(identification: Identification, joints: Sequence[JointSeries]) -> str:
-    """Why a fit to data that do not look wrong may not be believed; empty if nothing speaks against it."""
-    return poor_excitation(identification) or _unphysical(identification, joints)
+def poor_excitation(identification: Identification) -> Literal["short motion", "inseparable"] | None:
+    """Why the motion does not determine the parameters; None if it does."""
+    if max(moving_times(identification.motion)) < LEAST_MOVING_S:
+        return "short motion"
+    return "inseparable" if inseparable(identification) else None
 
 
-def _fitted(joints: Sequence[JointSeries]) -> str:
-    errors = ", ".join(f"{100 * s.relative:.3g} % of the torque at joint {s.joint}" for s in joints if len(s.t))
-    return f"the fit misses {errors}"
+def moving_times(motion: Motion) -> list[float]:
+    """Seconds for which each joint moves."""
+    return [seconds_moving(motion, i) for i in range(motion.n)]
 
 
-def wrong_data(found: Sequence[Suspicion]) -> str:
-    """Suspicions as the reason of a refusal; empty without one."""
-    return f"the data look wrong: {'; '.join(map(str, found))}" if found else ""
-
-
-def poor_excitation(identification: Identification) -> str | None:
-    """Why the motion does not tell the parameters; None if it does."""
-    motion, inference = identification.motion, identification.inference
-    seconds = [seconds_moving(motion, i) for i in range(motion.n)]
-    if max(seconds) < LEAST_MOVING_S:
-        return f"the joints move for {max(seconds):.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
-    able = [s >= LEAST_MOVING_S for s in seconds]
+def inseparable(identification: Identification) -> list[str]:
+    """Parameters that the motion of the joints that move does not separate from others."""
+    inference, able = identification.inference, [s >= LEAST_MOVING_S for s in moving_times(identification.motion)]
     tangled = [
         f"{term} {name}"
         for term, values in inference.values.items()
@@ -297,41 +273,18 @@ def poor_excitation(identification: Identification) -> str | None:
         if e.with_others and (term.joint is None or able[term.joint - 1]) and not _by_a_rotor(e)
     ]
     # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
-    tangled += [
+    return tangled + [
         lump.name
         for lump, e in zip(identification.model.lumps, inference.lumps, strict=True)
         if e.with_others and all(able)
     ]
-    if tangled:
-        return f"the motion does not separate {', '.join(tangled)}; move over more speeds, accelerations and positions"
-    return None
 
 
 def _by_a_rotor(e: Estimate) -> bool:
-    """Whether it is told together with a rotor that the model file leaves out: no other motion would change that."""
+    """Whether it is inseparable from a rotor that the model file leaves out: no other motion would change that."""
     return any(name.startswith(ROTOR) for name in e.with_others)
 
 
-def _unphysical(identification: Identification, joints: Sequence[JointSeries]) -> str:
-    """That a fit is worse than none, or far above the noise at the bound of what is physical; empty if neither."""
-    worthless = [s for s in joints if s.relative >= 1]
-    if worthless:
-        at = " and ".join(f"joint {s.joint} {100 * s.relative:.3g} %" for s in worthless)
-        return f"the fit is worse than no torque at all (it misses at {at} of it): the model or the data is wrong"
-    if any(_far(s) for s in joints):
-        return "; ".join(improper_inertia(identification))
-    return ""
-
-
-def _far(joint: JointSeries) -> bool:
+def far_above_noise(joint: JointSeries) -> bool:
+    """Whether a joint's error is far above its noise floor."""
     return joint.rms > FAR_ABOVE_NOISE * joint.floor.value
-
-
-def above_noise(joints: Sequence[JointSeries]) -> list[str]:
-    """Joints whose error is far above the noise."""
-    return [
-        f"joint {s.joint}: the fit misses {100 * s.relative:.3g} % of the torque, {s.rms / s.floor.value:.2g} times "
-        "its noise floor: what the model lacks is in its parameters, too; tendon diagnose looks for it"
-        for s in joints
-        if s.floor.value > 0 and _far(s)
-    ]

@@ -25,11 +25,9 @@ from runtime.diagnosis.settings import LIMIT_OF_ITS_OWN, LIMIT_SIGMAS
 from runtime.documents.diagnosis import LimitEntry
 from runtime.identification import grids
 from runtime.model.catalogue import EffectInfo
-from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, unit_of
 from runtime.progress import of_each
 from runtime.regression.system import Block, Columns
-from runtime.wording import number, quantity, told_apart, unit
 
 Array = NDArray[np.float64]
 
@@ -58,17 +56,6 @@ class Limit:
             unit=self.unit,
             assumed=dict(self.assumed),
         )
-
-    def words(self, model: Model) -> str:
-        """What would have been seen, without the effect's name: `torque more than 0.05 N m, with speed 0.2 rad/s`."""
-        than = "more than" if self.side == "above" else "less than"
-        others = [
-            f"{name.replace('_', ' ')} {quantity(value, unit_of(model, self.term, name), 2)}"
-            for name, value in self.assumed.items()
-        ]
-        amount = told_apart(self.value, 1.0, 3) if number(self.value, 3) == "1" else number(self.value, 3)
-        text = f"{self.parameter.replace('_', ' ')} {than} {amount}{unit(self.unit, ' ')}"
-        return text + (f", with {', '.join(others)}" if others else "")
 
 
 def of(base: FittedBase, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:

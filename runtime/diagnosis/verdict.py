@@ -105,16 +105,16 @@ def _decided(trail: Trail, compared: credibility.Tables) -> tuple[Verdict, Why, 
     first, last, joints = trail.first, trail.last, range(trail.model.n)
     if trail.suspicions:
         return "refused", "wrong data", None
-    if any(s.identification.unsound for s in trail.steps):
+    if any(s.identification.unsound is not None for s in trail.steps):
         return "refused", "unsound fit", None
-    if compared.refusal and (compared.each_is_noise or not any(physics(last, i) for i in joints)):
+    if compared.contradictory and (compared.each_is_noise or not any(physics(last, i) for i in joints)):
         return "refused", "contradiction", None
     for i in {f.joint_index for f in trail.findings if f.candidate.twist is None}:
         if physics(last, i) and explained(first, last, i) < LEAST_EXPLAINED:
             return "unexplained", "comes nearest", i
     if trail.findings:
         return "effect", "found", None
-    if credibility.poor_excitation(first.identification):
+    if credibility.poor_excitation(first.identification) is not None:
         return "refused", "excitation", None
     left = next((i for i in joints if remainder(first, i)), None)
     if left is not None:

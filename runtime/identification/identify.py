@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,20 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class Unsound:
+    """The check that a fit fails at a joint (0-based), with its value.
+
+    worse than none    residual over torque, rms
+    mostly noise       part of the torque's power that would be the encoders' noise
+    worse than plain   residual over that of least squares without noise compensation, rms
+    """
+
+    check: Literal["worse than none", "mostly noise", "worse than plain"]
+    joint: int
+    value: float
+
+
 @dataclass(frozen=True, eq=False)
 class Identification:
     """A fit with its uncertainty."""
@@ -46,8 +61,8 @@ class Identification:
         return infer(self.problem, self.fit)
 
     @cached_property
-    def unsound(self) -> str | None:
-        """Why the fit cannot be believed; None where nothing speaks against it."""
+    def unsound(self) -> Unsound | None:
+        """The first check that the fit fails; None where it passes all."""
         return _unsound(self.problem, self.fit)
 
     @cached_property
@@ -296,25 +311,20 @@ def _compensated(model: Model, motion: Motion) -> float:
     return float(np.max(np.divide(noise, power, out=np.zeros_like(power), where=power > 0), initial=0.0))
 
 
-def _unsound(problem: Problem, fit: Fit) -> str | None:
-    """Why a fit cannot be believed; None where nothing speaks against it."""
+def _unsound(problem: Problem, fit: Fit) -> Unsound | None:
     return _worse_than_none(problem, fit) or _mostly_noise(problem, fit) or _worse_than_plain(problem, fit)
 
 
-def _worse_than_none(problem: Problem, fit: Fit) -> str | None:
+def _worse_than_none(problem: Problem, fit: Fit) -> Unsound | None:
     for i, left in enumerate(fit.residual):
         use = problem.motion.moving(i)
         torque = float(np.sum(problem.motion.torque(i, fit.skew)[use] ** 2))
         if (rest := float(left[use] @ left[use])) > torque:
-            error = 100 * float(np.sqrt(rest / max(torque, 1e-300)))
-            return (
-                f"joint {i + 1}: the fit is worse than no model (error {error:.0f} %): these recordings do not tell "
-                "its parameters; record faster motion, or with a finer encoder"
-            )
+            return Unsound("worse than none", i, float(np.sqrt(rest / max(torque, 1e-300))))
     return None
 
 
-def _mostly_noise(problem: Problem, fit: Fit) -> str | None:
+def _mostly_noise(problem: Problem, fit: Fit) -> Unsound | None:
     """What another reading of the encoders would change in a joint's predicted torque, against that torque."""
     for i in range(problem.model.n):
         use = problem.motion.moving(i)
@@ -323,23 +333,15 @@ def _mostly_noise(problem: Problem, fit: Fit) -> str | None:
         torque = problem.motion.torque(i, fit.skew)[use]
         part = float(read @ read) / max(float(torque @ torque), 1e-300)
         if part > MOST_COMPENSATED:
-            return (
-                f"joint {i + 1}: {100 * min(part, 1.0):.0f} % of the power of its torque would be the encoder's noise, "
-                "differentiated twice; record faster motion, or with a finer encoder"
-            )
+            return Unsound("mostly noise", i, part)
     return None
 
 
-def _worse_than_plain(problem: Problem, fit: Fit) -> str | None:
+def _worse_than_plain(problem: Problem, fit: Fit) -> Unsound | None:
     for i, (mine, theirs) in enumerate(zip(_squares(problem, fit.residual), _plain(problem, fit), strict=True)):
         # Noise that is that part of a column makes plain least squares leave so much of what the truth does.
         if MOST_COMPENSATED * mine > theirs:
-            times = float(np.sqrt(mine / max(theirs, 1e-300)))
-            return (
-                f"joint {i + 1}: compensated for the encoder's noise, the fit leaves {times:.1f} "
-                "times what plain least squares leave of the torque: the noise is too much of what the model reads; "
-                "record faster motion, or with a finer encoder"
-            )
+            return Unsound("worse than plain", i, float(np.sqrt(mine / max(theirs, 1e-300))))
     return None
 
 

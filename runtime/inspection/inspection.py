@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from runtime.diagnosis.credibility import unreliable
 from runtime.documents.recordings import (
     ClockShiftEntry,
     DeterminedParameter,
@@ -30,7 +29,7 @@ from runtime.documents.recordings import (
     SuspicionEntry,
 )
 from runtime.fit_warnings import Suspicion, doubts, suspicions
-from runtime.identification.compare import series
+from runtime.identification.compare import JointSeries, series
 from runtime.identification.estimate import Estimate
 from runtime.identification.identify import Identification, identify
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
@@ -248,12 +247,20 @@ class Inspection:
         degrees = dict.fromkeys(s.joint for s in found if s.kind == "degrees")
         return [*found, *rates_in_degrees(self.recording, list(degrees))]
 
-    def document(self) -> InspectDocument:
-        """The document of `tendon inspect --json`. The fit is described only if the data look right."""
-        recording, fitted, suspicious = self.recording, self.fitted, self.found
-        believed = None if suspicious else fitted
+    @property
+    def believed(self) -> Identification | None:
+        """The fit, if the data look right."""
+        return None if self.found else self.fitted
+
+    @cached_property
+    def joints(self) -> tuple[JointSeries, ...]:
+        """What that fit leaves at each joint."""
+        return () if self.believed is None else series(self.believed)
+
+    def document(self, unreliable: str) -> InspectDocument:
+        """The document of `tendon inspect --json`; unreliable: why the fit may not be believed."""
+        recording, fitted, believed = self.recording, self.fitted, self.believed
         unnamed = recording is None and "no column" in (self.problem or "")
-        joints = () if believed is None else series(believed)
         return InspectDocument(
             file=str(self.path),
             format=self.contents.format,
@@ -279,11 +286,11 @@ class Inspection:
             delay=[] if fitted is None else fitted.delay_entries(),
             parameters=[] if fitted is None else _parameters(fitted),
             unfitted=self.unfitted,
-            misses=[MissEntry(joint=s.joint, part=s.relative) for s in joints if len(s.t)],
-            unreliable="" if believed is None else unreliable(believed, joints),
+            misses=[MissEntry(joint=s.joint, part=s.relative) for s in self.joints if len(s.t)],
+            unreliable=unreliable,
             inertias=[] if believed is None else _inertias(believed),
-            suspicions=[SuspicionEntry(joint=s.joint, kind=s.kind, found=s.found, cure=s.cure) for s in suspicious],
-            cures=list(dict.fromkeys(option for s in suspicious for option in s.maps)),
+            suspicions=[SuspicionEntry(joint=s.joint, kind=s.kind, found=s.found, cure=s.cure) for s in self.found],
+            cures=list(dict.fromkeys(option for s in self.found for option in s.maps)),
         )
 
 

@@ -24,7 +24,7 @@ from runtime.plain_json import plain
 from runtime.planning.optimize import Plan
 from runtime.planning.results import document as plan_document
 from runtime.recordings.recording import Recording, read
-from runtime.report import fits, loop, models, motions, terminal
+from runtime.report import diagnosed, fits, loop, models, motions, terminal
 from runtime.report.page import page_figures
 from runtime.report.page.page_figures import Drawn
 from runtime.report.page.reports import plan_page, write_report
@@ -166,7 +166,7 @@ class IdentificationResult(_Result):
     @cached_property
     def document(self) -> JudgedFitDocument:
         """As `tendon identify --json`, but for what was written."""
-        return self.judged.document()
+        return diagnosed.judged(self.judged)
 
     def save(self, path: PathOrText) -> None:
         """Write the model file with the identified values. Raises OSError."""

@@ -30,6 +30,7 @@ from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.settings import PlanningSettings
 from runtime.recordings.recording import Recording
+from runtime.report import diagnosed
 from runtime.report.summary import Invocation, ResultSummary, about
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
@@ -48,7 +49,7 @@ def identify(arm: LoadedArm, recordings: Recordings, skew: float | None = None) 
     """
     data = arm.recordings(recordings)
     found = judged(identification.identify(arm.model, data, skew), data)
-    return IdentificationResult(found, arm.with_text(arm.source.edits.set(found.document()).text))
+    return IdentificationResult(found, arm.with_text(arm.source.edits.set(diagnosed.judged(found)).text))
 
 
 def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:

@@ -1,4 +1,4 @@
-"""A diagnosis, an improvement and a draft as the documents that --json prints."""
+"""An inspection, a fit, a diagnosis, an improvement and a draft as the documents that --json prints."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
 
+from runtime.diagnosis import credibility
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import ERROR, LIKELIHOOD
 from runtime.diagnosis.grammar_search import Draft
@@ -26,13 +27,37 @@ from runtime.documents.diagnosis import (
     RankedCandidate,
     TwistEvidence,
 )
+from runtime.documents.fits import JudgedFitDocument
 from runtime.documents.parts import EffectAt, EncoderSkewEntry
+from runtime.documents.recordings import InspectDocument
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import structure_entries
 from runtime.identification.twist import fit_twist
+from runtime.inspection.inspection import Inspection
 from runtime.loop.improve import Improvement, unexplained
 from runtime.model.loader import Model
 from runtime.report import reasons, sensors
+
+
+def inspected(found: Inspection) -> InspectDocument:
+    """As `tendon inspect --json`."""
+    fit, joints = found.believed, found.joints
+    why = None if fit is None else reasons.unreliable(credibility.unreliable(fit, joints), fit, joints)
+    return found.document(unreliable=why or "")
+
+
+def judged(found: credibility.JudgedFit) -> JudgedFitDocument:
+    """As `tendon identify --json`, but for what was written."""
+    above = reasons.above_noise(found.joints) if found.verdict == "fitted" else []
+    return found.identification.document().as_part_of(
+        JudgedFitDocument,
+        verdict=found.verdict,
+        reason=reasons.of_fit(found),
+        joints=[joint.document() for joint in found.joints],
+        recordings=found.recordings.recording_entries(),
+        inconsistent=found.recordings.contradiction_entries(),
+        warnings=[*warnings(found.identification), *above],
+    )
 
 
 def document(diagnosis: Diagnosis) -> DiagnosisBase:

@@ -23,6 +23,7 @@ from runtime.documents.fits import JointEntry
 from runtime.documents.parts import EffectAt, EstimateEntry, given
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
+from runtime.model.terms import unit_of
 from runtime.report.fits import Names, at_named, names_of
 from runtime.report.sections import (
     Bullets,
@@ -420,7 +421,7 @@ def limits_by_joint(seen: Sequence[Limit], model: Model, names: Names, quiet: It
         for limit in (limit for limit in ordered if limit.term.joint == joint):
             info = effects[limit.term.effect]
             meanings = {p.name: p.meaning for p in (*info.parameters, *info.coefficients)}
-            found = Cell(limit.words(model), note=meanings.get(limit.parameter, ""))
+            found = Cell(limit_words(limit, model), note=meanings.get(limit.parameter, ""))
             rows.append((limit.term.effect, found, info.summary))
         columns = (words("effect"), TableColumn("would have been found with", "estimate"), words("what it is"))
         closed = len(places) > 1 and (joint is None or joint in quiet)
@@ -431,6 +432,18 @@ def limits_by_joint(seen: Sequence[Limit], model: Model, names: Names, quiet: It
         )
         made.append(Group(title, (table(columns, rows),), folded=closed))
     return made
+
+
+def limit_words(limit: Limit, model: Model) -> str:
+    """What would have been seen, without the effect's name: `torque more than 0.05 N m, with speed 0.2 rad/s`."""
+    than = "more than" if limit.side == "above" else "less than"
+    others = [
+        f"{name.replace('_', ' ')} {quantity(value, unit_of(model, limit.term, name), 2)}"
+        for name, value in limit.assumed.items()
+    ]
+    amount = told_apart(limit.value, 1.0, 3) if number(limit.value, 3) == "1" else number(limit.value, 3)
+    text = f"{limit.parameter.replace('_', ' ')} {than} {amount}{unit(limit.unit, ' ')}"
+    return text + (f", with {', '.join(others)}" if others else "")
 
 
 # --- what to do next ---

@@ -1,21 +1,120 @@
-"""A diagnosis in sentences: what the gates say, what is left of a residual, and why the verdict is what it is."""
+"""A fit and a diagnosis in sentences: why a fit may not be believed, what the gates say, what is left of a residual,
+and why the verdict is what it is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from runtime.diagnosis import gates
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.credibility import contradict, deviation, poor_excitation, wrong_data
+from runtime.diagnosis.credibility import (
+    Contradiction,
+    JudgedFit,
+    Tables,
+    Unreliable,
+    contradict,
+    deviation,
+    far_above_noise,
+    inseparable,
+    moving_times,
+    poor_excitation,
+)
 from runtime.diagnosis.gates import GateResult
+from runtime.diagnosis.settings import LEAST_MOVING_S
 from runtime.diagnosis.steps import Disturbance, Remainder, RepeatingResidual, Step, lines_above, physics, remainder
 from runtime.diagnosis.verdict import Diagnosis, explained
+from runtime.fit_warnings import Suspicion, improper_inertia
+from runtime.identification.compare import JointSeries
+from runtime.identification.identify import Identification, Unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.wording import numbered, per_turn, told_apart, whole_apart
+from runtime.wording import numbered, per_turn, quantity, told_apart, whole_apart
 
 _TIMES_SAID = 5
 """number of times; so many bursts are listed: a line on a page."""
+
+
+# a fit ---------------------------------------------------------------------------------------------------------------
+
+
+def of_fit(found: JudgedFit) -> str:
+    """Why a fit is refused; of a credible one its errors."""
+    match found.why:
+        case "wrong data":
+            return _wrong_data(found.suspicions)
+        case "contradiction":
+            return _contradictory(found.recordings)
+        case None:
+            joints = (s for s in found.joints if len(s.t))
+            errors = (f"{100 * s.relative:.3g} % of the torque at joint {s.joint}" for s in joints)
+            return f"the fit misses {', '.join(errors)}"
+        case why:
+            return unreliable(why, found.identification, found.joints)
+
+
+def unreliable(why: Unreliable | None, identification: Identification, joints: Sequence[JointSeries]) -> str:
+    """Why a fit to data that do not look wrong may not be believed; empty for None."""
+    match why:
+        case None:
+            return ""
+        case "short motion":
+            longest = max(moving_times(identification.motion))
+            return f"the joints move for {longest:.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
+        case "inseparable":
+            names = ", ".join(inseparable(identification))
+            return f"the motion does not separate {names}; move over more speeds, accelerations and positions"
+        case "worse than zero":
+            at = " and ".join(f"joint {s.joint} {100 * s.relative:.3g} %" for s in joints if s.relative >= 1)
+            return f"the fit is worse than no torque at all (it misses at {at} of it): the model or the data is wrong"
+        case "improper inertia":
+            return "; ".join(improper_inertia(identification))
+
+
+def above_noise(joints: Sequence[JointSeries]) -> list[str]:
+    """Joints whose error is far above the noise."""
+    return [
+        f"joint {s.joint}: the fit misses {100 * s.relative:.3g} % of the torque, {s.rms / s.floor.value:.2g} times "
+        "its noise floor: what the model lacks is in its parameters, too; tendon diagnose looks for it"
+        for s in joints
+        if s.floor.value > 0 and far_above_noise(s)
+    ]
+
+
+def _wrong_data(found: Sequence[Suspicion]) -> str:
+    return f"the data look wrong: {'; '.join(map(str, found))}"
+
+
+def _contradictory(recordings: Tables) -> str:
+    if recordings.inertial:
+        apart, why = recordings.inertial, "another payload, another arm, or a base model that is wrong"
+    else:
+        apart, why = recordings.effects, "temperature, load or wear"
+    values = "; ".join(map(_contradiction, apart))
+    return f"the recordings contradict each other: {values}: {why}; diagnose them one by one"
+
+
+def _contradiction(found: Contradiction) -> str:
+    pairs = zip(found.estimates, found.recordings, strict=True)
+    return f"{found.name} is {' and '.join(f'{quantity(e.value, found.unit, 3)} in {name}' for e, name in pairs)}"
+
+
+def _unsound(found: Unsound) -> str:
+    joint, cure = f"joint {found.joint + 1}:", "record faster motion, or with a finer encoder"
+    match found.check:
+        case "worse than none":
+            worse = f"the fit is worse than no model (error {100 * found.value:.0f} %)"
+            return f"{joint} {worse}: these recordings do not tell its parameters; {cure}"
+        case "mostly noise":
+            part = f"{100 * min(found.value, 1.0):.0f} % of the power of its torque"
+            return f"{joint} {part} would be the encoder's noise, differentiated twice; {cure}"
+        case "worse than plain":
+            return (
+                f"{joint} compensated for the encoder's noise, the fit leaves {found.value:.1f} times what plain least "
+                f"squares leave of the torque: the noise is too much of what the model reads; {cure}"
+            )
+
+
+# the gates -----------------------------------------------------------------------------------------------------------
 
 
 def closed_gates(candidate: Candidate, model: Model) -> list[str]:
@@ -125,23 +224,25 @@ def _reason(diagnosis: Diagnosis) -> str:
     trail, compared = diagnosis.trail, diagnosis.recordings
     first, last = trail.first, trail.last
     differ = _file_contradicted(last)
-    preface, where = compared.preface + differ, "" if diagnosis.joint is None else _called(diagnosis.joint, last)
+    apart = f"{_contradictory(compared)}; " if compared.contradictory else ""
+    preface, where = apart + differ, "" if diagnosis.joint is None else _called(diagnosis.joint, last)
     match diagnosis.why:
         case "wrong data":
-            return wrong_data(trail.suspicions)
+            return _wrong_data(trail.suspicions)
         case "unsound fit":
-            return compared.preface + next(filter(None, (s.identification.unsound for s in trail.steps)), "")
+            return apart + next((_unsound(u) for s in trail.steps if (u := s.identification.unsound)), "")
         case "contradiction":
-            return differ + compared.refusal
+            return differ + _contradictory(compared)
         case "comes nearest":
             return f"{preface}joint {where}: {_comes_nearest(diagnosis)}"
         case "outdone":
-            return f"{compared.preface}joint {where}: {_outdone(diagnosis)}"
+            return f"{apart}joint {where}: {_outdone(diagnosis)}"
         case "found":
             named = [_sentence(f, last) for f in diagnosis.findings]
             return f"{preface}the model lacks {'; '.join(named)}"
         case "excitation":
-            return preface + (poor_excitation(first.identification) or "")
+            why = poor_excitation(first.identification)
+            return preface + unreliable(why, first.identification, first.joints)
         case "nothing explains":
             found = remainder(first, diagnosis.joint or 0)
             rest = "" if found is None else left_over(found)

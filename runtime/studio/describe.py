@@ -18,6 +18,7 @@ from runtime.identification.estimate import Estimate
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
+from runtime.report import diagnosed
 from runtime.report.page import moving, reports
 from runtime.report.sections import Group, Paragraph, texts
 from runtime.report.summary import ResultSummary, relative_floor
@@ -39,7 +40,7 @@ from runtime.wording import MORE_THAN_NOISE, numbered, unit
 
 def recording(index: int, name: str, inspection: Inspection, joints: int) -> RecordingOverview:
     """What was read of a recording, and what puts right what looks wrong with it."""
-    found = inspection.document()
+    found = diagnosed.inspected(inspection)
     cures = [cure(s) for s in inspection.found]
     if inspection.problem is not None and inspection.recording is not None:
         cures.append(Cure(said=inspection.problem, gaps=True))

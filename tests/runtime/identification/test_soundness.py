@@ -61,8 +61,11 @@ def test_a_fit_that_compensation_has_spoilt_is_refused(drive: Model, coarse: Rec
     """In a band of 50 Hz most of the accelerations is noise: neither clean nor an effect."""
     band = replace(prepared(drive, [coarse]).band, cutoffs=np.array([50.0]))
     found = conclude(Trail.begun(drive, prepare([coarse], band, drive), None, ["coarse.csv"]))
-    assert found.verdict == "refused"
-    assert "encoder" in reason(found)
+    assert (found.verdict, found.why) == ("refused", "unsound fit")
+    unsound = found.trail.first.identification.unsound
+    assert (unsound.check, unsound.joint) == ("worse than none", 0)
+    assert unsound.value > 1
+    assert f"joint 1: the fit is worse than no model (error {100 * unsound.value:.0f} %)" in reason(found)
 
 
 @pytest.mark.parametrize("seed", [0, 1])

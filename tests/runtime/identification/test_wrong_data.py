@@ -22,8 +22,8 @@ from runtime.identification.identify import identify
 from runtime.loop.improve import improve
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording, RecordingError, read
-from runtime.report.diagnosed import document as diagnosed
-from runtime.report.reasons import reason
+from runtime.report import diagnosed
+from runtime.report.reasons import of_fit, reason
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from runtime.workspace.source import Source
@@ -83,7 +83,7 @@ def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
     assert cure in str(found[0])
     fitted = judged(kept(identify, drive, [wrong]), [wrong])
     assert fitted.verdict == "refused"
-    assert cure in fitted.reason
+    assert cure in of_fit(fitted)
     assert any(cure in warning for warning in warnings(kept(compare, drive, [wrong]).identification))
     verdict = kept(diagnose, drive, [wrong])
     assert (verdict.verdict, verdict.findings) == ("refused", ())
@@ -304,7 +304,7 @@ def test_a_minus_turns_a_column_round(tmp_path: Path) -> None:
 
 
 def test_a_fit_that_may_be_believed_says_its_error(drive: Model) -> None:
-    document = judged(kept(identify, drive, [analytic(1)]), [analytic(1)]).document().to_json()
+    document = diagnosed.judged(judged(kept(identify, drive, [analytic(1)]), [analytic(1)])).to_json()
     assert document["verdict"] == "fitted"
     joint = document["joints"][0]
     assert joint["relative"] < 0.03
@@ -330,8 +330,8 @@ def test_one_speed_tells_no_parameters(drive: Model) -> None:
     whole = np.zeros(6000, dtype=np.int64)
     steady = Recording(Path("run.csv"), t, whole, q[None], tau[None], ("revolute",), (slice(0, 6000),), (None,))
     found = judged(kept(identify, drive, [steady]), [steady])
-    assert found.verdict == "refused"
-    assert "does not separate" in found.reason
+    assert found.why == "inseparable"
+    assert "does not separate" in of_fit(found)
 
 
 @pytest.mark.parametrize(("friction", "verdict"), [((0.5, 0.5), "fitted"), ((0.5, 0.8), "refused")])
@@ -341,7 +341,7 @@ def test_recordings_that_disagree_in_friction(drive: Model, friction: Sequence[f
     fitted, found = judged(kept(identify, drive, both), both), kept(diagnose, drive, both)
     assert fitted.verdict == verdict
     assert (found.verdict == "refused") == (verdict == "refused")
-    assert [len(diagnosed(found).to_json()["recordings"]), len(fitted.document().to_json()["recordings"])] == [2, 2]
+    assert len(diagnosed.document(found).recordings) == len(diagnosed.judged(fitted).recordings) == 2
     if verdict == "refused":
         assert "coulomb_asymmetric@1" in reason(found)
         assert re.search(r"0\.(50|49)\d* N m in run0.csv and 0\.(80|79)\d* N m in run1.csv", reason(found))

@@ -158,7 +158,7 @@ def test_a_limit_never_reads_as_what_changes_nothing(
 ) -> None:
     """A factor of 1 is no effect: "factor more than 1" would be any."""
     limit = Limit(Term("torque_scale", 1), "factor", side, 1 + near, "1")
-    words = limit.words(drive)
+    words = findings.limit_words(limit, drive)
     assert float(words.split()[-1]) != 1.0
     assert (float(words.split()[-1]) > 1) == (near > 0)
 
