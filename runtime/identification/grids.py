@@ -17,7 +17,7 @@ from runtime.model.loader import EffectInfo, Model
 from runtime.model.terms import Term, Values, joints_of
 from runtime.motion.motion import Motion
 from runtime.motion.settings import LEAST_PERIODS, ROWS_OVER_CUTOFF
-from runtime.motion.spectra import angle_spectrum, lines, wave_beside
+from runtime.motion.spectra import LombScargle, fitted_wave, lines, rayleigh_period
 from symbolic.described import DescribedParameter, ParameterKind
 
 Array = NDArray[np.float64]
@@ -179,7 +179,7 @@ class MotorAngle:
     @property
     def period(self) -> float:
         """Order of one period over the whole motion."""
-        return 2 * np.pi / max(float(np.ptp(self.angle)), 1e-300)
+        return rayleigh_period(self.angle)
 
     @property
     def span(self) -> tuple[float, float]:
@@ -195,7 +195,7 @@ class MotorAngle:
 
     def lines(self, left: Array, base: Array, projection: Array) -> tuple[Array, int]:
         """Orders (L,) of waves over the angle that stand out of a residual, the strongest first, and the number of
-        orders among which they do; left (M,), base (B, M) and projection (B, B) as for `angle_spectrum`.
+        orders among which they do; left (M,), base (B, M) and projection (B, B) as for `LombScargle.of`.
 
         A line that a wave over the time explains better is not the motor's.
         """
@@ -225,14 +225,14 @@ class MotorAngle:
         margin = LEAST_PERIODS / max(float(np.ptp(self.time)), 1e-300)
         slow, fast = (self._speed(part) / (2 * np.pi) for part in (0.02, 0.98))
         swept = min(found) * slow - margin, max(found) * fast + margin
-        over_time = angle_spectrum(2 * np.pi * self.time, left, base, projection=projection, span=swept)
+        over_time = LombScargle.of(2 * np.pi * self.time, base, projection, swept).spectrum(left)
         kept = {}
         for order, gain in found.items():
             frequency, more = over_time.strongest(order * slow - margin, order * fast + margin)
             if more >= gain:
-                beside = left - wave_beside(2 * np.pi * frequency * self.time, left, base, projection)
+                beside = left - fitted_wave(2 * np.pi * frequency * self.time, left, base, projection)
                 about = order - self.period / 2, order + self.period / 2
-                remaining = angle_spectrum(self.angle, beside, base, projection=projection, span=about)
+                remaining = LombScargle.of(self.angle, base, projection, about).spectrum(beside)
             if more < gain or remaining.gain.max(initial=0.0) >= gain / 2:
                 kept[order] = gain
         return kept

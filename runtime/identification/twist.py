@@ -24,7 +24,7 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LOADED
 from runtime.model.terms import Term
-from runtime.motion.spectra import white_inside
+from runtime.motion.spectra import in_band_white_density
 from runtime.regression.bounded import inverse
 from runtime.regression.noise import over_stretches
 from runtime.regression.system import Block, Columns, JointRows, LinearSystem
@@ -202,7 +202,7 @@ def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array
     )
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
     cutoff = motion.cutoff(joint)
-    inside = white_inside(motion.recorded(joint, fit.skew), motion.row_rate(joint), cutoff)
+    inside = in_band_white_density(motion.recorded(joint, fit.skew), motion.row_rate(joint), cutoff)
     return TwistEquation(
         np.array(twists),
         np.array(bases),

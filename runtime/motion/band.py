@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from runtime.documents.parts import BandEntry
 from runtime.motion.clock import grid
-from runtime.motion.filters import differentiator, welch
-from runtime.motion.noise import ENOUGH_FOR_NOISE, MeasuredRate, SampleNoise, measured_rates, resolution
+from runtime.motion.filters import differentiator, moving_mean, welch
+from runtime.motion.noise import ENOUGH_FOR_NOISE, MeasuredRate, SampleNoise, measured_rate, resolution
 from runtime.motion.settings import (
     CLOSE_CUTOFFS,
     CUTOFF_OF_SAMPLING,
@@ -128,7 +128,7 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * min(1 / g.spacing for g in grids))
     cutoffs, reason = _cutoffs(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling)
     mistimed = all(d.mistimed(r.q) for r, d in zip(recordings, noise, strict=True))
-    rates = measured_rates(recordings, grids, cutoffs, position)
+    rates = tuple(measured_rate(i, recordings, grids, float(cutoffs[i]), float(position[i])) for i in range(n))
     band = Band(cutoffs, reason, torque, position_density=position, resolution=step, rates=rates, mistimed=mistimed)
     quiet = np.array([band.rate_noise(i) for i in range(n)], dtype=float)
     if np.isnan(quiet).all():
@@ -340,8 +340,5 @@ def _over_angle(q: Array, tau: Array, dt: float, ratio: float, cutoff: float) ->
     if len(q) <= 2 * width:
         return np.empty(0), np.empty(0), np.empty(0)
     speed = np.abs(q[2 * width :] - q[: -2 * width]) / (2 * width * dt)
-    total = np.concatenate([[0.0], np.cumsum(tau)])
-    size = 2 * width + 1
-    slow = (total[size:] - total[:-size]) / size
     inner = slice(width, -width)
-    return ratio * q[inner], ratio * speed, tau[inner] - slow
+    return ratio * q[inner], ratio * speed, tau[inner] - moving_mean(tau, 2 * width + 1)

@@ -43,6 +43,12 @@ def convolved(x: Array, kernels: Array) -> Array:
     return out
 
 
+def moving_mean(x: Array, width: int) -> Array:
+    """(N − width + 1,) means of every `width` consecutive samples of x (N,)."""
+    total = np.concatenate([[0.0], np.cumsum(x)])
+    return (total[width:] - total[:-width]) / width
+
+
 def welch(x: Array, rate: float, segment: int, average: Literal["mean", "median"] = "mean") -> tuple[Array, Array]:
     """Frequencies (F,) Hz and one-sided density (F,) of x (N,), from Hann windows of `segment` samples that overlap by
     half, each without its mean.
@@ -150,7 +156,7 @@ class Smoother:
 
     def __call__(self, x: Array) -> Array:
         """x (N,) -> (N,)."""
-        return convolved(_continued(x, len(self.kernel) // 2), self.kernel[None])[0]
+        return convolved(_odd_extended(x, len(self.kernel) // 2), self.kernel[None])[0]
 
 
 def smoother(response: Array) -> Smoother:
@@ -208,7 +214,7 @@ class LowPass:
     def narrowed(self, rows: Array, cutoff: float) -> Array:
         """In-band rows (..., M) low-passed to a lower cut-off, Hz; the ends as a `Smoother` continues them."""
         narrow = low_pass(cutoff, self.rate / self.factor, self.library)
-        return replace(narrow, factor=1)(_continued(rows, narrow.half))
+        return replace(narrow, factor=1)(_odd_extended(rows, narrow.half))
 
 
 @lru_cache(maxsize=32)
@@ -224,7 +230,7 @@ def _delayed_taps(cutoff: float, half: int, room: float, beta: float, delay: flo
     return np.ascontiguousarray((kernel - tilt * (kernel @ n) / (tilt @ n))[::-1])
 
 
-def _continued(x: Array, by: int) -> Array:
+def _odd_extended(x: Array, by: int) -> Array:
     """x (..., N) -> (..., by + N + by), by odd reflection."""
     return np.pad(x, [(0, 0)] * (x.ndim - 1) + [(by, by)], "reflect", reflect_type="odd")
 

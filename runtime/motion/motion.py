@@ -13,8 +13,7 @@ from scipy import sparse
 from runtime.model.loader import Model
 from runtime.motion.band import Band, excitation
 from runtime.motion.clock import EvenGrid, Stretch, grid
-from runtime.motion.filters import Differentiator, LowPass, differentiator, low_pass, smoother
-from runtime.motion.noise import MeasuredRate
+from runtime.motion.filters import Differentiator, LowPass, differentiator, low_pass, moving_mean, smoother
 from runtime.motion.piece import Piece, measured_in_all, read_sensors
 from runtime.motion.rests import dry_friction
 from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
@@ -86,26 +85,17 @@ class Motion:
         """All pieces in the narrowest band."""
         return self.views[0].pieces
 
-    @cached_property
-    def _view(self) -> dict[int, BandView]:
-        return {joint: view for view in self.views for joint in view.joints}
-
     def view(self, joint: int) -> BandView:
         """That of a joint's equation (0-based)."""
-        return self._view[joint]
+        return next(view for view in self.views if joint in view.joints)
 
     def pieces_of(self, joint: int) -> tuple[Piece, ...]:
         """All pieces in the band of a joint's equation (0-based)."""
-        return self._view[joint].pieces
+        return self.view(joint).pieces
 
     def has(self, name: str, joint: int) -> bool:
         """Whether a signal of `Sensors` is measured at a joint (0-based), in all recordings."""
         return all(p.sensors.has(name, joint) for p in self.pieces)
-
-    @property
-    def rates(self) -> tuple[MeasuredRate | None, ...]:
-        """How measured rates are used, by joint, and why; None where there are none."""
-        return self.band.rates
 
     @property
     def rigid_given(self) -> bool:
@@ -220,7 +210,7 @@ class Motion:
         return np.concatenate([getattr(p, name)[:, p.centres] for p in self.pieces_of(joint)], axis=1)
 
     def beside(self, joint: int, other: int) -> Rows:
-        """(M',) for every row of another joint's equation the row of this one's that is nearest in time."""
+        """(M',) for every row of another joint's equation, the row of this one's that is nearest in time."""
         if self.view(joint) is self.view(other):
             return np.arange(len(self.row_piece(joint)))
         found, start = [], 0
@@ -317,22 +307,20 @@ def _piece(
     derive, low = filters
     segment, dt, half = stretch.samples, clock.period, derive.half
     q, qd, qdd = derive.rows(stretch.of(recording.q[:, segment]))
-    rate_noise: list[float | None] = [None] * len(q)
+    noise = [(float(density), 2) for density in band.position_density]
+    rate_measured = []
     for i, measured_rate in enumerate([] if recording.qd is None else recording.qd):
-        if np.isfinite(measured_rate).all() and band.rate_noise(i) is not None:
-            rate_noise[i] = band.rate_noise(i)
+        if np.isfinite(measured_rate).all() and (density := band.rate_noise(i)) is not None:
+            noise[i] = density, 1
+            rate_measured.append(i)
             qd[i], qdd[i], _ = derive(stretch.of(measured_rate[segment]))
-    warmth, measured = np.zeros_like(q), np.zeros(len(q), dtype=bool)
+    warmth, measured = np.zeros_like(q), np.array([x is not None for x in recording.temperature])
     for i, temperature in enumerate(recording.temperature):
         if temperature is not None:
-            measured[i] = True
             beginning = np.median(temperature[:200])
             warmth[i] = stretch.of(_smooth_temperature(temperature, dt)[segment])[half:-half] - beginning
     torque = (stretch.held if band.held else stretch.of)(recording.tau[:, segment])
-    excited = tuple(
-        smoother(excitation(row, 1 / dt, density, 2) if noise is None else excitation(row, 1 / dt, noise, 1))
-        for row, density, noise in zip(qdd, band.position_density, rate_noise, strict=True)
-    )
+    excited = tuple(smoother(excitation(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
     run = recording.run[segment.start]
     first = int(np.argmax(recording.run == run))
     return Piece(
@@ -350,7 +338,7 @@ def _piece(
         low_pass=low,
         derive=derive,
         excited=excited,
-        rate_measured=tuple(i for i, noise in enumerate(rate_noise) if noise is not None),
+        rate_measured=tuple(rate_measured),
         sensors=read_sensors(recording, stretch, derive, common),
         places=None if stretch.places is None else stretch.places - half,
         began=_began(recording, first),
@@ -367,9 +355,7 @@ def _began(recording: Recording, first: int) -> float:
 def _smooth_temperature(x: Array, dt: float) -> Array:
     """Moving mean over a second: gears warm slowly, sensors are coarse."""
     width = min(len(x), max(1, round(1 / dt)) | 1)
-    padded = np.pad(x, width // 2, mode="edge")
-    total = np.concatenate([[0.0], np.cumsum(padded)])
-    return (total[width:] - total[:-width]) / width
+    return moving_mean(np.pad(x, width // 2, mode="edge"), width)
 
 
 def _standstill(motion: Motion, recordings: Sequence[Recording]) -> Array:
@@ -381,8 +367,9 @@ def _standstill(motion: Motion, recordings: Sequence[Recording]) -> Array:
         noise[i] = noise[i] if density is None else np.sqrt(density * smoothing[i])
     top = np.array([max(np.abs(p.qd[i]).max() for p in motion.pieces_of(i)) for i in range(n)])
     standstill = np.maximum(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * top)
-    low, high = (extreme([extreme(p.q, axis=1) for p in motion.pieces], axis=0) for extreme in (np.min, np.max))
-    held = high - low < [HELD_RANGE[kind] for kind in recordings[0].types]
+    held = np.ptp(np.concatenate([p.q for p in motion.pieces], axis=1), axis=1) < [
+        HELD_RANGE[kind] for kind in recordings[0].types
+    ]
     # A torque that never changes is no measurement of one: the joint is passive, or has no sensor.
     held |= unpowered(np.concatenate([r.tau for r in recordings], axis=1))
     return np.where(held, np.inf, standstill)

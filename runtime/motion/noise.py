@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from runtime.motion.clock import EvenGrid, Stretch
 from runtime.motion.filters import differentiator, welch
-from runtime.motion.settings import (
-    FOLLOWS_RATE,
-    LOWEST_CUTOFF,
-    WHITE_BAND,
-)
+from runtime.motion.settings import FOLLOWS_RATE, LOWEST_CUTOFF, WHITE_BAND
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -100,9 +96,7 @@ def _follows_rate(x: Array) -> float:
     if count < least:
         return 0.0
     blocks = np.array([part[: count * block].reshape(count, block).mean(axis=1) for part in (noise, rate)])
-    apart = blocks - blocks.mean(axis=1, keepdims=True)
-    size = np.sqrt(np.sum(apart**2, axis=1))
-    return float(apart[0] @ apart[1] / (size[0] * size[1])) if size.all() else 0.0
+    return float(np.corrcoef(blocks)[0, 1]) if np.ptp(blocks, axis=1).all() else 0.0
 
 
 @dataclass(frozen=True)
@@ -121,20 +115,13 @@ class MeasuredRate:
     wrong: bool = False
 
 
-def measured_rates(
-    recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoffs: Array, position_density: Array
-) -> tuple[MeasuredRate | None, ...]:
-    """By joint; None where a recording has no rate or all are too short to compare.
-
-    cutoffs (n,) Hz up to which it is compared; position_density (n,) of the positions' noise, unit²/Hz.
-    """
-    each = enumerate(zip(cutoffs.tolist(), position_density.tolist(), strict=True))
-    return tuple(_measured_rate(i, recordings, grids, cutoff=cutoff, density=density) for i, (cutoff, density) in each)
-
-
-def _measured_rate(
+def measured_rate(
     joint: int, recordings: Sequence[Recording], grids: Sequence[EvenGrid], cutoff: float, density: float
 ) -> MeasuredRate | None:
+    """How a joint's (0-based) measured rate is used; None where a recording has none, or all are too short to compare.
+
+    cutoff: Hz up to which it is compared; density: of the positions' noise, unit²/Hz.
+    """
     measured = [r.qd[joint] for r in recordings if r.qd is not None]
     if len(measured) < len(recordings) or any(np.isnan(qd).any() for qd in measured):
         return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -71,9 +71,6 @@ class Sensors:
         return replace(self, twist=twist, twist_qdd=curvature)
 
 
-NOTHING = Sensors()
-
-
 def measured_in_all(recordings: Sequence[Recording]) -> dict[str, Mask]:
     """Of each signal, (n,) whether all recordings have it, by joint (by component for the force)."""
     found = {}
@@ -93,8 +90,12 @@ def read_sensors(recording: Recording, stretch: Stretch, derive: Differentiator,
         rows = stretch.of(getattr(recording, name)[:, stretch.samples])[:, derive.half : -derive.half]
         return np.where(common[name][:, None], rows, absent)
 
-    rigid = raw("tau_rigid") if common["tau_rigid"].all() else None
-    found = Sensors(None, None, raw("tau_link"), tau_rigid=rigid, force=raw("force", 0.0), q_desired=raw("q_desired"))
+    found = Sensors(
+        tau_link=raw("tau_link"),
+        tau_rigid=raw("tau_rigid") if common["tau_rigid"].all() else None,
+        force=raw("force", absent=0.0),
+        q_desired=raw("q_desired"),
+    )
     linked = common["q_link"]
     if recording.q_link is None or not linked.any():
         return found
@@ -136,7 +137,7 @@ class Piece:
     derive: Differentiator
     excited: tuple[Smoother, ...]
     rate_measured: tuple[int, ...] = ()
-    sensors: Sensors = NOTHING
+    sensors: Sensors = field(default_factory=Sensors)
     places: Array | None = None
     began: float = 0.0
     without: tuple[UnknownTorque, ...] = ()
@@ -248,10 +249,8 @@ class Piece:
 
         Rows are closer than their noise needs, so that an eliminated combination held more of it than one of a row.
         """
-        if not self.without:
-            return np.ones(len(self.centres))
         denser = 1 / (2 * self.low_pass.cutoff * self.dt * self.low_pass.factor)
-        return np.maximum(1 - denser * (1 - self.without[joint].left), 0.0)
+        return np.maximum(1 - denser * (1 - self.unknown(joint).left), 0.0)
 
     def resting(self, standstill: Array, quiet: Array, joints: Collection[int]) -> Piece:
         """With the torques of some joints (0-based) unknown at rates below `standstill` (n,); quiet (n,): torque noise
@@ -267,6 +266,6 @@ class Piece:
 
     def unknown_at(self, samples: Mask, quiet: Array) -> Piece:
         """With the joints' torques unknown at more samples (n, N)."""
-        there = samples | np.array([each.samples for each in self.without]) if self.without else samples
+        there = samples | np.array([self.unknown(i).samples for i in range(len(samples))])
         found = (UnknownTorque.of(self.low_pass, x, level) for x, level in zip(there, quiet, strict=True))
         return replace(self, without=tuple(found))

@@ -14,12 +14,7 @@ from numpy.typing import NDArray
 from runtime.motion.filters import convolved
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
-from runtime.motion.settings import (
-    REPEAT_ALIKE,
-    REPEAT_ALIKE_RATE,
-    REPEAT_WINDOW_S,
-    REPEATABLE_SHARE,
-)
+from runtime.motion.settings import REPEAT_ALIKE, REPEAT_ALIKE_RATE, REPEAT_WINDOW_S, REPEATABLE_SHARE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -198,15 +198,11 @@ def _runs(there: Mask) -> Iterator[slice]:
 
 def _side_by_side(bases: list[tuple[slice, Array]], rows: int) -> sparse.csr_array:
     """(rows, K) columns of bases (m, k), each in its own rows."""
-    at, number, values, count = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)], 0
-    for reached, basis in bases:
-        size, width = basis.shape
-        at.append(np.repeat(np.arange(reached.start, reached.stop), width))
-        number.append(np.tile(np.arange(count, count + width), size))
-        values.append(basis.ravel())
-        count += width
-    place = np.concatenate(at), np.concatenate(number)
-    return sparse.csr_array((np.concatenate(values), place), shape=(rows, count))
+    columns = [(reached, column) for reached, basis in bases for column in basis.T]
+    values = np.concatenate([np.zeros(0), *(column for _, column in columns)])
+    places = np.concatenate([np.zeros(0, int), *(np.arange(reached.start, reached.stop) for reached, _ in columns)])
+    ends = np.cumsum([0, *(len(column) for _, column in columns)])
+    return sparse.csc_array((values, places, ends), shape=(rows, len(columns))).tocsr()
 
 
 def _basis(response: Array, least: float) -> Array:

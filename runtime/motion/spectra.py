@@ -2,8 +2,7 @@
 
 A line over the motor's angle (cogging, commutation, wave generator) sweeps through frequencies as the speed varies, so
 that no spectrum over time shows it. Over the angle samples lie unevenly: the periodogram is that of least squares (Lomb
-1976, Scargle 1982), a cosine and a sine of every order beside the columns of the model. Samples are spread onto an even
-grid of the angle by B-splines (non-uniform FFT, Dutt & Rokhlin 1993, Beylkin 1995): all orders cost one FFT.
+1976, Scargle 1982), computed by a non-uniform FFT (Dutt & Rokhlin 1993, Beylkin 1995).
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SpectralLine:
-    """A frequency, Hz, and its share of the power."""
+    """A line over time: its frequency, Hz, and its share of the power."""
 
     frequency: float
     share: float
@@ -45,9 +44,8 @@ class SpectralLine:
 def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
     """The strongest line of a signal (M,), zero where no row counts, sampled at `rate`, Hz; None if chance explains it.
 
-    Each frequency is compared with those around it, as noise is coloured: the logarithm of its spectrum follows a
-    cubic. Of noise one signal in a thousand passes. A Hann window spreads a line, and the trend, over three bins, and
-    makes about two frequencies one: 1 + 2 (2/3)² + 2 (1/6)² times their power.
+    Noise is coloured: the logarithm of its spectrum follows a cubic, and one signal in a thousand passes. A Hann window
+    spreads a line, and the trend, over three bins, and makes about two frequencies one: 1 + 2 (2/3)² + 2 (1/6)².
     Source: Fisher 1929, Tests of significance in harmonic analysis, Proceedings of the Royal Society A 125.
     """
     width, blurred, degree, once_in_a_thousand = 3, 2, 3, 6.9
@@ -77,11 +75,10 @@ def density(residual: Array, rate: float) -> tuple[Array, Array]:
 
 def peaks(residual: Array, rate: float, cutoff: float) -> list[float]:
     """Frequencies, Hz, of the three highest peaks of a residual's density (M,) below `cutoff`, Hz, above chance, the
-    strongest first. They may hold far less power than a line.
+    strongest first.
 
     A bin is compared with the median of those 4 to 16 bins away on either side: nearer, the Hann window spreads it,
-    and further a slope of the noise would count. Spectra of Hann windows that overlap by half have 1.8 times the
-    freedom of those side by side.
+    and further a slope of the noise would count. Windows that overlap by half have 1.8 times the freedom of others.
     Source: the spread of an average of spectra, Welch 1967; quantiles of chi-square, Wilson & Hilferty 1931.
     """
     near, far = 4, 16
@@ -115,7 +112,7 @@ def slow_over_white(residual: Array, use: NDArray[np.bool_], rate: float, cutoff
     return float(slow.mean() / np.median(white))
 
 
-def white_inside(x: Array, rate: float, cutoff: float) -> float:
+def in_band_white_density(x: Array, rate: float, cutoff: float) -> float:
     """One-sided density of the white noise in x (M,), from the upper part of the band; infinite where x is too
     short."""
     _, white = _slow_and_white(x, rate, cutoff)
@@ -174,7 +171,7 @@ class AngleSpectrum:
         found = np.flatnonzero((self.gain == near) & (self.gain > 0) & inside)
         return self.order[found[np.argsort(-self.gain[found])]][:3]
 
-    def between(self, peak: float) -> float:
+    def refined(self, peak: float) -> float:
         """The order of a peak, interpolated by a parabola through three orders."""
         k = int(np.argmin(np.abs(self.order - peak)))
         if not 0 < k < len(self.order) - 1:
@@ -184,14 +181,14 @@ class AngleSpectrum:
         step = self.order[k] - self.order[k - 1]
         return float(peak + step * (before - after) / (2 * bend)) if bend < 0 else float(peak)
 
-    def level(self, order: float) -> float:
+    def chance_level(self, order: float) -> float:
         """Mean gain of chance about an order, from a median, which lines do not move: chance has an exponential
         distribution."""
-        near = np.abs(self.order - order) <= surroundings(order, self.period)
+        near = np.abs(self.order - order) <= neighbourhood(order, self.period)
         return float(np.median(self.gain[near])) / float(np.log(2))
 
 
-def surroundings(order: float, period: float) -> float:
+def neighbourhood(order: float, period: float) -> float:
     """Half width of the orders about one whose gains are compared, 8 to 40 periods (`AngleSpectrum.period`): noise is
     even over them, but broad structure over the angle falls with the order."""
     near, wide = 2 * LEAST_PERIODS, 10 * LEAST_PERIODS
@@ -201,33 +198,33 @@ def surroundings(order: float, period: float) -> float:
 def lines(
     angle: Array, left: Array, base: Array, projection: Array, span: tuple[float, float], among: int
 ) -> dict[float, float]:
-    """Orders of waves over the angle that stand out of a residual, and their gains; as for `angle_spectrum`.
+    """Orders of waves over the angle that stand out of a residual, and their gains; as for `LombScargle.of`.
 
     among   number of orders that are looked at in all: a line exceeds the largest of so many chances
-    The level of chance is measured without the line: where little of the motion shows it, it is broad and hides its
-    surroundings. A line needs LEAST_PERIODS of its periods, in any pieces.
+    The level of chance is measured without the line, which may be broad. A line needs LEAST_PERIODS of its periods, in
+    any pieces.
     """
     found: dict[float, float] = {}
-    period = period_of(angle)
-    low, high = (end + side * surroundings(end, period) for end, side in zip(span, (-1, 1), strict=True))
-    waves = Waves.of(angle, base, projection, (low, high))
+    period = rayleigh_period(angle)
+    low, high = (end + side * neighbourhood(end, period) for end, side in zip(span, (-1, 1), strict=True))
+    periodogram = LombScargle.of(angle, base, projection, (low, high))
     least = float(np.log(among)) + LINE_ABOVE_CHANCE
-    spectrum = waves.spectrum(left)
+    spectrum = periodogram.spectrum(left)
     for order in spectrum.peaks(span):
         half_periods = np.floor(order * angle / np.pi).astype(np.intp)
         if np.count_nonzero(np.bincount(half_periods - half_periods.min())) < 2 * LEAST_PERIODS:
             continue
-        beside = left - wave_beside(order * angle, left, base, projection)
-        reach = surroundings(order, period)
-        rest = waves.about(order - reach, order + reach).spectrum(beside)
-        if spectrum.at(order) > least * rest.level(order):
-            found[spectrum.between(order)] = spectrum.at(order)
+        beside = left - fitted_wave(order * angle, left, base, projection)
+        reach = neighbourhood(order, period)
+        rest = periodogram.about(order - reach, order + reach).spectrum(beside)
+        if spectrum.at(order) > least * rest.chance_level(order):
+            found[spectrum.refined(order)] = spectrum.at(order)
     return found
 
 
-def wave_beside(phase: Array, left: Array, base: Array, projection: Array) -> Array:
+def fitted_wave(phase: Array, left: Array, base: Array, projection: Array) -> Array:
     """(M,) part of a residual that a wave explains, with the model's columns fitted again beside it; phase (M,) rad,
-    the rest as for `angle_spectrum`."""
+    the rest as for `LombScargle.of`."""
     wave = np.array([np.cos(phase), np.sin(phase)])
     cross = wave @ base.T
     own = wave @ wave.T - cross @ projection @ cross.T
@@ -236,21 +233,14 @@ def wave_beside(phase: Array, left: Array, base: Array, projection: Array) -> Ar
     return taken
 
 
-def period_of(angle: Array) -> float:
+def rayleigh_period(angle: Array) -> float:
     """Order of one period over the whole range of an angle (M,), rad."""
     return 2 * np.pi / max(float(np.ptp(angle)) if len(angle) else 0.0, 1e-300)
 
 
-def angle_spectrum(
-    angle: Array, left: Array, base: Array, projection: Array, span: tuple[float, float]
-) -> AngleSpectrum:
-    """Spectrum over an angle of a residual left (M,) beside a model; the rest as for `Waves.of`."""
-    return Waves.of(angle, base, projection, span).spectrum(left)
-
-
 @dataclass(frozen=True)
-class Waves:
-    """Waves over an angle beside the columns of a model, for any number of residuals.
+class LombScargle:
+    """Least-squares periodogram over an angle, beside the columns of a model, for any number of residuals.
 
     grid    None where the angle's range is too short for a wave
     index   (K,) of their orders among the grid's
@@ -258,14 +248,14 @@ class Waves:
     count   number of samples
     """
 
-    grid: _Grid | None
+    grid: _NonuniformFFT | None
     index: NDArray[np.intp]
     own: Array
     period: float
     count: int
 
     @classmethod
-    def of(cls, angle: Array, base: Array, projection: Array, span: tuple[float, float]) -> Waves:
+    def of(cls, angle: Array, base: Array, projection: Array, span: tuple[float, float]) -> LombScargle:
         """angle (M,) rad; base (B, M) the model's columns and projection (B, B) the inverse of their Gram matrix, over
         these samples and others where no wave is looked for; span: lowest and highest order, periods per 2 pi.
 
@@ -273,11 +263,11 @@ class Waves:
         (1.4 / (2 pi - 1.4))^4. A range of more than 250,000 grid steps holds lower orders only.
         """
         fine, most = 1.4, 250_000
-        extent, period = float(np.ptp(angle)) if len(angle) else 0.0, period_of(angle)
+        extent, period = float(np.ptp(angle)) if len(angle) else 0.0, rayleigh_period(angle)
         low, high = max(span[0], LEAST_PERIODS * period), min(span[1], most * fine / max(extent, 1e-300))
         if not low < high or not len(angle):
             return cls(None, np.empty(0, dtype=np.intp), np.empty((3, 0)), 1.0, 0)
-        grid = _Grid.of(angle, fine / high)
+        grid = _NonuniformFFT.of(angle, fine / high)
         index = np.arange(int(np.ceil(low / grid.step)), int(high / grid.step) + 1)
         count = len(angle)
         # cos² = (1 + cos 2x) / 2: sums of squares are those of a wave of twice the order.
@@ -291,7 +281,7 @@ class Waves:
             own -= [cross.real**2, -cross.real * cross.imag, cross.imag**2]
         return cls(grid, index, own, period, count)
 
-    def about(self, low: float, high: float) -> Waves:
+    def about(self, low: float, high: float) -> LombScargle:
         """Those between two orders."""
         if self.grid is None:
             return self
@@ -314,7 +304,7 @@ class Waves:
 
 
 @dataclass(frozen=True)
-class _Grid:
+class _NonuniformFFT:
     """An even grid of the angle: place (M,) of the samples in its steps of `spacing`, rad; an FFT over it has `size`
     places, four for each that the samples span: a line between two orders loses a twentieth of its power."""
 
@@ -323,7 +313,7 @@ class _Grid:
     size: int
 
     @classmethod
-    def of(cls, angle: Array, spacing: float) -> _Grid:
+    def of(cls, angle: Array, spacing: float) -> _NonuniformFFT:
         place = (angle - angle.min()) / spacing
         return cls(place, spacing, next_fast_len(4 * (int(place.max()) + 4), real=True))
 
@@ -332,9 +322,9 @@ class _Grid:
         """From one order to the next."""
         return 2 * np.pi / (self.size * self.spacing)
 
-    def doubled(self) -> _Grid:
+    def doubled(self) -> _NonuniformFFT:
         """A grid for twice the orders, of half the spacing; its FFT has as many places, most of them empty."""
-        return _Grid(2 * self.place, self.spacing / 2, self.size)
+        return _NonuniformFFT(2 * self.place, self.spacing / 2, self.size)
 
     @cached_property
     def _shares(self) -> csc_array:

@@ -14,7 +14,7 @@ from runtime.diagnosis.steps import Step, lines_above
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import identify, prepared
 from runtime.loop.improve import improve
-from runtime.motion.spectra import angle_spectrum, lines
+from runtime.motion.spectra import LombScargle, lines
 from runtime.report.diagnosed import document as diagnosed
 from runtime.report.reasons import reason
 from runtime.wording import per_turn
@@ -57,7 +57,7 @@ def test_a_spectrum_over_an_uneven_angle_is_that_of_least_squares() -> None:
     torque = 0.3 * np.cos(7.3 * angle + 1) + rng.normal(0, 0.2, len(t))
     projection = np.linalg.inv(base @ base.T)
     left = torque - (torque @ base.T) @ projection @ base
-    spectrum = angle_spectrum(angle, left, base, projection, (0.0, 40.0))
+    spectrum = LombScargle.of(angle, base, projection, (0.0, 40.0)).spectrum(left)
     for k in range(0, len(spectrum.order), 97):
         phase = spectrum.order[k] * angle
         rows = np.vstack([base, np.cos(phase), np.sin(phase)])

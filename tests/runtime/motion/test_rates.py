@@ -52,8 +52,8 @@ def test_a_quiet_rate_is_used_and_widens_the_band(drive: Model, noisy: tuple[Rec
     found = fitted(drive, noisy, step * np.round(rate / step) if step else rate)
     plain = kept(identify, drive, [noisy[0]])
     used, without = found.inference.lumps[0], plain.inference.lumps[0]
-    assert found.motion.rates[0] is not None
-    assert found.motion.rates[0].used
+    assert found.motion.band.rates[0] is not None
+    assert found.motion.band.rates[0].used
     assert found.motion.band.cutoff > 1.3 * plain.motion.band.cutoff
     assert used.value == pytest.approx(0.2365, rel=2e-3)
     assert used.interval is not None
@@ -85,7 +85,7 @@ def test_any_other_is_left_alone(
 ) -> None:
     found = fitted(drive, noisy, measured(noisy[0].q[0], noisy[1]))
     plain = kept(identify, drive, [noisy[0]])
-    rate = found.motion.rates[0]
+    rate = found.motion.band.rates[0]
     assert rate is not None
     assert not rate.used
     assert says in rate.why
@@ -96,4 +96,4 @@ def test_any_other_is_left_alone(
 def test_a_rate_that_is_not_in_all_recordings_is_not_used(drive: Model, noisy: tuple[Recording, Array]) -> None:
     with_rate = replace(noisy[0], qd=noisy[1][None])
     without = replace(noisy[0], tau=noisy[0].tau + 1e-6)
-    assert kept(identify, drive, [with_rate, without]).motion.rates == (None,)
+    assert kept(identify, drive, [with_rate, without]).motion.band.rates == (None,)
