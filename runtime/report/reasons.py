@@ -5,20 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from runtime.diagnosis import gates
+from runtime.diagnosis import credibility, gates
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.credibility import (
-    Contradiction,
-    JudgedFit,
-    Tables,
-    Unreliable,
-    contradict,
-    deviation,
-    far_above_noise,
-    inseparable,
-    moving_times,
-    poor_excitation,
-)
 from runtime.diagnosis.gates import GateResult
 from runtime.diagnosis.settings import LEAST_MOVING_S
 from runtime.diagnosis.steps import Disturbance, Remainder, RepeatingResidual, Step, lines_above, physics, remainder
@@ -37,7 +25,7 @@ _TIMES_SAID = 5
 # a fit ---------------------------------------------------------------------------------------------------------------
 
 
-def of_fit(found: JudgedFit) -> str:
+def of_fit(found: credibility.JudgedFit) -> str:
     """Why a fit is refused; of a credible one its errors."""
     match found.why:
         case "wrong data":
@@ -52,16 +40,18 @@ def of_fit(found: JudgedFit) -> str:
             return unreliable(why, found.identification, found.joints)
 
 
-def unreliable(why: Unreliable | None, identification: Identification, joints: Sequence[JointSeries]) -> str:
+def unreliable(
+    why: credibility.Unreliable | None, identification: Identification, joints: Sequence[JointSeries]
+) -> str:
     """Why a fit to data that do not look wrong may not be believed; empty for None."""
     match why:
         case None:
             return ""
         case "short motion":
-            longest = max(moving_times(identification.motion))
+            longest = max(credibility.moving_times(identification.motion))
             return f"the joints move for {longest:.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
         case "inseparable":
-            names = ", ".join(inseparable(identification))
+            names = ", ".join(credibility.inseparable(identification))
             return f"the motion does not separate {names}; move over more speeds, accelerations and positions"
         case "worse than zero":
             at = " and ".join(f"joint {s.joint} {100 * s.relative:.3g} %" for s in joints if s.relative >= 1)
@@ -76,7 +66,7 @@ def above_noise(joints: Sequence[JointSeries]) -> list[str]:
         f"joint {s.joint}: the fit misses {100 * s.relative:.3g} % of the torque, {s.rms / s.floor.value:.2g} times "
         "its noise floor: what the model lacks is in its parameters, too; tendon diagnose looks for it"
         for s in joints
-        if s.floor.value > 0 and far_above_noise(s)
+        if s.floor.value > 0 and credibility.far_above_noise(s)
     ]
 
 
@@ -84,7 +74,7 @@ def _wrong_data(found: Sequence[Suspicion]) -> str:
     return f"the data look wrong: {'; '.join(map(str, found))}"
 
 
-def _contradictory(recordings: Tables) -> str:
+def _contradictory(recordings: credibility.Tables) -> str:
     if recordings.inertial:
         apart, why = recordings.inertial, "another payload, another arm, or a base model that is wrong"
     else:
@@ -93,7 +83,7 @@ def _contradictory(recordings: Tables) -> str:
     return f"the recordings contradict each other: {values}: {why}; diagnose them one by one"
 
 
-def _contradiction(found: Contradiction) -> str:
+def _contradiction(found: credibility.Contradiction) -> str:
     pairs = zip(found.estimates, found.recordings, strict=True)
     return f"{found.name} is {' and '.join(f'{quantity(e.value, found.unit, 3)} in {name}' for e, name in pairs)}"
 
@@ -241,7 +231,7 @@ def _reason(diagnosis: Diagnosis) -> str:
             named = [_sentence(f, last) for f in diagnosis.findings]
             return f"{preface}the model lacks {'; '.join(named)}"
         case "excitation":
-            why = poor_excitation(first.identification)
+            why = credibility.poor_excitation(first.identification)
             return preface + unreliable(why, first.identification, first.joints)
         case "nothing explains":
             found = remainder(first, diagnosis.joint or 0)
@@ -318,7 +308,7 @@ def _file_contradicted(last: Step) -> str:
     wrong = []
     found = last.identification
     for lump, e in zip(found.model.lumps, found.inference.lumps, strict=True):
-        if lump.value is not None and contradict(lump.value, e.value, deviation(e)):
+        if lump.value is not None and credibility.contradict(lump.value, e.value, credibility.deviation(e)):
             wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
     return f"check the model file first: {'; '.join(wrong)}; " if wrong else ""
 

@@ -39,7 +39,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion import spectra
 from runtime.recordings.recording import Recording
-from runtime.report import diagnosed, findings, loop, reasons, terminal
+from runtime.report import diagnosed, findings, loop, terminal
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
@@ -557,7 +557,7 @@ def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
 
 
 def test_refused_says_what_to_record(unexplained, monkeypatch):
-    monkeypatch.setattr(reasons, "poor_excitation", lambda _: "short motion")
+    monkeypatch.setattr(credibility, "poor_excitation", lambda _: "short motion")
     text = Reader(worded(replace(unexplained, verdict="refused", why="excitation"))).text
     assert re.search(r"The joints move for [0-9.]+ s only; record at least", text)
     assert "What to record" in text
