@@ -28,7 +28,7 @@ ELSEWHERE = {
     "experiments/options.py": "likewise",
     "motion/clock.py: EVEN_GRID": "what counts as one place on a grid",
     "motion/clock.py: _even": "what counts as one clock",
-    "motion/clock.py: _smoother": "chance, among a thousand samples",
+    "motion/clock.py: _counted": "chance, among a thousand samples",
     "motion/filters.py: kaiser_window": "Kaiser's formulas of 1974",
     "motion/filters.py: differentiator": "the limits of a filter's design, by construction",
     "motion/filters.py: low_pass": "likewise",

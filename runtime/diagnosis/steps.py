@@ -388,7 +388,7 @@ def outside(step: Step, joint: int) -> Disturbance | None:
     white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0
     expected = white * left / (np.mean(left[use]) if use.any() else 1.0) + _smooth(read**2, rate)
     worst, rows = spectra.bursts(residual, use, expected, rate)
-    if motion.band.mistimed:
+    if motion.band.jittered:
         # Noise is then loud where the motion is fast, and where the clocks that stamped it are apart.
         worst = 1.0
     slow = spectra.slow_over_white(residual, use, rate, motion.cutoff(joint))

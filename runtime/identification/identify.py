@@ -21,7 +21,7 @@ from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
-from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised, rigid_inertia
+from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised_to_lines, rigid_inertia
 from runtime.motion.clock import grid
 from runtime.motion.motion import Motion, prepare
 from runtime.motion.rests import at_rest
@@ -111,7 +111,7 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
     periods to either side. That error is correlated with the rate measured a period before, and biases friction and
     inertia.
     """
-    if motion.rigid_given or not any(grid(r).wavers for r in recordings):
+    if motion.rigid_given or not any(grid(r).is_uneven for r in recordings):
         return motion
     held = prepare(recordings, replace(motion.band, held=True), model)
     signal, command = (solve(model, m, structure(model), None)[1] for m in (motion, held))
@@ -137,7 +137,7 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     given = rigid_inertia(recordings)
     inertia = _inertia(model, recordings) if given is None else np.diag(given)
     ratios = [joint.gear_ratio for joint in model.joints]
-    band = raised(recordings, choose_band(recordings, inertia), inertia, ratios)
+    band = raised_to_lines(recordings, choose_band(recordings, inertia), inertia, ratios)
     first = motion = prepare(recordings, band, model)
     for _ in range(6):  # to an eighth
         if motion.rigid_given or _compensated(model, motion) <= MOST_COMPENSATED:

@@ -99,7 +99,7 @@ class Signals(SignalContext):
         return self._slopes[function, by, own]
 
     def _shifted(self, function: str, by: str, own: int, step: float) -> Array:
-        moved = {"q": self.piece.q, "qd": self.piece.qd, "qdd": self.piece.slow}
+        moved = {"q": self.piece.q, "qd": self.piece.qd, "qdd": self.piece.qdd_denoised}
         moved[by] = moved[by] + step * (np.arange(self.model.n) == own)[:, None]
         inputs = self.model.metadata["functions"][function]["inputs"]
         return self.model.call(function, {name: moved[name] for name, _ in inputs}, self._known.lumps)
@@ -151,11 +151,11 @@ class Signals(SignalContext):
         p = self.piece
         if p.sensors.tau_rigid is not None:
             rotors = np.array([[joint.rotor_inertia or 0.0] for joint in self.model.joints])
-            whole = np.array([smooth(row) for smooth, row in zip(p.excited, p.sensors.tau_rigid, strict=True)])
-            return whole - rotors * p.slow
-        loads = self.model.call(LINK_LOAD, {"q": p.q, "qd": p.qd, "qdd": p.slow}, self._known.lumps)
+            whole = np.array([smooth(row) for smooth, row in zip(p.wiener, p.sensors.tau_rigid, strict=True)])
+            return whole - rotors * p.qdd_denoised
+        loads = self.model.call(LINK_LOAD, {"q": p.q, "qd": p.qd, "qdd": p.qdd_denoised}, self._known.lumps)
         for joint, change in self._moved_to_link.items():
-            loads[joint] += change * p.slow[joint]
+            loads[joint] += change * p.qdd_denoised[joint]
         return loads if self.measured is None else loads + self.measured
 
     def assumed_rotor(self, joint: int) -> float:

@@ -373,8 +373,8 @@ def _mixed(motion: Motion, mix: Array) -> Motion:
         return motion
 
     def change(p: Piece) -> Piece:
-        q, qd, qdd, slow = (mix @ x for x in (p.q, p.qd, p.qdd, p.slow))
-        return replace(p, q=q, qd=qd, qdd=qdd, slow=slow)
+        q, qd, qdd, own = (mix @ x for x in (p.q, p.qd, p.qdd, p.qdd_denoised))
+        return replace(p, q=q, qd=qd, qdd=qdd, qdd_denoised=own)
 
     held = np.isinf(motion.standstill)
     standstill = np.where(held, np.inf, mix @ np.where(held, 0.0, motion.standstill))

@@ -63,7 +63,7 @@ class Band:
     rates             how measured rates are used, by joint; None where there are none
     above             lines of the torque over the motor's angle above a joint's band
     held              torques at uneven instants are commands, each held until the next
-    mistimed          the instants at which positions were read are uncertain, in every recording
+    jittered          the instants at which positions were read are uncertain, in every recording
     """
 
     cutoffs: Array
@@ -74,7 +74,7 @@ class Band:
     rates: tuple[MeasuredRate | None, ...] = ()
     above: tuple[LineAbove, ...] = ()
     held: bool = False
-    mistimed: bool = False
+    jittered: bool = False
 
     @property
     def cutoff(self) -> float:
@@ -99,7 +99,7 @@ class Band:
         return np.sqrt(self.torque_density * self.cutoffs)
 
 
-def excitation(qdd: Array, rate: float, density: float, derivative: int) -> Array:
+def wiener_filter(qdd: Array, rate: float, density: float, derivative: int) -> Array:
     """Wiener filter (F,), at even frequencies from 0 to half the sampling rate, of accelerations qdd (N,): the part of
     the power that is motion.
 
@@ -127,9 +127,9 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
         position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * min(1 / g.spacing for g in grids))
     cutoffs, reason = _cutoffs(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling)
-    mistimed = all(d.mistimed(r.q) for r, d in zip(recordings, noise, strict=True))
+    jittered = all(d.jittered(r.q) for r, d in zip(recordings, noise, strict=True))
     rates = tuple(measured_rate(i, recordings, grids, float(cutoffs[i]), float(position[i])) for i in range(n))
-    band = Band(cutoffs, reason, torque, position_density=position, resolution=step, rates=rates, mistimed=mistimed)
+    band = Band(cutoffs, reason, torque, position_density=position, resolution=step, rates=rates, jittered=jittered)
     quiet = np.array([band.rate_noise(i) for i in range(n)], dtype=float)
     if np.isnan(quiet).all():
         return band
@@ -281,7 +281,7 @@ def apparent_inertia(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) ->
 # --- lines of the torque above the band ---
 
 
-def raised(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: Sequence[float]) -> Band:
+def raised_to_lines(recordings: Sequence[Recording], band: Band, inertia: Array, ratios: Sequence[float]) -> Band:
     """Every joint's band up to the highest line above it that the encoders' noise permits; others stay in `above`.
 
     inertia (n, n) as for `choose_band`; ratios (n,): gear ratios. As an inertial torque in the raised band, the
@@ -315,7 +315,7 @@ def _lines_of_joint(recordings: Sequence[Recording], band: Band, joint: int, rat
     """Lines of the measured torque above the band; below it lies what the model explains."""
     cutoff = float(band.cutoffs[joint])
     stretches = [(r, slice(s.start, min(s.stop, s.start + ENOUGH_FOR_NOISE))) for r in recordings for s in r.segments]
-    parts = [_over_angle(r.q[joint, s], r.tau[joint, s], r.dt, ratio=ratio, cutoff=cutoff) for r, s in stretches]
+    parts = [_above_cutoff(r.q[joint, s], r.tau[joint, s], r.dt, ratio=ratio, cutoff=cutoff) for r, s in stretches]
     angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
     use = speed > SLOW_MOTION * speed.max(initial=0.0)
     angle, speed, torque = angle[use], speed[use], torque[use]
@@ -334,7 +334,7 @@ def _lines_of_joint(recordings: Sequence[Recording], band: Band, joint: int, rat
     ]
 
 
-def _over_angle(q: Array, tau: Array, dt: float, ratio: float, cutoff: float) -> tuple[Array, Array, Array]:
+def _above_cutoff(q: Array, tau: Array, dt: float, ratio: float, cutoff: float) -> tuple[Array, Array, Array]:
     """The motor's angle and speed, and the torque without its part below the cut-off, each (N,)."""
     width = max(1, round(1 / (cutoff * dt)))
     if len(q) <= 2 * width:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ class EvenGrid:
     stretches: tuple[Stretch, ...]
 
     @property
-    def wavers(self) -> bool:
+    def is_uneven(self) -> bool:
         """Whether samples lie between the places."""
         return any(s.places is not None and bool(np.any(s.places % 1)) for s in self.stretches)
 
@@ -169,9 +169,10 @@ def _counts(t: Array, period: float) -> Counts:
 def _counted(recording: Recording, period: float, counts: Sequence[Counts]) -> bool:
     """Whether an even clock explains the stamps: positions are clearly smoother over the count, or they leave it open
     and the stamps are roundings of it."""
-    smoother = _smoother(recording, period, counts)
-    if smoother != "neither":
-        return smoother == "count"
+    ratio = _roughness_ratio(recording, period, counts)
+    # Chance reaches a ratio of 1.5 with a thousand samples once in a million.
+    if abs(ratio) >= np.log(1.5):
+        return ratio < 0
     for s, n in zip(recording.segments, counts, strict=True):
         off = recording.t[s] - recording.t[s.start] - period * n
         slow = median_filter(off, 33, mode="nearest")
@@ -191,8 +192,9 @@ def _digit(t: Array) -> float:
     return 0.0
 
 
-def _smoother(recording: Recording, period: float, counts: Sequence[Counts]) -> Literal["count", "stamps", "neither"]:
-    """Over which instants the positions are clearly smoother, at the joint where the ratio is largest."""
+def _roughness_ratio(recording: Recording, period: float, counts: Sequence[Counts]) -> float:
+    """Natural logarithm of the positions' roughness over the count to that over the stamps, at the joint where the two
+    differ most."""
     longest, enough = int(np.argmax([len(n) for n in counts])), 50_000
     samples = recording.segments[longest]
     t, n = recording.t[samples][:enough] / period, counts[longest][:enough].astype(float)
@@ -201,11 +203,7 @@ def _smoother(recording: Recording, period: float, counts: Sequence[Counts]) -> 
         if np.ptp(q) > 0:
             counted, stamped = (float(np.mean(_roughness(at, q) ** 2)) for at in (n, t))
             ratios.append(float(np.log(max(counted, 1e-300) / max(stamped, 1e-300))))
-    largest = max(ratios, key=abs)
-    # Chance reaches a ratio of 1.5 with a thousand samples once in a million.
-    if abs(largest) < np.log(1.5):
-        return "neither"
-    return "count" if largest < 0 else "stamps"
+    return max(ratios, key=abs)
 
 
 def _roughness(at: Array, x: Array) -> Array:

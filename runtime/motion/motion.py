@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from runtime.model.loader import Model
-from runtime.motion.band import Band, excitation
+from runtime.motion.band import Band, wiener_filter
 from runtime.motion.clock import EvenGrid, Stretch, grid
 from runtime.motion.filters import Differentiator, LowPass, differentiator, low_pass, moving_mean, smoother
 from runtime.motion.piece import Piece, measured_in_all, read_sensors
@@ -128,7 +128,7 @@ class Motion:
     @cached_property
     def unsmoothed(self) -> Motion:
         """With all of the encoder's noise in the accelerations of which a load is made."""
-        return self.changed(lambda p: replace(p, slow=p.qdd))
+        return self.changed(lambda p: replace(p, qdd_denoised=p.qdd))
 
     @cached_property
     def with_standstill(self) -> Motion:
@@ -209,7 +209,7 @@ class Motion:
         """(n, M) `q`, `qd`, `qdd` or `warmth` of all joints at the rows (not filtered again)."""
         return np.concatenate([getattr(p, name)[:, p.centres] for p in self.pieces_of(joint)], axis=1)
 
-    def beside(self, joint: int, other: int) -> Rows:
+    def nearest_rows(self, joint: int, other: int) -> Rows:
         """(M',) for every row of another joint's equation, the row of this one's that is nearest in time."""
         if self.view(joint) is self.view(other):
             return np.arange(len(self.row_piece(joint)))
@@ -240,12 +240,12 @@ class Motion:
 
     def recorded(self, joint: int, skew: float) -> Array:
         """(M,) measured torque in the band, `skew` samples later than recorded."""
-        return np.concatenate([p.late(p.tau[joint], skew) for p in self.pieces_of(joint)])
+        return np.concatenate([p.delayed(p.tau[joint], skew) for p in self.pieces_of(joint)])
 
     def torque_delayed(self, joint: int, skew: float, time: float) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s later than recorded, less what is unknown."""
         pieces = self.pieces_of(joint)
-        return np.concatenate([p.equation(p.late(p.tau[joint], skew + time / p.dt), joint) for p in pieces])
+        return np.concatenate([p.equation(p.delayed(p.tau[joint], skew + time / p.dt), joint) for p in pieces])
 
 
 def _windows(piece: Piece, samples: int) -> list[slice]:
@@ -320,7 +320,7 @@ def _piece(
             beginning = np.median(temperature[:200])
             warmth[i] = stretch.of(_smooth_temperature(temperature, dt)[segment])[half:-half] - beginning
     torque = (stretch.held if band.held else stretch.of)(recording.tau[:, segment])
-    excited = tuple(smoother(excitation(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
+    wiener = tuple(smoother(wiener_filter(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
     run = recording.run[segment.start]
     first = int(np.argmax(recording.run == run))
     return Piece(
@@ -331,13 +331,13 @@ def _piece(
         q=q,
         qd=qd,
         qdd=qdd,
-        slow=np.array([smooth(row) for smooth, row in zip(excited, qdd, strict=True)]),
+        qdd_denoised=np.array([smooth(row) for smooth, row in zip(wiener, qdd, strict=True)]),
         tau=np.ascontiguousarray(torque[:, half:-half]),
         warmth=warmth,
         measured=measured,
         low_pass=low,
         derive=derive,
-        excited=excited,
+        wiener=wiener,
         rate_measured=tuple(rate_measured),
         sensors=read_sensors(recording, stretch, derive, common),
         places=None if stretch.places is None else stretch.places - half,

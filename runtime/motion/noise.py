@@ -76,7 +76,7 @@ class SampleNoise:
         """One-sided density of the white noise in a signal x of the whole recording."""
         return white_density(self.stretch.of(x[self.stretch.samples]), self.rate) / self.passed
 
-    def mistimed(self, q: Array) -> bool:
+    def jittered(self, q: Array) -> bool:
         """Whether the instants at which positions q (n, N) were read are uncertain: their noise then follows the rate,
         as an error of the instant times the rate. An encoder's own error is the same at all rates."""
         read = self.stretch.of(q[:, self.stretch.samples][:, :ENOUGH_FOR_NOISE])

@@ -50,7 +50,7 @@ class Sensors:
         parts = {f.name: getattr(self, f.name) for f in fields(self)}
         return Sensors(**{k: None if x is None else np.ascontiguousarray(x[:, window]) for k, x in parts.items()})
 
-    def moved(self, q: Array, qdd: Array) -> Sensors:
+    def with_errors(self, q: Array, qdd: Array) -> Sensors:
         """With errors q and qdd (n, N) added to the motors' angles and accelerations."""
         if self.twist is None or self.twist_qdd is None:
             return self
@@ -114,7 +114,7 @@ class Piece:
     dt              s, from sample to sample
     t               (N,) s
     q, qd, qdd, tau (n, N)
-    slow            (n, N) qdd where the motion exceeds the encoder's noise: `excited` smooths each joint's
+    qdd_denoised    (n, N) qdd through the Wiener filter of each joint, `wiener`: only where motion exceeds noise
     warmth          (n, N) K, since the beginning; measured: (n,) whether a temperature was
     rate_measured   joints (0-based) whose qd and qdd are those of a measured rate
     places          of the samples that were interpolated, in periods from the first; None where none were
@@ -129,13 +129,13 @@ class Piece:
     q: Array
     qd: Array
     qdd: Array
-    slow: Array
+    qdd_denoised: Array
     tau: Array
     warmth: Array
     measured: Mask
     low_pass: LowPass
     derive: Differentiator
-    excited: tuple[Smoother, ...]
+    wiener: tuple[Smoother, ...]
     rate_measured: tuple[int, ...] = ()
     sensors: Sensors = field(default_factory=Sensors)
     places: Array | None = None
@@ -157,8 +157,8 @@ class Piece:
             of_rate = self._reading_error(self.qd[i], 0.0, band.rate_noise(i) or 0.0, rng)
             rates[i], accelerations[i], _ = self.derive(of_rate)
         q, qd, qdd = self.q + error, self.qd + rates, self.qdd + accelerations
-        slow = np.array([smooth(row) for smooth, row in zip(self.excited, qdd, strict=True)])
-        return replace(self, q=q, qd=qd, qdd=qdd, slow=slow, sensors=self.sensors.moved(error, of_encoder))
+        own = np.array([smooth(row) for smooth, row in zip(self.wiener, qdd, strict=True)])
+        return replace(self, q=q, qd=qd, qdd=qdd, qdd_denoised=own, sensors=self.sensors.with_errors(error, of_encoder))
 
     def _reading_error(self, q: Array, step: float, density: float, rng: np.random.Generator) -> Array:
         """(N + 2 half,) errors of another reading of q (N,), made at the places of the samples and interpolated as
@@ -192,7 +192,7 @@ class Piece:
             q=part(self.q),
             qd=part(self.qd),
             qdd=part(self.qdd),
-            slow=part(self.slow),
+            qdd_denoised=part(self.qdd_denoised),
             tau=part(self.tau),
             warmth=part(self.warmth),
             sensors=self.sensors.cut(window),
@@ -235,7 +235,7 @@ class Piece:
                 rows.append(band(x[i]))
         return {i: self.equation(np.concatenate(rows, axis=-1), i) for i, rows in parts.items()}
 
-    def late(self, x: Array, delay: float) -> Array:
+    def delayed(self, x: Array, delay: float) -> Array:
         """In-band x (N,), `delay` samples late; whole samples for which the filter has no room by holding the ends."""
         whole = round(delay) if abs(delay) > MOST_DELAY - 0.5 else 0
         if whole:

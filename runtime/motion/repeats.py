@@ -39,13 +39,13 @@ class RepeatedRows:
     def _between(self) -> Rows:
         return self.second[:, None] + self._taps
 
-    def again(self, x: Array) -> Array:
+    def at_recurrence(self, x: Array) -> Array:
         """Signals x (..., M) when the motion came back, interpolated between their rows (..., P)."""
         away = self._taps - self.late
         kernel: Array = np.sinc(away) * np.cos(np.pi / 2 * away / 5) ** 2
         return np.asarray(x[..., self._between] @ (kernel / kernel.sum()))
 
-    def count(self, use: Mask) -> Mask:
+    def usable(self, use: Mask) -> Mask:
         """(P,) pairs of which all rows count; use (M,)."""
         return np.asarray(use[self.first] & use[self._between].all(axis=-1))
 
@@ -69,7 +69,7 @@ class Repeats:
         Between two passes the repeating part cancels in the difference and remains in the mean product. That mean
         varies by chance, as the means of ten stretches show.
         """
-        both = [(residual[p.first], p.again(residual), p.count(use)) for p in self.pairs]
+        both = [(residual[p.first], p.at_recurrence(residual), p.usable(use)) for p in self.pairs]
         a = np.concatenate([x[k] for x, _, k in both]) if both else np.zeros(0)
         b = np.concatenate([y[k] for _, y, k in both]) if both else np.zeros(0)
         if len(a) < 100:
@@ -114,21 +114,21 @@ def _in_piece(piece: Piece, standstill: Array) -> list[RepeatedRows]:
         # A window in which no joint moves by a fiftieth of its range comes back everywhere.
         if not np.any(np.ptp(window, axis=1) > 0.02 * reach):
             continue
-        lag = _same_later(coarse, window, begin, width)
+        lag = _best_lag(coarse, window, begin, width)
         if lag is None:
             continue
         p = _align(q, step, begin * stride, width=width * stride, lag=lag * stride, stride=stride)
         if not p.inside(q.shape[1]):
             continue
-        alike = np.sqrt(np.mean((q[:, p.first] - p.again(q)) ** 2, axis=1)) < REPEAT_ALIKE * reach
-        rates = np.sqrt(np.mean((qd[:, p.first] - p.again(qd)) ** 2, axis=1))
+        alike = np.sqrt(np.mean((q[:, p.first] - p.at_recurrence(q)) ** 2, axis=1)) < REPEAT_ALIKE * reach
+        rates = np.sqrt(np.mean((qd[:, p.first] - p.at_recurrence(qd)) ** 2, axis=1))
         quick = rates < REPEAT_ALIKE_RATE * np.abs(qd).max(axis=1) + standstill
         if alike.all() and quick.all():
             rows.append(p)
     return rows
 
 
-def _same_later(coarse: Array, window: Array, begin: int, width: int) -> int | None:
+def _best_lag(coarse: Array, window: Array, begin: int, width: int) -> int | None:
     """Lag, in coarse samples, at which the window recurs best after its own end; None where no room is left."""
     later = coarse[:, begin + width :]
     if later.shape[1] < width:

@@ -294,13 +294,13 @@ def _prescribed(library: Library, q: Array, qd: Array, qdd: Array, rate: float, 
         q=q,
         qd=qd,
         qdd=qdd,
-        slow=qdd,
+        qdd_denoised=qdd,
         tau=none,
         warmth=warmth,
         measured=np.full(n, warm),
         low_pass=low_pass(SIZING_CUTOFF, rate, library),
         derive=differentiator(SIZING_CUTOFF, rate),
-        excited=(Smoother(np.ones(1)),) * n,
+        wiener=(Smoother(np.ones(1)),) * n,
     )
 
 

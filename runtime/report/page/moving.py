@@ -96,7 +96,7 @@ def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
     measured = np.full((found.motion.n, len(shown)), np.nan)
     predicted = measured.copy()
     for i in range(found.motion.n):
-        at = found.motion.beside(i, _clock(found.motion))[shown]
+        at = found.motion.nearest_rows(i, _clock(found.motion))[shown]
         use = found.motion.moving(i)[at]
         measured[i, use] = found.motion.recorded(i, found.fit.skew)[at][use]
         predicted[i, use] = measured[i, use] - found.fit.residual[i][at][use]
@@ -150,7 +150,7 @@ def _largest_residual(step: Step) -> Rows:
 def _squares(step: Step, floors: Step, joint: int) -> Array:
     """Squared residual (M,) of a joint in squared noise floors, at the frames' rows; 0 where it is not compared."""
     found = step.identification
-    at = found.motion.beside(joint, _clock(found.motion))
+    at = found.motion.nearest_rows(joint, _clock(found.motion))
     floor = floors.joints[joint].floor.value
     return np.where(found.motion.moving(joint)[at], found.fit.residual[joint][at] / (floor or np.inf), 0.0) ** 2
 
@@ -164,7 +164,7 @@ def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
     starts = shown - window[0]
     out = np.full((motion.n, len(shown)), np.nan)
     for i in range(motion.n):
-        use = motion.moving(i)[motion.beside(i, _clock(motion))][window]
+        use = motion.moving(i)[motion.nearest_rows(i, _clock(motion))][window]
         counts = np.add.reduceat(use.astype(float), starts)
         sums = np.add.reduceat(_squares(step, floors, i)[window], starts)
         some = counts > 0

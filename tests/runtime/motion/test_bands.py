@@ -170,14 +170,14 @@ def test_a_soft_shoulder_reaches_a_wrist_s_rows_as_far_as_the_shoulder_s_own_ban
 def test_rows_of_two_bands_stand_beside_each_other_in_time(model: Model) -> None:
     motion = prepared(model, [recorded(0.0, seed=6)])
     for own, other in ((0, 1), (1, 0), (0, 0)):
-        beside = motion.beside(own, other)
+        beside = motion.nearest_rows(own, other)
         apart = np.abs(motion.row_time(own)[beside] - motion.row_time(other))
         inside = (motion.row_time(other) > motion.row_time(own)[0]) & (
             motion.row_time(other) < motion.row_time(own)[-1]
         )
         assert apart[inside].max() <= 0.5001 / motion.row_rate(own)
     assert motion.row_rate(1) > 1.5 * motion.row_rate(0)
-    assert np.array_equal(motion.beside(1, 1), np.arange(len(motion.row_time(1))))
+    assert np.array_equal(motion.nearest_rows(1, 1), np.arange(len(motion.row_time(1))))
 
 
 def test_rows_are_the_same_in_blocks(model: Model) -> None:
@@ -199,6 +199,6 @@ def test_what_is_later_than_a_recording_is_long_is_its_end_held(model: Model) ->
     (piece,) = prepared(model, [recorded(0.0, seed=7)]).pieces_of(1)
     ramp = np.arange(1.0, len(piece.t) + 1)
     for times, end in ((3.0, ramp[0]), (-3.0, ramp[-1])):
-        assert piece.late(ramp, times * len(ramp)) == pytest.approx(np.full(len(piece.centres), end))
-    within = piece.late(ramp, 10.0)[1:-1]
+        assert piece.delayed(ramp, times * len(ramp)) == pytest.approx(np.full(len(piece.centres), end))
+    within = piece.delayed(ramp, 10.0)[1:-1]
     assert within == pytest.approx(ramp[piece.centres][1:-1] - 10.0)

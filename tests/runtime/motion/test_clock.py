@@ -200,4 +200,4 @@ def test_noise_that_follows_the_rate_is_an_error_of_time(run: Recording, uncerta
     read = sampled(run, rows)
     found = grid(read)
     noise = SampleNoise.on(found.longest, 1 / found.period)
-    assert noise.mistimed(read.q + error) == uncertain
+    assert noise.jittered(read.q + error) == uncertain
