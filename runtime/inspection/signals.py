@@ -158,7 +158,7 @@ def joint_entries(recording: Recording, names: tuple[str | None, ...]) -> list[R
     even = grid(recording)
     found = []
     for i, q in enumerate(recording.q):
-        rate = np.concatenate([np.diff(s.of(q[s.samples])) for s in even.stretches]) / even.period
+        rate = np.concatenate([np.diff(s.on_grid(q)) for s in even.stretches]) / even.period
         found.append(
             RecordedJoint(
                 joint=i + 1,

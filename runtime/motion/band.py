@@ -222,12 +222,12 @@ def rigid_inertia(recordings: Sequence[Recording]) -> Array | None:
         clock = grid(r)
         derive = differentiator(LOWEST_CUTOFF, 1 / clock.period)
         for s in (s for s in clock.stretches if derive.fits(s.size)):
-            q, _, qdd = derive.rows(s.of(r.q[:, s.samples]))
+            q, _, qdd = derive.rows(s.on_grid(r.q))
             # Gravity is no constant, but waves of joints' and links' angles.
             angles = np.vstack([q, np.cumsum(q, axis=0)[1:]])
             posture = np.vstack([np.ones((1, q.shape[1])), np.cos(angles), np.sin(angles)])
             moving = qdd - np.linalg.lstsq(posture.T, qdd.T, rcond=None)[0].T @ posture
-            moment += np.sum(moving * s.of(r.tau_rigid[:, s.samples])[:, derive.half : -derive.half], axis=1)
+            moment += np.sum(moving * s.on_grid(r.tau_rigid)[:, derive.half : -derive.half], axis=1)
             square += np.sum(moving**2, axis=1)
     inertia: Array = np.abs(moment) / np.maximum(square, 1e-300)
     return np.maximum(inertia, 1e-12)
@@ -259,7 +259,7 @@ def _slow_signals(recording: Recording) -> tuple[Array, Array, Array, Array] | N
         return None
     rows = 20_000
     thin = max(1, min(stretch.size, ENOUGH_FOR_NOISE) // rows)
-    q, tau = (stretch.of(x[:, stretch.samples])[:, :ENOUGH_FOR_NOISE] for x in (recording.q, recording.tau))
+    q, tau = (stretch.on_grid(x)[:, :ENOUGH_FOR_NOISE] for x in (recording.q, recording.tau))
     position, rate, acceleration = (x[:, ::thin] for x in derive.rows(q))
     return position, rate, acceleration, derive.rows(tau)[0][:, ::thin]
 

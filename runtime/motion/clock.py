@@ -38,20 +38,22 @@ class Stretch:
     places: Array | None
     size: int
 
-    def of(self, x: Array) -> Array:
-        """Signals x (..., N) of its samples on the grid, (..., M); NaN where a signal was not measured.
+    def on_grid(self, x: Array) -> Array:
+        """Signals x (..., samples of the recording) on the stretch's grid, (..., M); NaN where one was not measured.
 
         At half of CUTOFF_OF_SAMPLING the splines are exact to 1e-4. Torque and positions pass the same ones, so that
         an equation between them still holds.
         """
-        return x if self.places is None else interpolated(self.places, x, np.arange(self.size))
+        own = x[..., self.samples]
+        return own if self.places is None else interpolated(self.places, own, np.arange(self.size))
 
     def held(self, x: Array) -> Array:
-        """Signals x (n, N), each value held until the next sample: means over the period after each place, (n, M)."""
+        """As `on_grid` of x (n, ...), each value held until the next sample: means over the period after each place."""
+        own = x[:, self.samples]
         if self.places is None:
-            return x
+            return own
         edges, places = np.append(self.places, self.places[-1] + 1), np.arange(self.size + 1)
-        whole = np.cumsum(np.pad(x * np.diff(edges), ((0, 0), (1, 0))), axis=1)
+        whole = np.cumsum(np.pad(own * np.diff(edges), ((0, 0), (1, 0))), axis=1)
         return np.diff([np.interp(places, edges, row) for row in whole], axis=1)
 
 

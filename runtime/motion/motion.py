@@ -305,29 +305,30 @@ def _piece(
     common: Mapping[str, Mask],
 ) -> Piece:
     derive, low = filters
-    segment, dt, half = stretch.samples, clock.period, derive.half
-    q, qd, qdd = derive.rows(stretch.of(recording.q[:, segment]))
+    dt, half = clock.period, derive.half
+    q, qd, qdd = derive.rows(stretch.on_grid(recording.q))
     noise = [(float(density), 2) for density in band.position_density]
     rate_measured = []
     for i, measured_rate in enumerate([] if recording.qd is None else recording.qd):
         if np.isfinite(measured_rate).all() and (density := band.rate_noise(i)) is not None:
             noise[i] = density, 1
             rate_measured.append(i)
-            qd[i], qdd[i], _ = derive(stretch.of(measured_rate[segment]))
+            qd[i], qdd[i], _ = derive(stretch.on_grid(measured_rate))
     warmth, measured = np.zeros_like(q), np.array([x is not None for x in recording.temperature])
     for i, temperature in enumerate(recording.temperature):
         if temperature is not None:
             beginning = np.median(temperature[:200])
-            warmth[i] = stretch.of(_smooth_temperature(temperature, dt)[segment])[half:-half] - beginning
-    torque = (stretch.held if band.held else stretch.of)(recording.tau[:, segment])
+            warmth[i] = stretch.on_grid(_smooth_temperature(temperature, dt))[half:-half] - beginning
+    torque = (stretch.held if band.held else stretch.on_grid)(recording.tau)
     wiener = tuple(smoother(wiener_filter(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
-    run = recording.run[segment.start]
+    start = stretch.samples.start
+    run = recording.run[start]
     first = int(np.argmax(recording.run == run))
     return Piece(
         number,
         int(run),
         dt,
-        t=recording.t[segment.start] - recording.t[first] + dt * (half + np.arange(q.shape[1])),
+        t=recording.t[start] - recording.t[first] + dt * (half + np.arange(q.shape[1])),
         q=q,
         qd=qd,
         qdd=qdd,

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.motion.clock import EvenGrid, Stretch
+from runtime.motion.clock import EvenGrid, Stretch, interpolated
 from runtime.motion.filters import differentiator, welch
 from runtime.motion.settings import FOLLOWS_RATE, LOWEST_CUTOFF, WHITE_BAND
 from runtime.recordings.recording import Recording
@@ -70,16 +70,17 @@ class SampleNoise:
             return cls(stretch, rate, 1.0)
         samples = stretch.samples.stop - stretch.samples.start
         white = np.random.default_rng(samples).standard_normal(samples)
-        return cls(stretch, rate, white_density(stretch.of(white), rate) * rate / 2)
+        left = interpolated(stretch.places, white, np.arange(stretch.size))
+        return cls(stretch, rate, white_density(left, rate) * rate / 2)
 
     def density(self, x: Array) -> float:
         """One-sided density of the white noise in a signal x of the whole recording."""
-        return white_density(self.stretch.of(x[self.stretch.samples]), self.rate) / self.passed
+        return white_density(self.stretch.on_grid(x), self.rate) / self.passed
 
     def jittered(self, q: Array) -> bool:
         """Whether the instants at which positions q (n, N) were read are uncertain: their noise then follows the rate,
         as an error of the instant times the rate. An encoder's own error is the same at all rates."""
-        read = self.stretch.of(q[:, self.stretch.samples][:, :ENOUGH_FOR_NOISE])
+        read = self.stretch.on_grid(q)[:, :ENOUGH_FOR_NOISE]
         return float(np.median([_follows_rate(x) for x in read])) > FOLLOWS_RATE
 
 
@@ -165,8 +166,8 @@ def _compared(
     for recording, clock in zip(recordings, grids, strict=True):
         derive, stretch = differentiator(cutoff, 1 / clock.period), clock.longest
         if recording.qd is not None and derive.fits(stretch.size):
-            rows = np.array([recording.q[joint, stretch.samples], recording.qd[joint, stretch.samples]])
-            position, rate = stretch.of(rows)[:, :ENOUGH_FOR_NOISE]
+            rows = np.array([recording.q[joint], recording.qd[joint]])
+            position, rate = stretch.on_grid(rows)[:, :ENOUGH_FOR_NOISE]
             derived.append(np.array(derive(position)[1:]))
             measured.append(derive(rate)[0])
     return (np.concatenate(measured), np.concatenate(derived, axis=1)) if measured else None

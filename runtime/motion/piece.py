@@ -87,7 +87,7 @@ def read_sensors(recording: Recording, stretch: Stretch, derive: Differentiator,
     def raw(name: str, absent: float = np.nan) -> Array | None:
         if not common[name].any():
             return None
-        rows = stretch.of(getattr(recording, name)[:, stretch.samples])[:, derive.half : -derive.half]
+        rows = stretch.on_grid(getattr(recording, name))[:, derive.half : -derive.half]
         return np.where(common[name][:, None], rows, absent)
 
     found = Sensors(
@@ -99,7 +99,7 @@ def read_sensors(recording: Recording, stretch: Stretch, derive: Differentiator,
     linked = common["q_link"]
     if recording.q_link is None or not linked.any():
         return found
-    smooth, _, curved = derive.rows(stretch.of((recording.q - recording.q_link)[linked, stretch.samples]))
+    smooth, _, curved = derive.rows(stretch.on_grid((recording.q - recording.q_link)[linked]))
     twist = np.full((len(recording.q), smooth.shape[1]), np.nan)
     curvature = twist.copy()
     twist[linked], curvature[linked] = smooth, curved

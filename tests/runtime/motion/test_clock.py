@@ -15,8 +15,8 @@ from runtime.diagnosis.stages import diagnose
 from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term
-from runtime.motion.clock import grid
-from runtime.motion.noise import SampleNoise
+from runtime.motion.clock import Stretch, grid
+from runtime.motion.noise import ENOUGH_FOR_NOISE, SampleNoise
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
@@ -164,7 +164,7 @@ def test_signals_that_are_not_measured_stay_absent(run: Recording) -> None:
     logged = uneven(run)
     stretch = grid(logged).stretches[0]
     rows = np.vstack([logged.q, np.full_like(logged.q, np.nan)])
-    spread = stretch.of(rows)
+    spread = stretch.on_grid(rows)
     assert np.isfinite(spread[0]).all()
     assert np.isnan(spread[1]).all()
 
@@ -201,3 +201,11 @@ def test_noise_that_follows_the_rate_is_an_error_of_time(run: Recording, uncerta
     found = grid(read)
     noise = SampleNoise.on(found.longest, 1 / found.period)
     assert noise.jittered(read.q + error) == uncertain
+
+
+def test_a_long_recording_of_uneven_stamps_has_a_noise() -> None:
+    """More samples than are looked at."""
+    size, rng = ENOUGH_FOR_NOISE + 1000, np.random.default_rng(2)
+    places = np.arange(size) + np.append(0.0, rng.uniform(0.0, 0.3, size - 1))
+    noise = SampleNoise.on(Stretch(slice(0, size), places, size), 1000.0)
+    assert not noise.jittered(np.sin(places / 500)[None] + 1e-4 * rng.standard_normal((1, size)))
