@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
 from symbolic.model_file.arm import Arm, Frame, Joint, Values
-from symbolic.model_file.exchange.tree import FREE, Inertia, StatedBody, about_point, joints_of
-from symbolic.model_file.frames import Vector, scaled
+from symbolic.model_file.exchange.tree import FREE, joints_of
+from symbolic.model_file.frames import Inertia, StatedBody, Vector, about_point, scaled
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect

@@ -18,9 +18,22 @@ from typing import Any
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import LARGEST, ModelError, printable, quote
 from symbolic.model_file.exchange import xml_file
-from symbolic.model_file.exchange.tree import NOTHING, StatedBody, Tree, TreeJoint, TreeLink, packed, shortened
+from symbolic.model_file.exchange.tree import Tree, TreeJoint, TreeLink, shortened
 from symbolic.model_file.exchange.xml_file import XmlNode
-from symbolic.model_file.frames import Rotation, Vector, about, added, angles, composed, product, scaled, transposed
+from symbolic.model_file.frames import (
+    NO_BODY,
+    Rotation,
+    StatedBody,
+    Vector,
+    about,
+    added,
+    angles,
+    composed,
+    packed,
+    product,
+    scaled,
+    transposed,
+)
 
 MAX_UNFOLDED = 10_000
 """Elements including repetitions; MuJoCo compiles these in a second, with a time that grows quadratically. The largest
@@ -280,7 +293,7 @@ class _Bodies:
         for body in range(1, self.model.nbody):
             for joint in self.joints(body):
                 joints[joint.name] = joint
-                links[joint.child] = TreeLink(joint.child, NOTHING, False)
+                links[joint.child] = TreeLink(joint.child, NO_BODY, False)
             name, frame = self.frames[body]
             links[name] = TreeLink(name, self.body(body, frame.xyz), True)
         for k in range(self.model.nsite):

@@ -18,90 +18,22 @@ from symbolic.model_file.frames import (
     LISTED,
     Rotation,
     Snapping,
+    StatedBody,
     Vector,
     about,
-    added,
     angles,
-    applied,
     composed,
     impossible_moment,
     listed,
-    product,
+    placed,
     rotation,
     scaled,
-    symmetric,
-    transposed,
+    together,
 )
 from symbolic.model_file.keys import MAX_JOINTS
 from symbolic.model_file.model_text import DIGITS
 
-Inertia = tuple[float, float, float, float, float, float]
 NOWHERE = Frame()
-
-
-@dataclass(frozen=True)
-class StatedBody:
-    """A body in some frame: mass in kg, com (3,) in m, inertia about com along the frame's axes in kg m², as Link's."""
-
-    mass: float
-    com: Vector
-    inertia: Inertia
-
-    @property
-    def is_nothing(self) -> bool:
-        """Whether mass and inertia are zero."""
-        return self.mass == 0 and not any(self.inertia)
-
-
-NOTHING = StatedBody(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-
-
-def placed(body: StatedBody, frame: Frame) -> StatedBody:
-    """A body given in an inner frame, in the outer frame in which the inner one has the pose `frame`."""
-    if frame == NOWHERE:
-        return body
-    com = added(frame.xyz, applied(rotation(frame.rpy), body.com))
-    return StatedBody(body.mass, com, turned(body.inertia, frame.rpy))
-
-
-def turned(inertia: Inertia, rpy: Vector) -> Inertia:
-    """R I Rᵀ; unchanged where rpy is zero."""
-    if not any(rpy):
-        return inertia
-    R = rotation(rpy)
-    return packed(product(product(R, symmetric(inertia)), transposed(R)))
-
-
-def packed(matrix: Sequence[Sequence[float]]) -> Inertia:
-    """The six independent entries of a symmetric matrix (3, 3)."""
-    return matrix[0][0], matrix[0][1], matrix[0][2], matrix[1][1], matrix[1][2], matrix[2][2]
-
-
-def together(bodies: Sequence[StatedBody]) -> StatedBody:
-    """Several bodies in one frame as one body, by the parallel axis theorem."""
-    bodies = [body for body in bodies if not body.is_nothing]
-    if len(bodies) == 1:
-        return bodies[0]
-    mass = math.fsum(body.mass for body in bodies)
-    x, y, z = (math.fsum(b.mass * b.com[k] for b in bodies) / mass if mass else 0.0 for k in range(3))
-    shifted = [about_point(body, (x, y, z)) for body in bodies]
-    xx, xy, xz, yy, yz, zz = (math.fsum(inertia[k] for inertia in shifted) for k in range(6))
-    return StatedBody(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
-
-
-def about_point(body: StatedBody, point: Vector) -> Inertia:
-    """The body's inertia about a point (Steiner)."""
-    m, (x, y, z) = body.mass, (a - b for a, b in zip(body.com, point, strict=True))
-    xx, xy, xz, yy, yz, zz = body.inertia
-    return (
-        xx + m * (y * y + z * z),
-        xy - m * x * y,
-        xz - m * x * z,
-        yy + m * (x * x + z * z),
-        yz - m * y * z,
-        zz + m * (x * x + y * y),
-    )
-
 
 MOVING: Mapping[str, Literal["revolute", "prismatic"]] = {
     "revolute": "revolute",

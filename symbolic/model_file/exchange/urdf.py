@@ -27,9 +27,7 @@ from symbolic.model_file.exchange.exporting import (
 )
 from symbolic.model_file.exchange.tree import (
     FREE,
-    NOTHING,
     ChainJoint,
-    StatedBody,
     Tree,
     TreeChain,
     TreeJoint,
@@ -41,10 +39,9 @@ from symbolic.model_file.exchange.tree import (
     path_to,
     shortened,
     some,
-    turned,
 )
 from symbolic.model_file.exchange.xml_file import XmlNode
-from symbolic.model_file.frames import Vector, impossible_moment, rotation, scaled
+from symbolic.model_file.frames import NO_BODY, StatedBody, Vector, impossible_moment, rotated, rotation, scaled
 from symbolic.model_file.model_text import DIGITS
 
 Made = TypeVar("Made", TreeLink, TreeJoint)
@@ -111,7 +108,7 @@ def _link(node: XmlNode) -> TreeLink:
     xx, xy, xz, yy, yz, zz = (
         0.0 if stated is None else stated.number(key, None if key[1] == key[2] else 0.0) for key in MOMENTS
     )
-    return TreeLink(name, StatedBody(mass, frame.xyz, turned((xx, xy, xz, yy, yz, zz), frame.rpy)), solid)
+    return TreeLink(name, StatedBody(mass, frame.xyz, rotated((xx, xy, xz, yy, yz, zz), frame.rpy)), solid)
 
 
 def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Mapping[str, Sequence[str]]) -> TreeJoint:
@@ -244,7 +241,7 @@ def _without_loose(tree: Tree, stated: ChainJoint, body: StatedBody) -> StatedBo
         return body
     whole, part = parameters(body), parameters(loose)
     left = [a - b for a, b in zip(whole, part, strict=True)]
-    made = body_of(left) if left[0] > 0 else NOTHING
+    made = body_of(left) if left[0] > 0 else NO_BODY
     if made.mass <= 0 or impossible_moment(made.inertia) is not None:
         raise ModelError(
             f"{tree.file}: joint {quote(stated.joint.name)}: the links attached there by movable joints "

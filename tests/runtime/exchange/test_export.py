@@ -33,7 +33,7 @@ from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Arm, Joint, Link
 from symbolic.model_file.exchange import exporting
 from symbolic.model_file.exchange.importing import imported
-from symbolic.model_file.exchange.tree import StatedBody
+from symbolic.model_file.frames import StatedBody
 from tests import one_joint
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"

@@ -17,8 +17,7 @@ from symbolic.model_file.arm import Frame, Link
 from symbolic.model_file.checks import ModelError
 from symbolic.model_file.exchange.exporting import parameters
 from symbolic.model_file.exchange.importing import ImportedArm, imported
-from symbolic.model_file.exchange.tree import StatedBody
-from symbolic.model_file.frames import about, angles, composed, rotation, scaled
+from symbolic.model_file.frames import StatedBody, about, angles, composed, rotation, scaled
 
 ARM = """\
 <mujoco model="two arm">

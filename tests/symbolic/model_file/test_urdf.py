@@ -18,8 +18,7 @@ from symbolic.model_file.arm import Frame, Limits, Link
 from symbolic.model_file.checks import ModelError
 from symbolic.model_file.exchange import xml_file
 from symbolic.model_file.exchange.importing import ImportedArm, arm_name, imported, is_placeholder, label_of, unique
-from symbolic.model_file.exchange.tree import StatedBody, about_point, placed, together
-from symbolic.model_file.frames import applied, rotation, transposed
+from symbolic.model_file.frames import StatedBody, about_point, applied, placed, rotation, together, transposed
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 ARMS = Path(reader.__file__).resolve().parents[1] / "arms"
