@@ -122,7 +122,7 @@ def execute(
     )
     emit(json, said, terminal.printer(motions.execution))
     if report is not None and result.recording is not None:
-        from runtime.report.page.reports import execution_page
+        from runtime.report.page.motion_pages import execution_page
 
         draw(lambda: execution_page(result, said).write(report), json)
     if document.status != "done":

@@ -97,7 +97,7 @@ def optimize(
             style.save(motion_plots.plan(document), plot)
     if report is not None:
         from runtime.documents.diagnosis import CommandEntry
-        from runtime.report.page.reports import plan_page
+        from runtime.report.page.motion_pages import plan_page
 
         below = source.path.is_relative_to(here := Path.cwd())
         arm = asked.model if is_name(Path(asked.model)) else source.path.relative_to(here) if below else source.path

@@ -26,8 +26,9 @@ from runtime.planning.results import document as plan_document
 from runtime.recordings.recording import Recording, read
 from runtime.report import diagnosed, fits, loop, models, motions, terminal
 from runtime.report.page import page_figures
+from runtime.report.page.motion_pages import plan_page
 from runtime.report.page.page_figures import Drawn
-from runtime.report.page.reports import plan_page, write_report
+from runtime.report.page.reports import write_report
 from runtime.report.plots import motion_plots
 from runtime.report.sections import Section
 from runtime.report.summary import LoopDocument, ResultSummary

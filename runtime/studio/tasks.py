@@ -36,7 +36,7 @@ from runtime.planning import results, trajectory
 from runtime.progress import Progress
 from runtime.recordings.recording import Recording
 from runtime.report import motions
-from runtime.report.page import reports
+from runtime.report.page import motion_pages, reports
 from runtime.report.signals.joint_signals import of_held_out, of_joint, of_recording, of_series
 from runtime.report.summary import ResultSummary, about, relative_floor
 from runtime.simulation.options import SimulationSettings
@@ -455,7 +455,7 @@ def open_plans(loaded: LoadedSession, report: Reporter, names: Mapping[str, str]
         report.part(EVALUATING)
         stated = results.stated(model, planned)
         folder = loaded.new_folder(f"plan{k}")
-        (folder / "page.html").write_text(reports.plan_page(model, planned, stated).html(), encoding="utf-8")
+        (folder / "page.html").write_text(motion_pages.plan_page(model, planned, stated).html(), encoding="utf-8")
         _write(folder / "plan.json", PlanOverview(name=name, headline=motions.plan_headline(stated)))
     return TaskResult(plans=len(names))
 

@@ -74,6 +74,13 @@ def figure(drawn: Drawn) -> Markup:
     return Markup(f"<figure>\n{drawn.svg}\n<figcaption>{caption}</figcaption>\n</figure>")
 
 
+def add_figures(drawings: dict[str, Markup], figures: Sequence[Drawn], prefix: str) -> tuple[str, ...]:
+    """The names under which figures are put among the drawings of a page."""
+    names = tuple(f"{prefix}-{k}" for k in range(len(figures)))
+    drawings.update({name: figure(one) for name, one in zip(names, figures, strict=True)})
+    return names
+
+
 def part(template: str, macro: str, *holes: Any) -> Markup:
     """The output of a template's macro for its arguments, to embed in a page.
 

@@ -1,4 +1,4 @@
-"""The pages that verbs write: a result of the loop, a plan, and an execution, each as sections with figures."""
+"""The page of a result of the loop, as sections with figures."""
 
 from __future__ import annotations
 
@@ -11,28 +11,21 @@ from markupsafe import Markup
 from msgspec import UNSET
 
 from runtime.diagnosis.steps import Step, remainder, seconds_moving
-from runtime.documents.diagnosis import CommandEntry, HistoryEntry
+from runtime.documents.diagnosis import HistoryEntry
 from runtime.documents.fits import CompareDocument, JointEntry
-from runtime.documents.parts import given
-from runtime.documents.plans import ExecuteDocument, MotionDocument, OptimizeDocument
-from runtime.execution.execute import Execution
 from runtime.identification.compare import as_written, structure_entries, structure_shares
 from runtime.loop.improve import Improvement
-from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion import spectra
 from runtime.plain_json import plain
-from runtime.planning.trajectory import Trajectory
-from runtime.report import diagnosed, findings, fits, loop, motions, reasons
+from runtime.report import diagnosed, findings, fits, loop, reasons
 from runtime.report.diagnosed import finding_entry, ranking_entries
 from runtime.report.findings import Context
 from runtime.report.fits import Names
 from runtime.report.page import page_figures as figures
-from runtime.report.page.html import ReportPage, embedded, figure, part
-from runtime.report.page.moving import ExecutedCycles, of_result, planned
-from runtime.report.page.page_figures import Drawn, drawn
-from runtime.report.plots import motion_plots
-from runtime.report.plots.motion_plots import joint_cycles
+from runtime.report.page.html import ReportPage, add_figures, embedded, part
+from runtime.report.page.moving import of_result
+from runtime.report.page.page_figures import drawn
 from runtime.report.sections import Commands, Facts, Group, Paragraph, Plots, Section, table, texts, words
 from runtime.report.signals import joint_signals
 from runtime.report.summary import Result, ResultSummary
@@ -46,10 +39,6 @@ TAGS = {
     "refused": "refused",
     "comparison": "comparison",
 }
-_STATUS = {"done": ("clean", "done"), "stopped": ("unexplained", "safe stop"), "refused": ("refused", "refused")}
-
-
-# --- a result of the loop ---
 
 
 def write_report(directory: Path, result: Result | ResultSummary) -> Path:
@@ -247,7 +236,7 @@ def _error_of(summary: ResultSummary, joint: int, drawings: dict[str, Markup]) -
     caption = f"Error of joint {joint + 1} after each step; the marks across the bars are the noise floor."
     error = drawn(figures.error(summary.steps, joint, relative), f"error{joint + 1}", caption)
     shares = figures.structure(first, summary.last, joint)
-    names = _keep(drawings, [error, *([shares] if shares else [])], f"error{joint + 1}")
+    names = add_figures(drawings, [error, *([shares] if shares else [])], f"error{joint + 1}")
     none = "The residual follows none of the signals: on average it depends on no position, velocity, acceleration, "
     none += "load, temperature or time."
     return [
@@ -258,17 +247,10 @@ def _error_of(summary: ResultSummary, joint: int, drawings: dict[str, Markup]) -
     ]
 
 
-def _keep(drawings: dict[str, Markup], drawn_ones: Sequence[Drawn], prefix: str) -> tuple[str, ...]:
-    """Names under which figures are now among the drawings."""
-    names = tuple(f"{prefix}-{k}" for k in range(len(drawn_ones)))
-    drawings.update({name: figure(one) for name, one in zip(names, drawn_ones, strict=True)})
-    return names
-
-
 def _joint(summary: ResultSummary, joint: int, drawings: dict[str, Markup]) -> Group:
     first, last = summary.first, summary.last
     aside, own = _said_of_quiet(summary, joint), summary.findings_at(joint)
-    names = _keep(drawings, figures.of_joint(first, last, joint, own), f"joint{joint + 1}")
+    names = add_figures(drawings, figures.of_joint(first, last, joint, own), f"joint{joint + 1}")
     if not aside and summary.moves(joint):
         added = " + ".join(dict.fromkeys(f.term.effect for f in own))
         numbers = embedded(joint_signals.of_joint(first, last, joint, added).embedded())
@@ -328,7 +310,7 @@ def _findings(summary: ResultSummary, drawings: dict[str, Markup]) -> list[Group
     for k, finding in enumerate(summary.findings):
         alone = len(summary.findings_at(finding.joint_index)) == 1
         own = figures.of_finding(finding, effects[finding.term.effect], f"finding{k + 1}", alone)
-        names = _keep(drawings, own, f"finding{k + 1}")
+        names = add_figures(drawings, own, f"finding{k + 1}")
         cards.append(Group(f"{k + 1}. {finding_title(summary, k)}", tuple(finding_card(summary, k, names))))
     return [Group("Findings", tuple(cards), "findings")]
 
@@ -505,89 +487,3 @@ def _range_of(summary: ResultSummary, joint: int) -> tuple[str, ...]:
     repeated = "no" if series.floor.repeating is None else "yes"
     moving = f"{number(seconds_moving(motion, joint), 3)} s"
     return (f"joint {summary.called(joint)}", moving, *ranges, warmth, repeated)
-
-
-# --- a plan, and an execution ---
-
-
-def plan_page(
-    model: Model, trajectory: Trajectory, document: MotionDocument, commands: Sequence[CommandEntry] = ()
-) -> ReportPage:
-    """The page of a plan; commands: what to type next."""
-    drawings = {"moving": part("arm_motion.html.j2", "arm_motion", planned(model, trajectory))}
-    made = []
-    for joint in motion_plots.moving_joints(document):
-        called = numbered(joint, document.joints[joint - 1].name)
-        caption = f"Joint {called}: position, speed and torque over one cycle, with limits and phases."
-        made.append(drawn(motion_plots.plan_of_joint(document, joint), f"plan{joint}", caption))
-    legend = (
-        "One cycle. Dashed horizontal lines: limits near the curve; dotted: end of a phase; shaded: in contact. The "
-        "torque is the motor's; dashed: the torque of a spring, positive where it pushes the joint forward."
-    )
-    counted = document.objective.joints if isinstance(document, OptimizeDocument) else None
-    costs = [
-        (f"cost of joint {j.joint}", quantity(j.cost, f"({j.units.force})^2 s"))
-        for j in document.joints
-        if counted is None or j.joint in counted
-    ]
-    warnings = motions.plan_warnings(document)
-    return ReportPage(
-        title=f"{model.name}: {document.scenario}",
-        model=model.name,
-        kind="clean",
-        tag="plan",
-        headline=motions.plan_headline(document),
-        short=[*texts(motions.spring_lines(document)), Facts(tuple(costs), large=True), Commands(tuple(commands))],
-        groups=[
-            Group("The arm in motion", (Plots(("moving",)),), "motion"),
-            Group(
-                "Joint by joint",
-                (Paragraph(legend, "note"), Plots(_keep(drawings, made, "plan")), motions.plan_table(document)),
-                "joints",
-            ),
-            *([Group("Notes", tuple(warnings), "notes")] if warnings else []),
-        ],
-        drawings=drawings,
-        document=plain(document),
-    )
-
-
-def execution_page(result: Execution, document: ExecuteDocument) -> ReportPage:
-    """The page of an execution in which something moved; document: what --json gives."""
-    cycles, model = ExecutedCycles(result), result.plan.model
-    kind, tag = _STATUS[document.status]
-    drawings = {"moving": part("arm_motion.html.j2", "arm_motion", cycles.picture())}
-    made = []
-    for k, (joint, own) in enumerate(zip(model.joints, cycles.joints, strict=True), 1):
-        caption = f"Joint {numbered(k, joint.name)}: position, tracking error and torque, planned and executed."
-        made.append(drawn(joint_cycles(own), f"executed{k}", caption))
-    legend = (
-        "Dashed: planned, its torque with every effect of the model. Solid: executed, all cycles except the first of a "
-        "trial. Orange: the torque of a spring along the plan, positive where it pushes the joint forward."
-    )
-    stopped = [f"Safe stop: {sentence(document.reason or '')}"] if document.status == "stopped" else []
-    commands = Commands(tuple(given(document.next) or ()))
-    notes = texts(motions.uncompensated(document), "warning")
-    return ReportPage(
-        title=f"{model.name}: {document.plan.scenario} executed",
-        model=model.name,
-        kind=kind,
-        tag=tag,
-        headline=motions.execution_headline(document),
-        short=[*texts([*stopped, *motions.differences(document), *motions.costs(document)]), commands],
-        groups=[
-            Group("The arm in motion", (Plots(("moving",)),), "motion"),
-            Group(
-                "Joint by joint",
-                (
-                    Paragraph(legend, "note"),
-                    Plots(_keep(drawings, made, "executed")),
-                    *motions.execution_results(document)[:1],
-                ),
-                "joints",
-            ),
-            *([Group("Notes", tuple(notes), "notes")] if notes else []),
-        ],
-        drawings=drawings,
-        document=plain(document),
-    )

@@ -22,8 +22,8 @@ from runtime.planning import results
 from runtime.planning.optimize import optimize
 from runtime.planning.settings import PlanningSettings
 from runtime.report import motions, terminal
+from runtime.report.page.motion_pages import execution_page, plan_page
 from runtime.report.page.moving import ExecutedCycles
-from runtime.report.page.reports import execution_page, plan_page
 from runtime.report.plots import motion_plots
 from runtime.workspace.source import Source
 from symbolic.model_file.arm import Limits
