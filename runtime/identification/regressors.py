@@ -333,9 +333,10 @@ class Regressors:
         parts, told = [], self._told(term)
         for s in self.signals(joint):
             read = [{**s.of(term, i), **given} for i in joints]
-            columns = s.piece.low_pass.columns(library, term.effect, read, shapes, dt=s.piece.dt)
-            if told < s.piece.low_pass.cutoff:
-                columns = s.piece.low_pass.narrowed(columns, told)
+            band = s.piece.low_pass
+            columns = library.columns_in_band(term.effect, read, shapes, s.piece.dt, band.kernel, band.factor)
+            if told < band.cutoff:
+                columns = band.narrowed(columns, told)
             parts.append([s.piece.equation(columns[:, k], i) for k, i in enumerate(joints)])
         return {i: np.concatenate([part[k] for part in parts], axis=2) for k, i in enumerate(joints)}
 

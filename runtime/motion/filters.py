@@ -7,7 +7,6 @@ scipy.signal takes longer to load than most recordings take to be identified; te
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, pi
@@ -15,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from runtime.model.loader import Library
@@ -180,17 +179,10 @@ class LowPass:
         """x (..., N) -> (..., M): in-band samples at centres(N), of x `delay` samples late (|delay| < MOST_DELAY)."""
         return self.library.decimate(self._taps(delay), self.factor, x)
 
-    def columns(
-        self,
-        library: Library,
-        effect: str,
-        signals: Sequence[Mapping[str, ArrayLike]],
-        choices: Sequence[Mapping[str, float]],
-        dt: float,
-    ) -> Array:
-        """(S, J, 1 + k, M) in-band columns of an effect of `library` at J joints for many choices of its shape; the
-        rest as `Library.columns`."""
-        return library.columns_in_band(effect, signals, choices, dt=dt, kernel=self._taps(0.0), factor=self.factor)
+    @property
+    def kernel(self) -> Array:
+        """(2 half + 1,) taps of the filter without delay."""
+        return self._taps(0.0)
 
     def rows(self, samples: slice, within: int, size: int) -> slice:
         """Rows, of `size`, whose centres lie within so many samples of these."""
@@ -202,7 +194,7 @@ class LowPass:
         """(rows, samples): weight of each sample in each row."""
         at = np.arange(samples.start, samples.stop) - self.factor * np.arange(rows.start, rows.stop)[:, None]
         inside = (at >= 0) & (at <= 2 * self.half)
-        return np.where(inside, self._taps(0.0)[np.clip(at, 0, 2 * self.half)], 0.0)
+        return np.where(inside, self.kernel[np.clip(at, 0, 2 * self.half)], 0.0)
 
     def _taps(self, delay: float) -> Array:
         return _delayed_taps(self.cutoff / self.rate, self.half, self.half + MOST_DELAY, self.beta, delay)

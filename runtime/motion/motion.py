@@ -1,4 +1,4 @@
-"""Recordings become a motion: of every joint, the pieces as the band of its own equation shows them."""
+"""Recordings become a motion: pieces of signals, filtered to the band of each joint's equation."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ class BandView:
 class Motion:
     """All pieces in the band of each joint's equation, and which of its rows count.
 
-    Of an equation all joints' signals are in its own joint's band: they are smoothed as its torque is.
+    All signals of a joint's equation, also those of other joints, are smoothed to its band, as its torque is.
 
     views       from the narrowest band on, every joint in one of them
     standstill  (n,) rates below which a joint is at rest, infinite for one that is held
     quiet       (n,) torque noise in the band over dry friction
-    cells       of each signal, its field in the first recording, as `--map` takes it; units: where one was stated
+    cells       field of each signal in the first recording, as `--map` takes it; units: those that were stated
     """
 
     band: Band
@@ -86,7 +86,7 @@ class Motion:
         return self.views[0].pieces
 
     def view(self, joint: int) -> BandView:
-        """That of a joint's equation (0-based)."""
+        """The view in the band of a joint's equation (0-based)."""
         return next(view for view in self.views if joint in view.joints)
 
     def pieces_of(self, joint: int) -> tuple[Piece, ...]:
@@ -110,7 +110,7 @@ class Motion:
     # --- other motions made of it ---
 
     def changed(self, change: Callable[[Piece], Piece]) -> Motion:
-        """With every piece changed."""
+        """The motion with every piece changed."""
         return self._viewed(lambda view: tuple(change(p) for p in view.pieces))
 
     def of_recording(self, number: int) -> Motion:
@@ -122,21 +122,21 @@ class Motion:
 
     @cached_property
     def perturbed(self) -> Motion:
-        """With another realisation of the encoders' errors, always the same one."""
+        """The motion with another realisation of the encoders' errors, always the same one."""
         return self._viewed(lambda view: tuple(p.perturbed(self.band, seed) for seed, p in enumerate(view.pieces)))
 
     @cached_property
     def unsmoothed(self) -> Motion:
-        """With all of the encoder's noise in the accelerations of which a load is made."""
+        """The motion with accelerations that are not denoised (`Piece.qdd_denoised`)."""
         return self.changed(lambda p: replace(p, qdd_denoised=p.qdd))
 
     @cached_property
     def with_standstill(self) -> Motion:
-        """With all torques known, whether joints rest or not."""
+        """The motion with no torque eliminated at rest."""
         return self.changed(lambda p: replace(p, without=()))
 
     def resting(self, standstill: Array, quiet: Array) -> Motion:
-        """With torques unknown at rest, as `Piece.resting`."""
+        """The motion with torques unknown at rest, as `Piece.resting`."""
         found = self._viewed(lambda view: tuple(p.resting(standstill, quiet, view.joints) for p in view.pieces))
         return replace(found, standstill=standstill, quiet=quiet)
 
@@ -163,7 +163,7 @@ class Motion:
         return [np.concatenate([p.unknown(i).counts for p in self.pieces_of(i)]) for i in range(self.n)]
 
     def moving(self, joint: int) -> Mask:
-        """(M,) rows of which enough is known."""
+        """(M,) rows of which the elimination of unknown torques leaves enough."""
         return self._moving[joint]
 
     def _left(self, joint: int) -> Array:
@@ -180,7 +180,7 @@ class Motion:
         return np.concatenate([p.noise_left(joint) for p in self.pieces_of(joint)])
 
     def dependent(self, joint: int, use: Mask) -> int:
-        """By how much the elimination lowers the rank of some rows, use (M,)."""
+        """Number of ranks that the elimination takes from some rows, use (M,)."""
         return round(float(np.sum(1 - self._left(joint)[use])))
 
     def eliminated(self, joint: int) -> sparse.csr_array:
@@ -224,12 +224,11 @@ class Motion:
 
     @cached_property
     def _torques(self) -> dict[int, dict[float, Array]]:
-        """Of each joint (0-based) the torques at the last skews: a search over shapes asks for the same again."""
+        """Torques of each joint (0-based) at the last skews: a search over shapes asks for the same again."""
         return {}
 
     def torque(self, joint: int, skew: float) -> Array:
-        """(M,) measured torque in the band, `skew` samples later than recorded, less what is unknown of it; read
-        only."""
+        """(M,) measured torque in the band, `skew` samples later than recorded, without unknown torques; read only."""
         kept = self._torques.setdefault(joint, {})
         if skew not in kept:
             if len(kept) > 3:
@@ -243,7 +242,7 @@ class Motion:
         return np.concatenate([p.delayed(p.tau[joint], skew) for p in self.pieces_of(joint)])
 
     def torque_delayed(self, joint: int, skew: float, time: float) -> Array:
-        """(M,) measured torque in the band, `skew` samples and `time` s later than recorded, less what is unknown."""
+        """(M,) measured torque in the band, `skew` samples and `time` s late, without unknown torques."""
         pieces = self.pieces_of(joint)
         return np.concatenate([p.equation(p.delayed(p.tau[joint], skew + time / p.dt), joint) for p in pieces])
 

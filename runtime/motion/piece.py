@@ -72,7 +72,7 @@ class Sensors:
 
 
 def measured_in_all(recordings: Sequence[Recording]) -> dict[str, Mask]:
-    """Of each signal, (n,) whether all recordings have it, by joint (by component for the force)."""
+    """(n,) for each signal: whether all recordings have it, by joint (by component for the force)."""
     found = {}
     for name in ("q_link", "q_desired", "tau_link", "tau_rigid", "force"):
         rows = [getattr(r, name) for r in recordings]
@@ -117,9 +117,9 @@ class Piece:
     qdd_denoised    (n, N) qdd through the Wiener filter of each joint, `wiener`: only where motion exceeds noise
     warmth          (n, N) K, since the beginning; measured: (n,) whether a temperature was
     rate_measured   joints (0-based) whose qd and qdd are those of a measured rate
-    places          of the samples that were interpolated, in periods from the first; None where none were
+    places          places of interpolated samples, in periods from the first; None where none were interpolated
     began           s from the recording's start to that of the run, the runs one after another
-    without         of every joint the elimination of its unknown torque; empty where every torque is known
+    without         elimination of each joint's unknown torque; empty where every torque is known
     """
 
     recording: int
@@ -247,7 +247,7 @@ class Piece:
     def noise_left(self, joint: int) -> Array:
         """(M,) part of the variance of white torque noise that the elimination leaves in a joint's (0-based) rows.
 
-        Rows are closer than their noise needs, so that an eliminated combination held more of it than one of a row.
+        Rows are closer than their band needs, hence an eliminated combination held more noise than one row.
         """
         denser = 1 / (2 * self.low_pass.cutoff * self.dt * self.low_pass.factor)
         return np.maximum(1 - denser * (1 - self.unknown(joint).left), 0.0)

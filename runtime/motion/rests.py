@@ -1,4 +1,4 @@
-"""Rests of a joint: its dry friction is unknown there, and is eliminated from the rows that it reaches."""
+"""Dry friction is unknown while a joint rests: it is eliminated from the rows that it reaches."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def dry_friction(q: Array, qd: Array, qdd: Array, rigid: Array, tau: Array) -> f
 class UnknownTorque:
     """Projects rows (M,) onto the complement of what an unknown torque at some samples can put into them.
 
-    The band's filter passes few combinations of these samples: they are eliminated from measured torque and regressors
-    alike. White noise stays white in what is left, and rows stay in the band.
+    The band's filter passes few combinations of these samples. They are eliminated from measured torque and regressors
+    alike, so that white noise stays white and rows stay in the band.
 
     samples     (N,) at which the torque is unknown
     quiet       torque noise in the band over the largest unknown torque, 0 where that may be anything

@@ -1,4 +1,4 @@
-"""Torques that nobody knows: what is left of the rows does not hold them, whatever they were, and noise stays noise."""
+"""Unknown torques are eliminated from the rows, whatever they were, and white noise stays white."""
 
 from __future__ import annotations
 
