@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,18 +102,19 @@ def _follows_rate(x: Array) -> float:
 
 @dataclass(frozen=True)
 class MeasuredRate:
-    """How a joint's measured rate is used.
+    """A joint's measured rate.
 
-    used     it replaces the derivative of the positions, and its own derivative the second one
     density  one-sided, of its white noise, (unit/s)²/Hz
-    why      for people
-    wrong    it contradicts the positions: the recording should be checked
+    use      "used": it replaces the derivative of the positions, and its own derivative the second one; else why not
     """
 
-    used: bool
     density: float
-    why: str
-    wrong: bool = False
+    use: Literal["used", "unrelated", "other unit", "no quieter", "filtered", "difference"]
+
+    @property
+    def used(self) -> bool:
+        """Whether it replaces the derivative of the positions."""
+        return self.use == "used"
 
 
 def measured_rate(
@@ -134,27 +135,22 @@ def measured_rate(
     if not np.isfinite(theta).all():  # of positions that hardly change, a rate is any multiple
         return None
     scale, late, period = float(theta[0]), -float(theta[1] / (theta[0] or 1.0)), grids[0].period
-    quarter = period / 4
     own = max(SampleNoise.on(g.longest, 1 / g.period).density(qd) for qd, g in zip(measured, grids, strict=True))
     between, of_position = _near_cutoff(quick[0] - theta @ quick[1], 1 / period, cutoff, density)
-    rate, derivative = f"qd{joint + 1}", f"the derivative of q{joint + 1}"
     left = slow[0] - theta @ slow[1]
     if left @ left > 0.5 * slow[0] @ slow[0]:
-        return MeasuredRate(False, own, f"{rate} does not follow {derivative}: it is not used", wrong=True)
+        return MeasuredRate(own, "unrelated")
     # Another unit would make every friction wrong by as much.
     if not 1 / 1.05 < scale < 1.05:
-        why = f"{rate} is {scale:.3g} times {derivative}: is its unit right? It is not used"
-        return MeasuredRate(False, own, why, wrong=True)
+        return MeasuredRate(own, "other unit")
     # Half the noise changes a cut-off by a sixth: less does not justify a second instrument.
     if own > 0.5 * of_position:
-        return MeasuredRate(False, own, f"{rate} is no quieter than {derivative}: not used")
+        return MeasuredRate(own, "no quieter")
     # A difference to the reading before is half a period late.
-    if abs(late) > quarter:
-        return MeasuredRate(False, own, f"{rate} is {late:.2g} s later than {derivative}, as if filtered: not used")
-    if between < of_position / 2:
-        return MeasuredRate(False, own, f"{rate} has the noise of q{joint + 1}, whose difference it is: not used")
-    quieter = float(np.sqrt(of_position / own)) if own > 0 else float("inf")
-    return MeasuredRate(True, own, f"{rate} is {quieter:.2g} times quieter than {derivative}: used")
+    if abs(late) > period / 4:
+        return MeasuredRate(own, "filtered")
+    # It has the noise of the positions.
+    return MeasuredRate(own, "difference" if between < of_position / 2 else "used")
 
 
 def _compared(
