@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from itertools import chain, combinations, product
 from math import isfinite, log, pi, prod
 
@@ -109,7 +108,7 @@ class InertiaFactor:
 
 @dataclass(frozen=True)
 class WrongData:
-    """What is wrong with recordings; false where nothing is.
+    """What is wrong with recordings.
 
     reading      how they should be read
     errors       (n,) relative errors of the torques as recorded and as they should be read; None where only inertias
@@ -123,13 +122,11 @@ class WrongData:
     factors: Mapping[int, InertiaFactor] = field(default_factory=dict)
     alike: Collection[int] = ()
 
-    def __bool__(self) -> bool:
-        return bool(self.factors) or self.reading != Reading.given(len(self.reading.signs))
-
 
 def wrong_data(identification: Identification) -> WrongData:
     """What a fit of the model file's structure says of its recordings."""
-    given, lumps, trials = Reading.given(identification.model.n), _lumps(identification), _trials(identification)
+    given, lumps = Reading.given(identification.model.n), identification.fit.prediction.lumps
+    trials = _trials(identification)
     if trials is None:
         return WrongData(given, factors=_inertia_factors(identification, given, lumps, SUSPECTED_RATIO))
     search = _Search(trials, lambda reading: trials.fit(reading).physical_errors, _errors(identification))
@@ -149,8 +146,8 @@ def doubtful_data(identification: Identification) -> WrongData:
     """
     given, trials = Reading.given(identification.model.n), _trials(identification)
     if trials is None or trials.fit(given).physical:
-        factors = _inertia_factors(identification, given, _lumps(identification), DOUBTED_RATIO)
-        return WrongData(given, factors=factors)
+        lumps = identification.fit.prediction.lumps
+        return WrongData(given, factors=_inertia_factors(identification, given, lumps, DOUBTED_RATIO))
     search = _Search(trials, lambda reading: trials.fit(reading).errors, _errors(identification))
     reading = search.likeliest()
     return WrongData(reading, (search.before, search.errors(reading)))
@@ -172,11 +169,6 @@ _TOGETHER = (
     *((DEGREES, CURRENT, MILLI), (MOTOR, CURRENT, MILLI), (MILLI, RATIO), (DEGREES, MOTOR, RATIO)),
 )
 """Mistakes that are made alone or together, the likeliest first."""
-
-
-def _lumps(identification: Identification) -> Array:
-    """Base inertial parameters."""
-    return identification.fit.coefficients[identification.problem.layout.lumps]
 
 
 def _errors(identification: Identification) -> Array:
@@ -219,8 +211,7 @@ def _inertia_factors(
     fitted, stated = (np.diagonal(model.inertia(rest, x)[:, :, 0]) for x in (lumps, model.lump_values))
     for i in _moving_joints(identification):
         if isfinite(stated[i]) and fitted[i] > 0 and stated[i] > 0:
-            sizes = _sizes(identification, i, reading)
-            kinds, others = _explained(float(stated[i] / fitted[i]), sizes, least)
+            kinds, others = _explained(float(stated[i] / fitted[i]), _sizes(identification, i, reading), least)
             if kinds:
                 result[i] = InertiaFactor(kinds, float(fitted[i]), float(stated[i]), others)
     return result
@@ -281,7 +272,6 @@ class _Trials:
     rows as they have columns, with the same squared errors (Golub & Van Loan, Matrix Computations, QR). Sign and place
     of a torque only choose another right-hand side, so that a trial is one small system.
     able   joints (0-based) with a torque in the excerpt; of others nothing can be found
-    fit    the trial of a reading, computed once
     """
 
     def __init__(self, identification: Identification) -> None:
@@ -290,7 +280,14 @@ class _Trials:
         self.motion, _ = identification.motion.excerpt(20_000)
         every = range(self.motion.n)
         self.able = [i for i in every if _is_torque(self.motion.torque(i, self.found.skew)[self.motion.moving(i)])]
-        self.fit, self._rows = cache(self._fit), cache(self._reduced)
+        self._rows: dict[tuple[tuple[int, ...], tuple[str, ...]], dict[int, Array]] = {}
+        self._fits: dict[Reading, _Trial] = {}
+
+    def fit(self, reading: Reading) -> _Trial:
+        """The trial of a reading; kept."""
+        if reading not in self._fits:
+            self._fits[reading] = self._fit(reading)
+        return self._fits[reading]
 
     def wide(self, reading: Reading) -> list[int]:
         """Revolute joints (0-based) whose positions, taken as radians, cover more than a turn."""
@@ -298,45 +295,47 @@ class _Trials:
         return [i for i in revolute if turns(self.motion, reading.positions[i]) > 1]
 
     def _fit(self, reading: Reading) -> _Trial:
-        layout, joints, columns, n = self.problem.layout, [], {}, self.motion.n
-        rows_by_joint = zip(self.able, self._rows(reading.positions, reading.units), strict=True)
-        for place, (joint, rows) in enumerate(rows_by_joint):
-            columns[place] = Columns(rows[:-n])
+        layout, columns, n = self.problem.layout, {}, self.motion.n
+        joints: list[JointRows] = []
+        for joint, rows in self._rows_of(reading).items():
+            columns[len(joints)] = Columns(rows[:-n])
             torque = reading.signs[joint] * rows[-n + reading.torques[joint]]
             weight = 1 / float(np.linalg.norm(torque)) if _is_torque(torque) else 0.0
             every, whole = np.ones(len(torque), dtype=bool), np.zeros(len(torque), dtype=np.intp)
             joints.append(JointRows(torque, every, whole, weight, stretches=(slice(0, len(torque)),)))
-        block = Block("model", columns, layout.lower, layout.upper, near=layout.stated)
-        system = LinearSystem.of(joints, [block])
+        system = LinearSystem.of(joints, [Block("model", columns, layout.lower, layout.upper, near=layout.stated)])
         theta, found = system.least(), np.zeros(n)
         left = zip(joints, system.residual(theta), strict=True)
         found[self.able] = [own.weight * np.linalg.norm(r) if own.weight else np.inf for own, r in left]
-        lumps, mix = theta[layout.lumps], self._mix(reading.positions, reading.units)
+        lumps, mix = theta[layout.lumps], self._mix(reading)
         least, *_ = least_inertia(self.model, self.motion.changed(lambda p: replace(p, q=mix @ p.q)), lumps)
         return _Trial(found, lumps, least > 0)
 
-    def _mix(self, positions: tuple[int, ...], units: tuple[str, ...]) -> Array:
+    def _mix(self, reading: Reading) -> Array:
         """(n, n) positions in rad of those that are given."""
         sizes = [{RADIANS: 1.0, DEGREES: _DEGREE, MOTOR: 1 / joint.gear_ratio} for joint in self.model.joints]
-        scales = np.array([size[unit] for size, unit in zip(sizes, units, strict=True)])
-        mix: Array = np.eye(len(scales))[list(positions)] * scales[:, None]
+        scales = np.array([size[unit] for size, unit in zip(sizes, reading.units, strict=True)])
+        mix: Array = np.eye(len(scales))[list(reading.positions)] * scales[:, None]
         return mix
 
-    def _reduced(self, positions: tuple[int, ...], units: tuple[str, ...]) -> list[Array]:
-        """Of every joint with a torque (1 + K + n, M): the part without free coefficient, the columns, and the torques
-        of all joints in its band; M is at most 1 + K + n."""
-        motion, skew, found = _mixed(self.motion, self._mix(positions, units)), self.found.skew, []
-        problem = Problem(self.model, motion, self.problem.layout.terms, self.problem.regressors.prediction)
-        for i in self.able:
-            columns, fixed = problem.rows(i, self.found.shapes)
-            torques = [[p.equation(p.delayed(tau, skew), i) for tau in p.tau] for p in motion.pieces_of(i)]
-            rows = np.vstack([fixed, columns, np.concatenate(torques, axis=1)])[:, motion.moving(i)]
-            found.append(np.asarray(np.linalg.qr(rows.T, mode="r")).T)
-        return found
+    def _rows_of(self, reading: Reading) -> dict[int, Array]:
+        """Joint (0-based) with a torque -> (1 + K + n, M): the part without free coefficient, the columns, and the
+        torques of all joints in its band; M is at most 1 + K + n."""
+        key = reading.positions, reading.units
+        if key not in self._rows:
+            motion, skew, found = _mixed(self.motion, self._mix(reading)), self.found.skew, {}
+            problem = Problem(self.model, motion, self.problem.layout.terms, self.problem.regressors.prediction)
+            for i in self.able:
+                columns, fixed = problem.rows(i, self.found.shapes)
+                torques = [[p.equation(p.delayed(tau, skew), i) for tau in p.tau] for p in motion.pieces_of(i)]
+                rows = np.vstack([fixed, columns, np.concatenate(torques, axis=1)])[:, motion.moving(i)]
+                found[i] = np.asarray(np.linalg.qr(rows.T, mode="r")).T
+            self._rows[key] = found
+        return self._rows[key]
 
 
 def _is_torque(torque: Array) -> bool:
-    """Whether a torque is more than what a filter leaves once the recorded one has become zero."""
+    """Whether it is more than what a filter leaves once the recorded torque has become zero."""
     return float(np.linalg.norm(torque)) > 1e-30
 
 
