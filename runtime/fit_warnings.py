@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from runtime.identification.compare import driving_speed, has_proper_inertia
-from runtime.identification.identify import Identification
+from runtime.identification.fit import Fit
 from runtime.identification.regressors import OF_MASSES, arm_functions_read
 from runtime.identification.wrong_data import (
     CURRENT,
@@ -45,14 +45,14 @@ class Suspicion:
         return f"joint {self.joint}: {self.found}; {self.cure}"
 
 
-def suspicions(identification: Identification) -> tuple[Suspicion, ...]:
+def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
     """What a fit of the model file's structure says is wrong with its recordings; empty where nothing is."""
-    return _Words(identification, wrong_data(identification)).all()
+    return _Words(fit, wrong_data(fit)).all()
 
 
-def doubts(identification: Identification) -> tuple[Suspicion, ...]:
+def doubts(fit: Fit) -> tuple[Suspicion, ...]:
     """What may be wrong with recordings in which `suspicions` finds nothing; no verdict follows from it."""
-    return _Words(identification, doubtful_data(identification)).all()
+    return _Words(fit, doubtful_data(fit)).all()
 
 
 class _Words:
@@ -61,8 +61,8 @@ class _Words:
     alone   whether the reading puts right one kind of mistake only
     """
 
-    def __init__(self, identification: Identification, wrong: WrongData) -> None:
-        self.motion, self.joints = identification.motion, identification.model.joints
+    def __init__(self, fit: Fit, wrong: WrongData) -> None:
+        self.motion, self.joints = fit.motion, fit.model.joints
         self.wrong, self.reading = wrong, wrong.reading
         self.degrees = {*wrong.reading.joints_in(DEGREES), *self._by_factor(DEGREES)}
         self.motors = {*wrong.reading.joints_in(MOTOR), *self._by_factor(MOTOR)}
@@ -187,25 +187,25 @@ class _Words:
 # --- a fit to data that do not look wrong ---
 
 
-def warnings(identification: Identification) -> list[str]:
+def warnings(fit: Fit) -> list[str]:
     """All warnings about a fitted model; of wrong data only these, as whatever else is odd follows from them."""
-    wrong = suspicions(identification)
+    wrong = suspicions(fit)
     if wrong:
         return [f"the data look wrong: {suspicion}" for suspicion in wrong]
     return [
-        *(f"the data may be wrong: {doubt}" for doubt in doubts(identification)),
-        *_joints_left_out(identification),
-        *_early_torques(identification),
-        *_idle_terms(identification),
-        *improper_inertia(identification),
-        *_driving_friction(identification),
-        *_unknown_masses(identification),
+        *(f"the data may be wrong: {doubt}" for doubt in doubts(fit)),
+        *_joints_left_out(fit),
+        *_early_torques(fit),
+        *_idle_terms(fit),
+        *improper_inertia(fit),
+        *_driving_friction(fit),
+        *_unknown_masses(fit),
     ]
 
 
-def _joints_left_out(identification: Identification) -> list[str]:
+def _joints_left_out(fit: Fit) -> list[str]:
     """Joints of which nothing is fitted, and why."""
-    motion, found = identification.motion, []
+    motion, found = fit.motion, []
     for i in np.flatnonzero(np.isinf(motion.standstill)):
         passive = all(float(np.ptp(p.tau[i])) == 0 for p in motion.pieces)
         why = f"tau{i + 1} is constant, as of a joint without a motor" if passive else "it is held"
@@ -213,9 +213,9 @@ def _joints_left_out(identification: Identification) -> list[str]:
     return found
 
 
-def _early_torques(identification: Identification) -> list[str]:
+def _early_torques(fit: Fit) -> list[str]:
     """Joints whose torque leads the motion by more than a hold explains, and that no effect of the structure delays."""
-    model, fit = identification.model, identification.fit
+    model = fit.model
     if fit.ahead is None:
         return []
     delayed = {t.joint for t in fit.shapes if model.library.effects[t.effect].of_kind("lead")}
@@ -227,9 +227,9 @@ def _early_torques(identification: Identification) -> list[str]:
     ]
 
 
-def _idle_terms(identification: Identification) -> list[str]:
+def _idle_terms(fit: Fit) -> list[str]:
     """Effects whose coefficients have all come to zero, at the bound of what is physical."""
-    layout, solved = identification.problem.layout, identification.fit.coefficients
+    layout, solved = fit.problem.layout, fit.coefficients
     own = {str(term): solved[layout.slices[term]] for term in layout.terms}
     idle = [term for term, part in own.items() if len(part) and not part.any()]
     if not idle:
@@ -238,9 +238,9 @@ def _idle_terms(identification: Identification) -> list[str]:
     return [f"{', '.join(idle)} {has} come to 0: the other effects do without {it}; leave {it} out if you agree"]
 
 
-def improper_inertia(identification: Identification) -> list[str]:
+def improper_inertia(fit: Fit) -> list[str]:
     """That the fit wants an inertia that no arm has, and stopped at the bound of what is physical."""
-    if has_proper_inertia(identification):
+    if has_proper_inertia(fit):
         return []
     return [
         "the fitted inertia is at the bound of what is physical (a D that is hardly positive definite): the base model "
@@ -248,12 +248,12 @@ def improper_inertia(identification: Identification) -> list[str]:
     ]
 
 
-def _driving_friction(identification: Identification) -> list[str]:
+def _driving_friction(fit: Fit) -> list[str]:
     """Speeds near those of the data from which a joint's identified friction would drive it."""
     found = []
-    for i, joint in enumerate(identification.model.joints):
-        fastest = max(float(np.abs(p.qd[i]).max()) for p in identification.motion.pieces_of(i))
-        speed = driving_speed(identification, i, 4 * fastest)
+    for i, joint in enumerate(fit.model.joints):
+        fastest = max(float(np.abs(p.qd[i]).max()) for p in fit.motion.pieces_of(i))
+        speed = driving_speed(fit, i, 4 * fastest)
         if speed is not None:
             found.append(
                 f"joint {i + 1}: the friction found drives the joint from {speed:.3g} {joint.position_unit}/s on; "
@@ -262,14 +262,14 @@ def _driving_friction(identification: Identification) -> list[str]:
     return found
 
 
-def _unknown_masses(identification: Identification) -> list[str]:
+def _unknown_masses(fit: Fit) -> list[str]:
     """Terms whose values depend on masses that the model file leaves out, and what was taken in their place."""
-    model = identification.model
+    model = fit.model
     if not any({"mass", "com"} & {*joint.unknown} for joint in model.joints):
         return []
     return [
         f"{term}: the model file leaves masses or centres of mass out: its values hold for 1 kg in the middle of each "
         "such link; state gravity in the model file in its place, and the moments of the links are identified"
-        for term in identification.fit.prediction.values
+        for term in fit.prediction.values
         if OF_MASSES in arm_functions_read(model, term)
     ]

@@ -21,7 +21,8 @@ from runtime.diagnosis.steps import Trail
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.fit_warnings import Suspicion, suspicions
 from runtime.identification.compare import Comparison, compare
-from runtime.identification.identify import Identification, identify
+from runtime.identification.fit import Fit
+from runtime.identification.identify import identify
 from runtime.loop.improve import propose
 from runtime.model.loader import Model
 from runtime.model.terms import Term
@@ -109,7 +110,7 @@ def recording(name: str) -> Recording:
     return kept(entry.make, *entry.arguments)
 
 
-def identified(name: str) -> Identification:
+def identified(name: str) -> Fit:
     return kept(identify, model(ENTRIES[name].arm), [recording(name)])
 
 
@@ -149,7 +150,7 @@ def doubts(model: Model, recordings: Sequence[Recording], terms: Sequence[Term])
     """What speaks against each of these candidates on the model as it is."""
     fitted = identify(model, recordings)
     floors = [float(x) for x in fitted.motion.band.torque_floor()]
-    ranked = rank(FittedBase(fitted.problem, fitted.fit), terms, floors).candidates
+    ranked = rank(FittedBase(fitted), terms, floors).candidates
     return {str(c.term): "; ".join(closed_gates(c, model)) for c in ranked}
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from runtime.diagnosis.stages import diagnose
-from runtime.identification.identify import Identification, identify
+from runtime.identification.fit import Fit
+from runtime.identification.identify import fit_document, identify
 from runtime.model.loader import Model
 from tests import bank, kept, plants, sources
 from tests.kept import key
@@ -98,10 +99,10 @@ def test_a_comment_or_a_docstring_changes_nothing(tmp_path: Path, monkeypatch: p
 
 def test_what_is_taken_up_again_works(drive: Model) -> None:
     """With its model, and what is computed on demand."""
-    found: Identification = bank.identified("clean")
+    found: Fit = bank.identified("clean")
     assert found.model.library is found.problem.model.library
     fresh = identify(drive, [bank.recording("clean")])
-    assert found.document().to_json() == fresh.document().to_json()
+    assert fit_document(found).to_json() == fit_document(fresh).to_json()
 
 
 def test_the_oldest_goes_where_it_becomes_too_much(anew: Path, monkeypatch: pytest.MonkeyPatch) -> None:

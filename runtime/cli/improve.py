@@ -97,4 +97,4 @@ def _improved(
 
     with terminal.working("fitting and looking for missing effects") as say:
         result = improved(source, fitted, held_out, say)
-        return result, ResultSummary(result, invocation, floors(result.steps[-1].identification, held_out))
+        return result, ResultSummary(result, invocation, floors(result.steps[-1].fit, held_out))

@@ -26,8 +26,8 @@ from runtime.diagnosis.settings import (
     PREDICTED,
 )
 from runtime.diagnosis.steps import Step
-from runtime.identification.covariance import given_shape
 from runtime.identification.estimate import Estimate
+from runtime.identification.fit import given_shape
 from runtime.identification.problem import Problem
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import INTERVAL_SIGMAS
@@ -40,7 +40,7 @@ from symbolic.described import DescribedParameter
 
 def is_accepted(before: Step, after: Step, term: Term) -> bool:
     """Whether the error falls, at one of the term's own joints and elsewhere, by values that are significant."""
-    own = own_joints(after.identification.model, term)
+    own = own_joints(after.fit.model, term)
     fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after)
     sure = is_significant(after, term) or _predicts_held_out(before, after, term)
     return fallen and sure and not _at_a_bound(after, term) and _is_periodic(after, term)
@@ -75,18 +75,18 @@ def _predicts_held_out(before: Step, after: Step, term: Term) -> bool:
     though its shape is uncertain; what was found before and significant stays so."""
     if before.held_out is None or after.held_out is None:
         return False
-    given, fitted = structure(before.identification.model), after.identification
+    given = structure(before.fit.model)
     found = [t for t in before.values if t not in given and t in after.values and is_significant(before, t)]
     return (
         after.held_out.squared < PREDICTED * before.held_out.squared
         and all(is_significant(after, t) for t in found)
-        and _has_size(after, term, given_shape(fitted.problem, fitted.fit, term))
+        and _has_size(after, term, given_shape(after.fit, term))
     )
 
 
 def is_significant(step: Step, term: Term) -> bool:
     """Whether the interval of a term's size excludes the value at which the effect vanishes."""
-    return _has_size(step, term, step.identification.inference.values[term])
+    return _has_size(step, term, step.fit.inference.values[term])
 
 
 def _has_size(step: Step, term: Term, values: Mapping[str, Estimate]) -> bool:
@@ -97,8 +97,8 @@ def _has_size(step: Step, term: Term, values: Mapping[str, Estimate]) -> bool:
 def _at_a_bound(step: Step, term: Term) -> bool:
     """Whether a parameter that sizes a term stopped at the bound of what is physical, or none of them is more than an
     inertial parameter by another name."""
-    values, sizes = step.identification.inference.values[term], _sizes(step, term)
-    inertial = {lump.name for lump in step.identification.model.lumps}
+    values, sizes = step.fit.inference.values[term], _sizes(step, term)
+    inertial = {lump.name for lump in step.fit.model.lumps}
     bound = any(values[p.name].value in p.bounds and values[p.name].value != p.neutral for p in sizes)
     return bound or (bool(sizes) and all(inertial & set(values[p.name].with_others) for p in sizes))
 
@@ -106,7 +106,7 @@ def _at_a_bound(step: Step, term: Term) -> bool:
 def _sizes(step: Step, term: Term) -> list[DescribedParameter]:
     """The parameters that size a term. None of a transmission: its intervals hold biases of the load whose size is not
     known, and the gates alone say whether it is there."""
-    info = step.identification.model.library.effects[term.effect]
+    info = step.fit.model.library.effects[term.effect]
     if info.gives_way:
         return []
     return [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
@@ -122,11 +122,11 @@ def _is_periodic(step: Step, term: Term) -> bool:
     Its order counts whole periods of one of them, as far as its interval separates one order from the next. Any other
     line is one over time, or chance. A whole number must lie well outside the interval to be ruled out.
     """
-    model = step.identification.model
+    model = step.fit.model
     line = model.library.effects[term.effect].line
     if line is None or term.joint is None:
         return True
-    order, ratio = step.identification.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
+    order, ratio = step.fit.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
     # An interval that is wider holds a whole number by chance as often as not.
     if order.interval is None or max(1.0, ratio) * (order.interval[1] - order.interval[0]) > 0.5:
         return True
@@ -197,7 +197,7 @@ def less_likely_cases(system: LinearSystem, terms: Sequence[Term], steps: Sequen
 
 def _special_cases(step: Step, terms: Sequence[Term], of: Term) -> list[int]:
     """Which of some terms are special cases of a term of a step."""
-    generalises = step.identification.model.library.effects[of.effect].generalises
+    generalises = step.fit.model.library.effects[of.effect].generalises
     return [k for k, t in enumerate(terms) if t.effect in generalises and t.joint == of.joint]
 
 
@@ -206,17 +206,17 @@ def _special_cases(step: Step, terms: Sequence[Term], of: Term) -> list[int]:
 
 def whitened_bic(system: LinearSystem, steps: Sequence[Step]) -> list[float]:
     """BIC of each step, residuals whitened by the noise of the best of them; system: of any of them."""
-    fits = [s.identification for s in steps]
+    fits = [s.fit for s in steps]
     joints = system.joints
-    weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(joints, f.fit.residual, strict=True)) for f in fits]
-    best = fits[int(np.argmin(weighted))].fit.residual
+    weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(joints, f.residual, strict=True)) for f in fits]
+    best = fits[int(np.argmin(weighted))].residual
     by = [r.whitening(e) for r, e in zip(joints, best, strict=True)]
     total = sum(r.independent for r in joints)
     found = []
     for f in fits:
-        white = [whitened(e) for whitened, e in zip(by, f.fit.residual, strict=True)]
+        white = [whitened(e) for whitened, e in zip(by, f.residual, strict=True)]
         fit = sum(bic(float(e @ e), r.independent, 0) for r, e in zip(joints, white, strict=True) if r.count)
-        found.append(fit + _unknowns(f.problem, f.fit.shapes) * float(np.log(total)))
+        found.append(fit + _unknowns(f.problem, f.shapes) * float(np.log(total)))
     return found
 
 
@@ -243,7 +243,7 @@ def ruled_out(term: Term, best: Step, joint: int) -> bool:
     little where what stands in their place leaves far more than noise as well.
     """
     here = best.joints[joint]
-    rugged = best.identification.model.library.effects[term.effect].has_gap
+    rugged = best.fit.model.library.effects[term.effect].has_gap
     return not rugged or here.rms < ABOVE_NOISE * here.floor.spectrum
 
 
@@ -258,7 +258,7 @@ def bristles(finding: Step) -> tuple[Term, ...]:
     sliders side by side is a law of dry friction, too.
     Source: Al-Bender, Lampaert & Swevers, The generalized Maxwell-slip model, IEEE Trans. Automatic Control 50, 2005.
     """
-    model = finding.identification.model
+    model = finding.fit.model
     others = [c.term for c in finding.ranking.candidates if c.passes and c.term.joint == finding.term.joint]
     carrying = tuple(t for t in others if t != finding.term and _levels(model, t))
     info = model.library.effects[finding.term.effect]
@@ -277,8 +277,8 @@ def _levels(model: Model, term: Term) -> list[str]:
 
 def _level(step: Step, term: Term) -> float:
     """Mean magnitude of the joint's dry friction that a term reads, as a step has it."""
-    found = step.identification
+    found = step.fit
     joint = (term.joint or 1) - 1
-    signals = Regressors(found.model, found.motion, found.fit.prediction).signals(joint)
+    signals = Regressors(found.model, found.motion, found.prediction).signals(joint)
     names = _levels(found.model, term)
     return float(np.mean([np.mean(np.abs(s.at(name, joint))) for s in signals for name in names]))

@@ -9,7 +9,7 @@ motion and judged on the whole.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from runtime.diagnosis.gates import BIC, SHARE, Gate, GateResult, failed
 from runtime.diagnosis.settings import MOST_OF_ONE
 from runtime.identification import grids
-from runtime.identification.covariance import shape_derivative, shape_steps, smoothing_change
+from runtime.identification.fit import Fit, smoothing_change
 from runtime.identification.grids import motor_angle
-from runtime.identification.problem import Fit, Problem, Skew
+from runtime.identification.problem import change
 from runtime.identification.regressors import LINK_LOAD, Regressors
 from runtime.model.terms import Term, Values, joints_of, reads_arm
 from runtime.regression.system import Block, Columns, JointRows, LinearSystem
@@ -101,11 +101,10 @@ class Candidate:
 class FittedBase:
     """A fitted model as the base to which candidates are added."""
 
-    problem: Problem
     fit: Fit
 
     def __post_init__(self) -> None:
-        self.model, self.motion = self.problem.model, self.problem.motion
+        self.model, self.motion, self.problem = self.fit.model, self.fit.motion, self.fit.problem
         self.regressors = Regressors(self.model, self.motion, self.fit.prediction, self.fit.ahead)
 
     def known(self) -> tuple[Term, ...]:
@@ -150,22 +149,10 @@ class FittedBase:
 
         Beside what is linear, its shapes may change to first order, and the skew and the smoothing of a load.
         """
-        fit, n = self.fit, self.model.n
-        free = np.full(1, np.inf)
-        system = self.problem.system(fit.shapes, Skew(fit.skew))
-        for term, name, step in shape_steps(self.problem, fit):
-            change = {
-                i: shape_derivative(self.problem, fit, term, name=name, step=step, joint=i)
-                for i in joints_of(self.model, term)
-            }
-            system = system.with_block(_alone((term, name), change, -free, free, change=True))
-        if fit.skew_free:
-            late = {i: -self.problem.regressors.skew(i) for i in range(n)}
-            system = system.with_block(_alone("skew", late, -free, free))
-        smoothed = smoothing_change(self.problem, fit)
+        system, smoothed = self.fit.linearised, smoothing_change(self.fit)
         if smoothed:
             # Between the load that is smoothed and the one that is not lies the truth.
-            system = system.with_block(_alone("smoothing", smoothed, np.zeros(1), np.ones(1)))
+            system = system.with_block(replace(change("smoothing", smoothed, 0.0, 1.0), change=False))
         return system.over([self._rows(i, rows) for i, rows in enumerate(system.joints)])
 
     def _rows(self, joint: int, rows: JointRows) -> JointRows:
@@ -220,7 +207,7 @@ class FittedBase:
 
     def without(self, system: LinearSystem, terms: tuple[Term, ...]) -> LinearSystem:
         """A system of this base without all that belongs to these terms."""
-        changes = [(t, name) for t, name, _ in shape_steps(self.problem, self.fit) if t in terms]
+        changes = [of for of in self.problem.searched(self.fit.shapes) if of.term in terms]
         return system.without([*terms, *changes])
 
     def block(self, term: Term, shape: Values) -> Block:
@@ -416,12 +403,6 @@ class FittedBase:
             return float(np.log(values[1] / values[0]))
         # Moments between which runs end stand closer.
         return float(np.median(np.diff(values)))
-
-
-def _alone(key: Hashable, columns: Mapping[int, Array], lower: Array, upper: Array, change: bool = False) -> Block:
-    """A single column, (M,) by joint, without noise."""
-    rows = {joint: Columns(np.stack([np.zeros_like(x), x])) for joint, x in columns.items()}
-    return Block(key, rows, lower, upper, change)
 
 
 def _apart(one: Array, other: Array) -> Array:

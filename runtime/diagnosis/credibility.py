@@ -22,10 +22,9 @@ from runtime.diagnosis.steps import seconds_moving
 from runtime.documents.fits import ContradictionEntry, RecordingFit
 from runtime.fit_warnings import Suspicion, suspicions
 from runtime.identification.compare import JointSeries, has_proper_inertia, series
-from runtime.identification.covariance import Inference, infer
 from runtime.identification.estimate import Estimate
-from runtime.identification.identify import Identification
-from runtime.identification.problem import Fit, Problem, Skew
+from runtime.identification.fit import Fit
+from runtime.identification.problem import Problem, Skew
 from runtime.identification.settings import INTERVAL_SIGMAS
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import Recording
@@ -46,12 +45,11 @@ class Table:
 
     name: str
     fit: Fit
-    inference: Inference
     left: float
 
-    def document(self, identification: Identification) -> RecordingFit:
-        fit = self.inference.document(identification.model)
-        return RecordingFit(recording=self.name, parameters=fit.inertial, effects=fit.effects)
+    def document(self) -> RecordingFit:
+        found = self.fit.inference.document(self.fit.model)
+        return RecordingFit(recording=self.name, parameters=found.inertial, effects=found.effects)
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ class Contradiction:
 class Tables:
     """All recordings' tables, and where they contradict each other; empty with fewer than two recordings."""
 
-    identification: Identification
+    fit: Fit
     tables: tuple[Table, ...] = ()
     inertial: tuple[Contradiction, ...] = ()
     effects: tuple[Contradiction, ...] = ()
@@ -97,34 +95,32 @@ class Tables:
 
     def recording_entries(self) -> list[RecordingFit]:
         """What each recording says alone."""
-        return [table.document(self.identification) for table in self.tables]
+        return [table.document() for table in self.tables]
 
     def contradiction_entries(self) -> list[ContradictionEntry]:
         """Parameters on which the recordings disagree."""
         return [c.document() for c in (*self.inertial, *self.effects)]
 
 
-def compare(identification: Identification, names: Sequence[str], floors: Sequence[float]) -> Tables:
+def compare(fit: Fit, names: Sequence[str], floors: Sequence[float]) -> Tables:
     """Tables of every recording in a fit of all; names: a file a recording; floors (n,) every joint's noise floor."""
-    numbers = sorted({piece.recording for piece in identification.motion.pieces})
+    numbers = sorted({piece.recording for piece in fit.motion.pieces})
     if len(numbers) < 2:
-        return Tables(identification)
-    tables = tuple(_table(identification, number, _name(names, number), floors) for number in numbers)
-    model, layout = identification.model, identification.problem.layout
+        return Tables(fit)
+    tables = tuple(_table(fit, number, _name(names, number), floors) for number in numbers)
+    model, layout = fit.model, fit.problem.layout
     inertial = []
-    if not identification.motion.rigid_given:
+    if not fit.motion.rigid_given:
         for k, lump in enumerate(model.lumps):
-            estimates = [t.inference.lumps[k] for t in tables]
-            inertial += _apart(
-                identification, tables, lump.name, estimates=estimates, part=slice(k, k + 1), floors=floors
-            )
+            estimates = [t.fit.inference.lumps[k] for t in tables]
+            inertial += _apart(fit, tables, lump.name, estimates=estimates, part=slice(k, k + 1), floors=floors)
     effects = []
     for term, part in layout.slices.items():
         for parameter in model.library.effects[term.effect].linear:
-            estimates = [t.inference.values[term][parameter.name] for t in tables]
+            estimates = [t.fit.inference.values[term][parameter.name] for t in tables]
             name = f"{term} {parameter.name}"
-            effects += _apart(identification, tables, name, estimates=estimates, part=part, floors=floors)
-    return Tables(identification, tables, tuple(inertial), tuple(effects))
+            effects += _apart(fit, tables, name, estimates=estimates, part=part, floors=floors)
+    return Tables(fit, tables, tuple(inertial), tuple(effects))
 
 
 def _name(names: Sequence[str], number: int) -> str:
@@ -133,34 +129,29 @@ def _name(names: Sequence[str], number: int) -> str:
     return f"recording {number + 1}"
 
 
-def _table(identification: Identification, number: int, name: str, floors: Sequence[float]) -> Table:
+def _table(common: Fit, number: int, name: str, floors: Sequence[float]) -> Table:
     """The common structure's linear unknowns from one recording."""
-    common, motion = identification.fit, identification.motion
-    own = motion.of_recording(number)
-    problem = Problem(
-        identification.model, own, identification.problem.layout.terms, prediction=common.prediction, ahead=common.ahead
-    )
-    problem.weights = common.weights
+    own, terms = common.motion.of_recording(number), common.problem.layout.terms
+    problem = Problem(common.model, own, terms, prediction=common.prediction, ahead=common.ahead)
+    problem.weights = common.problem.weights
     solved = problem.solve(common.shapes, Skew(common.skew))
-    theta = solved.coefficients
-    prediction = problem.prediction(theta, common.shapes)
     fit = Fit(
-        prediction,
-        theta,
+        problem,
+        problem.prediction(solved.coefficients, common.shapes),
+        solved.coefficients,
         common.shapes,
         skew=common.skew,
         skew_free=False,
         residual=solved.residual,
-        weights=common.weights,
         ahead=common.ahead,
     )
     rms = [np.sqrt(r @ r / max(1, own.moving(i).sum())) for i, r in enumerate(solved.residual)]
     left = max(times_floor(float(r), floor) for r, floor in zip(rms, floors, strict=True))
-    return Table(name, fit, infer(problem, fit), left)
+    return Table(name, fit, left)
 
 
 def _apart(
-    identification: Identification,
+    fit: Fit,
     tables: Sequence[Table],
     name: str,
     estimates: Sequence[Estimate],
@@ -174,7 +165,7 @@ def _apart(
         difference = abs(a.value - b.value)
         if spread > 0 and contradict(a.value, b.value, spread):
             apart = one.fit.coefficients[part] - two.fit.coefficients[part]
-            if _exceeds_noise(identification, part, apart, floors):
+            if _exceeds_noise(fit, part, apart, floors):
                 found.append((difference / spread, (one.name, two.name), (a, b)))
     if not found:
         return []
@@ -195,9 +186,9 @@ def deviation(e: Estimate) -> float:
     return (e.interval[1] - e.interval[0]) / (2 * INTERVAL_SIGMAS)
 
 
-def _exceeds_noise(identification: Identification, part: slice, apart: Array, floors: Sequence[float]) -> bool:
+def _exceeds_noise(fit: Fit, part: slice, apart: Array, floors: Sequence[float]) -> bool:
     """Whether a difference of coefficients makes more torque than the noise, at some joint."""
-    problem, shapes, motion = identification.problem, identification.fit.shapes, identification.motion
+    problem, shapes, motion = fit.problem, fit.shapes, fit.motion
     for i, floor in enumerate(floors):
         use = motion.moving(i)
         torque = (apart @ problem.rows(i, shapes)[0][part])[use]
@@ -215,7 +206,7 @@ separate parameters; zero torque would have no larger error; the error is large,
 class JudgedFit:
     """A fit, the errors that it leaves at every joint, each recording's own, and what looks wrong with the data."""
 
-    identification: Identification
+    fit: Fit
     joints: tuple[JointSeries, ...]
     recordings: Tables
     suspicions: tuple[Suspicion, ...]
@@ -225,37 +216,37 @@ class JudgedFit:
         """Why it may not be believed; None where nothing speaks against it."""
         if self.suspicions:
             return "wrong data"
-        return "contradiction" if self.recordings.contradictory else unreliable(self.identification, self.joints)
+        return "contradiction" if self.recordings.contradictory else unreliable(self.fit, self.joints)
 
     @property
     def verdict(self) -> Literal["fitted", "refused"]:
         return "fitted" if self.why is None else "refused"
 
 
-def judged(identification: Identification, recordings: Sequence[Recording]) -> JudgedFit:
+def judged(fit: Fit, recordings: Sequence[Recording]) -> JudgedFit:
     """A fit to these recordings, with what speaks against it."""
-    joints = series(identification)
+    joints = series(fit)
     names = [r.path.name for r in recordings]
-    tables = compare(identification, names, [s.floor.spectrum for s in joints])
-    return JudgedFit(identification, joints, tables, suspicions(identification))
+    tables = compare(fit, names, [s.floor.spectrum for s in joints])
+    return JudgedFit(fit, joints, tables, suspicions(fit))
 
 
-def unreliable(identification: Identification, joints: Sequence[JointSeries]) -> Unreliable | None:
+def unreliable(fit: Fit, joints: Sequence[JointSeries]) -> Unreliable | None:
     """Why a fit to data that do not look wrong may not be believed; None if nothing speaks against it."""
-    poor = poor_excitation(identification)
+    poor = poor_excitation(fit)
     if poor is not None:
         return poor
     if any(s.relative >= 1 for s in joints):
         return "worse than zero"
     far = any(map(far_above_noise, joints))
-    return "improper inertia" if far and not has_proper_inertia(identification) else None
+    return "improper inertia" if far and not has_proper_inertia(fit) else None
 
 
-def poor_excitation(identification: Identification) -> Literal["short motion", "inseparable"] | None:
+def poor_excitation(fit: Fit) -> Literal["short motion", "inseparable"] | None:
     """Why the motion does not determine the parameters; None if it does."""
-    if max(moving_times(identification.motion)) < LEAST_MOVING_S:
+    if max(moving_times(fit.motion)) < LEAST_MOVING_S:
         return "short motion"
-    return "inseparable" if inseparable(identification) else None
+    return "inseparable" if inseparable(fit) else None
 
 
 def moving_times(motion: Motion) -> list[float]:
@@ -263,9 +254,9 @@ def moving_times(motion: Motion) -> list[float]:
     return [seconds_moving(motion, i) for i in range(motion.n)]
 
 
-def inseparable(identification: Identification) -> list[str]:
+def inseparable(fit: Fit) -> list[str]:
     """Parameters that the motion of the joints that move does not separate from others."""
-    inference, able = identification.inference, [s >= LEAST_MOVING_S for s in moving_times(identification.motion)]
+    inference, able = fit.inference, [s >= LEAST_MOVING_S for s in moving_times(fit.motion)]
     tangled = [
         f"{term} {name}"
         for term, values in inference.values.items()
@@ -274,9 +265,7 @@ def inseparable(identification: Identification) -> list[str]:
     ]
     # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
     return tangled + [
-        lump.name
-        for lump, e in zip(identification.model.lumps, inference.lumps, strict=True)
-        if e.with_others and all(able)
+        lump.name for lump, e in zip(fit.model.lumps, inference.lumps, strict=True) if e.with_others and all(able)
     ]
 
 

@@ -70,7 +70,7 @@ class FurtherSensors:
 
     @cached_property
     def _late(self) -> Array:
-        return late(self.base.problem, self.base.fit)
+        return late(self.base.fit)
 
     def _aligned(self, piece: Piece) -> Sensors:
         """The sensors of a piece as if all encoders were read at once."""

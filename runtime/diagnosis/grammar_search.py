@@ -8,13 +8,13 @@ so no guess passes there.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.ranking import Ranking, rank
 from runtime.diagnosis.settings import GUESS_REACH
 from runtime.diagnosis.steps import Step
-from runtime.identification.identify import identify_motion
+from runtime.identification.fitting import fit_motion
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, steps
@@ -54,12 +54,10 @@ def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[in
 
 def _base(step: Step, model: Model) -> FittedBase:
     """The step's fit as the base of the candidates of another library."""
-    found = step.identification
-    problem = Problem(
-        model, found.motion, found.problem.layout.terms, prediction=found.fit.prediction, ahead=found.fit.ahead
-    )
-    problem.weights = found.fit.weights
-    return FittedBase(problem, found.fit)
+    found = step.fit
+    problem = Problem(model, found.motion, found.problem.layout.terms, prediction=found.prediction, ahead=found.ahead)
+    problem.weights = found.problem.weights
+    return FittedBase(replace(found, problem=problem))
 
 
 def _at(term: Term, joint: int) -> bool:
@@ -91,8 +89,8 @@ def _nearly_best(ranking: Ranking) -> list[Candidate]:
 
 def _added(step: Step, model: Model, candidate: Candidate) -> Step:
     """The structure with the guess, everything refitted."""
-    fit = step.identification.fit
+    fit = step.fit
     known: Structure = {t: dict(shape) for t, shape in fit.shapes.items()}
     known[candidate.term] = dict(candidate.shape)
-    found = identify_motion(model, step.identification.motion, known, start=fit)
+    found = fit_motion(model, step.fit.motion, known, start=fit)
     return Step.of(found)

@@ -82,8 +82,8 @@ def add_witnessed(trail: Trail) -> Trail:
         before = trail.last
         step = _fitted_to_torque(trail, one)
         if step is None:
-            same = with_witnessed(before.identification, {one.term: one.values})
-            step = replace(before, identification=same).after(before, one.candidate)
+            same = with_witnessed(before.fit, {one.term: one.values})
+            step = replace(before, fit=same).after(before, one.candidate)
         trail = trail.to(step)
     return trail
 
@@ -103,7 +103,7 @@ def _fitted_to_torque(trail: Trail, one: Witnessed) -> Step | None:
     if not is_accepted(before, after, one.term):
         return None
     # What else the torque lacks would bend a transmission to anything.
-    fitted = after.identification.inference.values[one.term]
+    fitted = after.fit.inference.values[one.term]
     alike = all(1 / SHOWN_ALIKE < fitted[name].value / e.value < SHOWN_ALIKE for name, e in one.values.items())
     return after.after(before, candidate, ranking) if alike else None
 
@@ -332,7 +332,7 @@ def reconsidered(trail: Trail) -> Trail:
     for k, finding in enumerate(findings[:-1]):
         if (finding.term.effect, finding.term.joint) == (last.effect, last.joint):
             continue  # several of one effect are there because each has what the others have not
-        if finding.candidate.twist is not None:
+        if finding.candidate.twist is not None or not _share_a_joint(trail, finding.term, last):
             continue
         without = trail.without(finding.term)
         ranking = _in_place(trail, without, finding.term)
@@ -346,6 +346,11 @@ def reconsidered(trail: Trail) -> Trail:
             others.insert(k, replace(finding, chosen=best, ranking=ranking, rivals=ranking.rivals))
             return trail.rebuilt(others, {best.term: best.shape}, (finding.term,))
     return trail
+
+
+def _share_a_joint(trail: Trail, one: Term, other: Term) -> bool:
+    """What acts on none of a finding's joints explains something else."""
+    return bool(set(joints_of(trail.model, one)) & set(joints_of(trail.model, other)))
 
 
 def _in_place(trail: Trail, step: Step, gone: Term) -> Ranking:

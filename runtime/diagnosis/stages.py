@@ -65,7 +65,7 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
     held = _held_out(motion, held_out, model) if held_out else None
     refuse_copies([*recordings, *held_out])
     trail = Trail.begun(model, motion, held, [r.path.name for r in recordings])
-    return replace(trail, suspicions=suspicions(trail.last.identification))
+    return replace(trail, suspicions=suspicions(trail.last.fit))
 
 
 def complete(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:

@@ -26,7 +26,8 @@ from runtime.diagnosis.settings import (
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, errors, series, structure_shares
 from runtime.identification.estimate import Estimate
-from runtime.identification.identify import Identification, identify_motion
+from runtime.identification.fit import Fit
+from runtime.identification.fitting import fit_motion
 from runtime.identification.problem import Problem
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
@@ -60,7 +61,7 @@ class Step:
     refuted   those of the rivals that explain held-out recordings clearly less, with nothing else beside them
     """
 
-    identification: Identification
+    fit: Fit
     joints: tuple[JointSeries, ...]
     fitted: Errors
     held_out: Errors | None = None
@@ -73,14 +74,14 @@ class Step:
     @classmethod
     def of(
         cls,
-        identification: Identification,
+        fit: Fit,
         joints: tuple[JointSeries, ...] | None = None,
         held_out: Errors | None = None,
     ) -> Step:
         """A fit with the errors of its joints; joints: the series of the fit where they are there already."""
-        found = series(identification) if joints is None else joints
+        found = series(fit) if joints is None else joints
         fitted = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found))
-        return cls(identification, found, fitted, held_out)
+        return cls(fit, found, fitted, held_out)
 
     def after(
         self, before: Step, chosen: Candidate, ranking: Ranking | None = None, rivals: Sequence[Term] = ()
@@ -97,18 +98,18 @@ class Step:
     @property
     def shapes(self) -> dict[Term, Values]:
         """Shape parameters of every term, as found."""
-        return self.identification.fit.shapes
+        return self.fit.shapes
 
     @property
     def values(self) -> dict[Term, Values]:
         """Shapes, and the parameters of what a further sensor shows: what stands in a model file with this step."""
-        fit = self.identification.fit
+        fit = self.fit
         return {**fit.shapes, **{t: {name: e.value for name, e in v.items()} for t, v in fit.witnessed.items()}}
 
     @property
     def base(self) -> FittedBase:
         """The fit as the base of candidates, with what was computed on it last."""
-        return _base(self.identification)
+        return _base(self.fit)
 
     # of a step with a candidate -----------------------------------------------------------------------------------
 
@@ -152,8 +153,8 @@ class Step:
 
 
 @lru_cache(maxsize=1)
-def _base(identification: Identification) -> FittedBase:
-    return FittedBase(identification.problem, identification.fit)
+def _base(fit: Fit) -> FittedBase:
+    return FittedBase(fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,35 +252,32 @@ class Trail:
 
 
 def _fitted(model: Model, motion: Motion, held_out: Motion | None, known: Structure, start: Step | None) -> Step:
-    before = None if start is None else start.identification.fit
-    identification = identify_motion(model, motion, known, start=before)
+    before = None if start is None else start.fit
+    fit = fit_motion(model, motion, known, start=before)
     if before is not None:
-        identification = with_witnessed(identification, before.witnessed)
-    held = None if held_out is None else errors_elsewhere(identification, held_out)
-    return Step.of(identification, held_out=held)
+        fit = with_witnessed(fit, before.witnessed)
+    held = None if held_out is None else errors_elsewhere(fit, held_out)
+    return Step.of(fit, held_out=held)
 
 
-def with_witnessed(identification: Identification, witnessed: Mapping[Term, Mapping[str, Estimate]]) -> Identification:
+def with_witnessed(fit: Fit, witnessed: Mapping[Term, Mapping[str, Estimate]]) -> Fit:
     """The same with terms that further sensors show and the torque does not."""
-    fit = identification.fit
-    if not witnessed:
-        return identification
-    return replace(identification, fit=replace(fit, witnessed={**fit.witnessed, **witnessed}))
+    return replace(fit, witnessed={**fit.witnessed, **witnessed}) if witnessed else fit
 
 
-def errors_elsewhere(identification: Identification, motion: Motion) -> Errors:
+def errors_elsewhere(fit: Fit, motion: Motion) -> Errors:
     """Error of a fit, all its values as they are, on another motion."""
     found = []
-    for i, left in enumerate(residuals_elsewhere(identification, motion)):
+    for i, left in enumerate(residuals_elsewhere(fit, motion)):
         use = motion.moving(i)
-        found.append(errors(left[use], motion.recorded(i, identification.fit.skew)[use]))
+        found.append(errors(left[use], motion.recorded(i, fit.skew)[use]))
     return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
 
 
-def residuals_elsewhere(identification: Identification, motion: Motion) -> list[Array]:
+def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
     """Per joint (M,) what a fit, all its values as they are, leaves of the torque on another motion; zero in rows
     that do not count."""
-    fit, model = identification.fit, identification.model
+    model = fit.model
     problem = Problem(model, motion, tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
     found = []
     for i in range(model.n):
@@ -352,7 +350,7 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> Remainder | None
         return outside(step, joint)
     shares = structure_shares(s)
     strongest = max(shares, key=lambda name: shares[name])
-    signal = step.identification.model.library.signal
+    signal = step.fit.model.library.signal
     own = {signal[name].seen_over for name in effect.signals}
     is_own = strongest in own or (strongest == "direction" and "velocity" in own)
     return RepeatingResidual(min(part, 1.0), strongest, is_own)
@@ -361,14 +359,14 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> Remainder | None
 def lines_above(step: Step) -> list[LineAbove]:
     """Lines of the torque over the motor's angle above the band which would be named within it and are not known from
     below it."""
-    model, known = step.identification.model, dict[int, list[float]]()
+    model, known = step.fit.model, dict[int, list[float]]()
     for term, shape in step.shapes.items():
         line = model.library.effects[term.effect].line
         if line is not None and term.joint is not None:
             known.setdefault(term.joint - 1, []).append(shape[line.name])
     return [
         line
-        for line in step.identification.motion.band.above
+        for line in step.fit.motion.band.above
         if line.rms > TORQUE.limit * step.floors[line.joint]
         and not any(abs(line.order / order - 1) < 0.01 for order in known.get(line.joint, ()))
     ]
@@ -376,13 +374,13 @@ def lines_above(step: Step) -> list[LineAbove]:
 
 def outside(step: Step, joint: int) -> Disturbance | None:
     """A line, a slow part or bursts that stand out of the noise of a joint (0-based)."""
-    found = step.identification
-    motion, residual, use = found.motion, found.fit.residual[joint], found.motion.moving(joint)
+    found = step.fit
+    motion, residual, use = found.motion, found.residual[joint], found.motion.moving(joint)
     s = step.joints[joint]
     if not s.rms:
         return None
-    noise, fixed_noise = found.problem.noise_rows(joint, found.fit.shapes)
-    read = np.where(use, found.fit.coefficients @ noise + fixed_noise, 0.0)
+    noise, fixed_noise = found.problem.noise_rows(joint, found.shapes)
+    read = np.where(use, found.coefficients @ noise + fixed_noise, 0.0)
     left, rate = motion.noise_left(joint), motion.row_rate(joint)
     # At least half is the torque's own noise, though the encoder's was estimated larger.
     white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0

@@ -42,7 +42,7 @@ def witnessed(base: FittedBase) -> list[Witnessed]:
     for joint in range(base.model.n):
         if any(base.model.library.effects[t.effect].gives_way and t.joint == joint + 1 for t in base.known()):
             continue
-        fit = fit_twist(base.problem, base.fit, joint)
+        fit = fit_twist(base.fit, joint)
         passing = [w for w in _of_joint(base, fit) if w.candidate.passes] if fit else []
         # A gap is asked for beside a spring: where it is there, the spring alone is a special case.
         found += passing[-1:]

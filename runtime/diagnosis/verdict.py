@@ -13,6 +13,7 @@ from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.search import undecided
 from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED
 from runtime.diagnosis.steps import Step, Trail, after_effect, physics, remainder
+from runtime.identification.identify import unsound
 from runtime.model.loader import Model
 
 Verdict = Literal["effect", "clean", "unexplained", "refused"]
@@ -63,14 +64,14 @@ class Diagnosis:
 
     @property
     def model(self) -> Model:
-        return self.trail.first.identification.model
+        return self.trail.first.fit.model
 
 
 def decide(trail: Trail, wider: Wider | None = None) -> Diagnosis:
     """The verdict, once nothing more passes the gates; wider as for `stages.diagnose`. What would have been seen is
     left out."""
     last = trail.last
-    compared = credibility.compare(last.identification, trail.names, [s.floor.spectrum for s in last.joints])
+    compared = credibility.compare(last.fit, trail.names, [s.floor.spectrum for s in last.joints])
     verdict, why, joint = _decided(trail, compared)
     draft = None
     if verdict == "effect" and wider is not None:
@@ -105,7 +106,7 @@ def _decided(trail: Trail, compared: credibility.Tables) -> tuple[Verdict, Why, 
     first, last, joints = trail.first, trail.last, range(trail.model.n)
     if trail.suspicions:
         return "refused", "wrong data", None
-    if any(s.identification.unsound is not None for s in trail.steps):
+    if any(unsound(s.fit) is not None for s in trail.steps):
         return "refused", "unsound fit", None
     if compared.contradictory and (compared.each_is_noise or not any(physics(last, i) for i in joints)):
         return "refused", "contradiction", None
@@ -114,7 +115,7 @@ def _decided(trail: Trail, compared: credibility.Tables) -> tuple[Verdict, Why, 
             return "unexplained", "comes nearest", i
     if trail.findings:
         return "effect", "found", None
-    if credibility.poor_excitation(first.identification) is not None:
+    if credibility.poor_excitation(first.fit) is not None:
         return "refused", "excitation", None
     left = next((i for i in joints if remainder(first, i)), None)
     if left is not None:

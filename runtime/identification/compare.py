@@ -12,7 +12,8 @@ from msgspec import UNSET
 from numpy.typing import NDArray
 
 from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, StructureShare, WrittenError
-from runtime.identification.identify import Identification, identify
+from runtime.identification.fit import Fit
+from runtime.identification.identify import identify
 from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import HARDLY_POSITIVE, STRUCTURE_LEAST_SHARE
@@ -92,7 +93,7 @@ class JointSeries:
 class Comparison:
     """A model's structure, fitted, against recordings; `written`: (rms, relative) with the file's own values."""
 
-    identification: Identification
+    fit: Fit
     joints: tuple[JointSeries, ...]
     written: tuple[tuple[float, float], ...] | None
 
@@ -104,8 +105,8 @@ class Comparison:
             for series, error in zip_longest(self.joints, written)
         ]
         return CompareDocument(
-            band=self.identification.motion.band.document(),
-            skew=self.identification.inference.skew_entry(),
+            band=self.fit.motion.band.document(),
+            skew=self.fit.inference.skew_entry(),
             joints=joints,
             warnings=warnings,
         )
@@ -113,22 +114,22 @@ class Comparison:
 
 def compare(model: Model, recordings: Sequence[Recording]) -> Comparison:
     """Fit the model file's structure to recordings."""
-    identification = identify(model, recordings)
-    return Comparison(identification, series(identification), as_written(identification))
+    fit = identify(model, recordings)
+    return Comparison(fit, series(fit), as_written(fit))
 
 
-def series(identification: Identification) -> tuple[JointSeries, ...]:
+def series(fit: Fit) -> tuple[JointSeries, ...]:
     """Every joint's torque and prediction on the rows that were fitted."""
-    return series_on(identification, identification.problem, identification.fit.residual)
+    return series_on(fit, fit.problem, fit.residual)
 
 
-def series_on(identification: Identification, problem: Problem, residuals: Sequence[Array]) -> tuple[JointSeries, ...]:
+def series_on(fit: Fit, problem: Problem, residuals: Sequence[Array]) -> tuple[JointSeries, ...]:
     """Every joint's torque and prediction along the motion of a problem, that of the fit or another one, on the rows
     that count.
 
     residuals   (M,) a joint, on all rows of that motion
     """
-    model, fit, motion = identification.model, identification.fit, problem.motion
+    model, motion = fit.model, problem.motion
     repeated, regressors, found = repeats.find(motion), Regressors(model, motion, fit.prediction), []
     for i, (joint, residual) in enumerate(zip(model.joints, residuals, strict=True)):
         use, tau = motion.moving(i), motion.recorded(i, fit.skew)
@@ -206,9 +207,9 @@ def _share(r: Array, values: Array) -> float:
     return float(np.clip(1 - (power + chance) / float(r @ r), 0.0, 1.0))
 
 
-def as_written(identification: Identification) -> tuple[tuple[float, float], ...] | None:
+def as_written(fit: Fit) -> tuple[tuple[float, float], ...] | None:
     """(rms, relative) a joint with the file's own values; None where the file leaves values open."""
-    model, motion = identification.model, identification.motion
+    model, motion = fit.model, fit.motion
     if not model.lumps_known and not motion.rigid_given:
         return None
     known = structure(model)
@@ -216,8 +217,8 @@ def as_written(identification: Identification) -> tuple[tuple[float, float], ...
         info = model.library.effects[term.effect]
         if any(p.name not in values and p.role != "given" for p in info.parameters):
             return None
-    prediction = Prediction(identification.problem.layout.stated[: len(model.lumps)], known)
-    skew, found = identification.fit.skew, []
+    prediction = Prediction(fit.problem.layout.stated[: len(model.lumps)], known)
+    skew, found = fit.skew, []
     for i in range(model.n):
         predicted = np.concatenate([_torque(Signals(model, p, prediction), i) for p in motion.pieces_of(i)])
         use = motion.moving(i)
@@ -244,14 +245,14 @@ def _torque(signals: Signals, joint: int) -> Array:
     return signals.piece.equation(signals.piece.in_band(total), joint)
 
 
-def has_proper_inertia(identification: Identification) -> bool:
+def has_proper_inertia(fit: Fit) -> bool:
     """Whether the fitted D is positive definite by more than a hundredth of what the model file or the torques ask."""
-    model, motion = identification.model, identification.motion
+    model, motion = fit.model, fit.motion
     if motion.rigid_given:
         return True
-    lumps = identification.fit.coefficients[identification.problem.layout.lumps]
-    fitted = least_inertia(model, motion, lumps)[0]
-    given = least_inertia(model, motion, model.lump_values)[0] if model.lumps_known else _least_apparent(motion)
+    lumps = fit.coefficients[fit.problem.layout.lumps]
+    fitted = least_inertia(model, motion, lumps)
+    given = least_inertia(model, motion, model.lump_values) if model.lumps_known else _least_apparent(motion)
     return bool(fitted > HARDLY_POSITIVE * given)
 
 
@@ -266,9 +267,9 @@ def _least_apparent(motion: Motion) -> float:
     return min((x for x in found if np.isfinite(x)), default=0.0)
 
 
-def driving_speed(identification: Identification, joint: int, up_to: float) -> float | None:
+def driving_speed(fit: Fit, joint: int, up_to: float) -> float | None:
     """Smallest speed up to some speed at which the joint's summed static friction drives it; None if it never does."""
-    model, prediction, count = identification.model, identification.fit.prediction, 400
+    model, prediction, count = fit.model, fit.prediction, 400
     speeds = np.linspace(up_to / count, up_to, count)
     drives = np.zeros(count, dtype=bool)
     for direction in (1.0, -1.0):

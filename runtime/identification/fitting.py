@@ -9,22 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification import grids
-from runtime.identification.estimate import Estimate
+from runtime.identification.fit import Fit
 from runtime.identification.grids import motor_angle
-from runtime.identification.problem import Fit, Problem, Skew, first_least, weighted
+from runtime.identification.jumps import least_places, with_gaps
+from runtime.identification.problem import Nonlinear, Problem, Range, Skew, first_least, weighted
 from runtime.identification.regressors import Ahead, Regressors, open_rotors
 from runtime.identification.settings import (
-    AS_GOOD_A_FLANK,
     CLEARLY_LIKELIER,
     HOLD,
-    HOPELESS_FLANK,
     NOMINAL_SKEW,
     ROTOR_ASSUMED,
     SKEW_RANGE,
@@ -35,14 +32,9 @@ from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import RecordingError
-from runtime.regression.bounded import bounded, inverse
+from runtime.regression.bounded import inverse
 
 Array = NDArray[np.float64]
-
-_GAP_REACH: Final = 2.5
-"""ratio; so far to either side of where a search over candidates, in steps of 2, left a gap its width is sought."""
-_GAP_STEPS: Final = 6
-"""number of steps to either side: among those that chance makes the least error is not missed."""
 
 
 def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]:
@@ -90,9 +82,9 @@ def _on_strongest_line(problem: Problem, shapes: dict[Term, Values], skew: Skew,
     return {**shapes[term], line.name: float(orders[0])} if line and len(orders) else shapes[term]
 
 
-def solve(
-    model: Model, motion: Motion, known: Structure, skew: float | None, start: Fit | None = None
-) -> tuple[Problem, Fit]:
+def fit_motion(
+    model: Model, motion: Motion, known: Structure, skew: float | None = None, start: Fit | None = None
+) -> Fit:
     """Fit all of a structure's parameters.
 
     known   active terms with the values from which the search starts (shapes; linear ones need none)
@@ -104,7 +96,7 @@ def solve(
     prediction = start.prediction if start else None
     shapes: dict[Term, Values] = dict(start.shapes) if start else {}
     if prediction is None and needs:
-        _, plain = solve(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
+        plain = fit_motion(model, motion, {t: v for t, v in known.items() if t not in needs}, skew)
         prediction, shapes = plain.prediction, dict(plain.shapes)
         start = plain
     if prediction is not None and not drivable(model, motion, needs, prediction):
@@ -116,35 +108,35 @@ def solve(
         # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
-    ahead = start.ahead if start else None
-    problem, fit = _refine(
-        model, motion, known, shapes=shapes, skew=at, free_skew=free, prediction=prediction, ahead=ahead
-    )
-    for _ in range(7 if needs else 0):
-        before = fit
-        if not drivable(model, motion, needs, fit.prediction):
-            break
-        problem, fit = _refine(
-            model,
-            motion,
-            known,
-            shapes=fit.shapes,
-            skew=fit.skew,
-            free_skew=free,
-            prediction=fit.prediction,
-            ahead=_delayed(model, motion, fit),
-        )
+    soft = _gives_way(model, known)
+    problem = Problem(model, motion, terms, prediction, ahead=start.ahead if start and not soft else None)
+    # One joint's weights are those of its instruments: they say how sure a shift is.
+    if start is not None and model.n > 1:
+        problem.weights = start.problem.weights
+    if any(t not in shapes for t in terms):
+        given = {**known, **{t: s for t, s in shapes.items() if t in known}}
+        shapes = _start(problem, given, Skew(at, "shared" if free else "no"))
+    fit = _refined(problem, {t: shapes[t] for t in terms}, at, free)
+    for _ in range(7 if needs else 1 if model.n > 1 else 0):
+        before, problem = fit, fit.problem
+        if needs:
+            if not drivable(model, motion, needs, fit.prediction):
+                break
+            problem = Problem(model, motion, terms, fit.prediction, ahead=_delayed(model, motion, fit))
+            if model.n > 1:
+                problem.weights = before.problem.weights
+        fit = _refined(problem, fit.shapes, fit.skew, free)
         if _settles(before, fit):
             break
-    if free and not fit.skew_free and not _gives_way(model, known):
+    if free and not fit.skew_free and not soft:
         # No term of the structure reads them: effects that delay a torque fix the skew.
-        fit = replace(fit, ahead=_ahead(problem, fit.shapes, fit.skew))
-    return problem, fit
+        fit = replace(fit, ahead=_ahead(fit.problem, fit.shapes, fit.skew))
+    return fit
 
 
 def _settles(before: Fit, after: Fit) -> bool:
     """Whether no coefficient moves by more than a thousandth, or what is left of no joint's torque by more than noise
-    does: what the data hardly tell, a place that few rows pass, may go on wandering."""
+    does. A parameter that few rows tell may go on changing."""
     if np.allclose(before.coefficients, after.coefficients, rtol=1e-3, atol=0.0):
         return True
     # Over 2500 rows all coefficients together move so much by a tenth of a standard deviation.
@@ -181,45 +173,25 @@ def _needs_prediction(model: Model, term: Term) -> bool:
     return bool(model.library.needs[term.effect] & IDENTIFIED)
 
 
-def _refine(
-    model: Model,
-    motion: Motion,
-    known: Structure,
-    shapes: dict[Term, Values],
-    skew: float,
-    free_skew: bool,
-    prediction: Prediction | None,
-    ahead: Ahead | None = None,
-) -> tuple[Problem, Fit]:
-    ahead = None if _gives_way(model, known) else ahead
-    problem = Problem(model, motion, tuple(known), prediction=prediction, ahead=ahead)
-    missing = {t: v for t, v in known.items() if t not in shapes}
-    at = Skew(skew, "shared" if free_skew else "no")
-    found = _start(problem, {**known, **{t: s for t, s in shapes.items() if t in known}}, at) if missing else shapes
-    shapes = {t: found[t] for t in known}
-    hold = free_skew
-    for _ in range(2):
-        problem, shapes = _search(problem, shapes, at)
-        if free_skew:
-            at, hold = _settled(problem, shapes, at)
-        solved = problem.solve(shapes, at)
-        count = np.array([max(1, motion.moving(i).sum()) for i in range(model.n)])
-        rms = np.sqrt([r @ r for r in solved.residual] / count)
-        problem.weights = 1 / np.maximum(rms, 1e-12)
-        if model.n == 1:
-            break
+def _refined(problem: Problem, shapes: dict[Term, Values], skew: float, free: bool) -> Fit:
+    """Shapes and, where it is free, the skew sought from a start, and every joint weighted by what is left of it."""
+    at, hold = Skew(skew, "shared" if free else "no"), free
+    problem, shapes = _search(problem, shapes, at)
+    if free:
+        at, hold = _settled(problem, shapes, at)
+    residual = problem.solve(shapes, at).residual
+    count = np.array([max(1, problem.motion.moving(i).sum()) for i in range(problem.model.n)])
+    problem.weights = 1 / np.maximum(np.sqrt([r @ r for r in residual] / count), 1e-12)
     solved = problem.solve(shapes, Skew(at.at))
-    theta = solved.coefficients
-    prediction = problem.prediction(theta, shapes)
-    return problem, Fit(
-        prediction,
-        theta,
+    return Fit(
+        problem,
+        problem.prediction(solved.coefficients, shapes),
+        solved.coefficients,
         shapes,
         skew=at.at,
         skew_free=hold,
         residual=solved.residual,
-        weights=problem.weights,
-        ahead=ahead,
+        ahead=problem.regressors.ahead,
     )
 
 
@@ -259,53 +231,51 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
 def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[Problem, dict[Term, Values]]:
     """Shape parameters that minimise the weighted residual, from a start that a grid gave, and with them the parts that
     rotors have in the inertia of their joints, where the model file leaves them out and a term tells them."""
-    names, x0, lower, upper = [], [], [], []
-    for term, shape in shapes.items():
-        info = problem.model.library.effects[term.effect]
-        for parameter in () if info.has_gap else info.shape:
-            if parameter.grid is not None and parameter.grid.continuous:
-                values = grids.axis(problem.regressors, term, parameter, shape)
-                low, high = float(values[0]), float(values[-1])
-                if not grids.searchable(parameter, values):
-                    continue
-                names.append((term, parameter.name))
-                lower.append(low)
-                upper.append(high)
-                x0.append(float(np.clip(shape[parameter.name], low, high)))
-    rotors = _open_rotors(problem)
-    for joint, (share, both) in rotors.items():
-        # On either side something is left.
-        lower.append(0.02 * both)
-        upper.append(0.98 * both)
-        x0.append(float(np.clip(problem.rotors.get(joint, share * both), lower[-1], upper[-1])))
-    if not x0:
-        return problem, _with_gaps(problem, shapes, skew)
-    from scipy.optimize import least_squares  # where it is used: it takes longer to load than a fit
+    # On either side of a rotor's part something is left.
+    rotors = {i: (share * both, (0.02 * both, 0.98 * both)) for i, (share, both) in _open_rotors(problem).items()}
+    if rotors:
+        problem = problem.with_rotors(
+            {i: float(np.clip(problem.rotors.get(i, assumed), *ends)) for i, (assumed, ends) in rotors.items()}
+        )
+    ranges, shapes = dict[Nonlinear, Range](), {t: dict(s) for t, s in shapes.items()}
+    for of in problem.searched(shapes):
+        if of.term is None:
+            ranges[of] = rotors[of.joint][1]
+        elif ends := grids.slope_range(problem.regressors, of.term, of.name, shapes[of.term]):
+            ranges[of] = ends
+            shapes[of.term][of.name] = float(np.clip(shapes[of.term][of.name], *ends))
+    if ranges:
+        problem, shapes = _descended(problem, shapes, skew, ranges)
+    return problem, with_gaps(problem, least_places(problem, shapes, skew), skew)
 
-    lo, scale = np.array(lower), np.array(upper) - np.array(lower)
 
-    @lru_cache(maxsize=2)  # a step of a rotor, and its place
-    def with_rotors(*found: float) -> Problem:
-        return problem.with_rotors(dict(zip(rotors, found, strict=True))) if found else problem
+def _descended(
+    problem: Problem, shapes: dict[Term, Values], skew: Skew, ranges: Mapping[Nonlinear, Range]
+) -> tuple[Problem, dict[Term, Values]]:
+    """From a start, step by step, to parameters that minimise the weighted residual within their ranges.
 
-    def unpack(z: Array) -> tuple[Problem, dict[Term, Values]]:
-        changed, values = {t: dict(s) for t, s in shapes.items()}, lo + z * scale
-        for (term, name), value in zip(names, values, strict=False):
-            changed[term][name] = float(value)
-        return with_rotors(*map(float, values[len(names) :])), changed
-
-    def residual(z: Array) -> Array:
-        there, changed = unpack(z)
-        parts = there.solve(changed, skew).residual
-        return np.concatenate([w * r for w, r in zip(problem.weights, parts, strict=True)])
-
-    # The method begins inside its bounds. A derivative's step lies between rounding and curvature; a search that moves
-    # by less has ended, and a grid has brought its start near.
-    inside, step = 1e-6, 1e-4
-    z0 = np.clip((np.array(x0) - lo) / scale, inside, 1 - inside)
-    ends = {"xtol": step, "ftol": 1e-6, "max_nfev": 12}
-    best, changed = unpack(least_squares(residual, z0, bounds=(0.0, 1.0), diff_step=step, **ends).x)
-    return best, _with_gaps(best, grids.least_places(best, changed, skew), skew)
+    A step is the solution of the linearised equations, no longer than the last ones bore out.
+    Source: Gauss and Newton on separable least squares, Kaufman, BIT 15, 1975; the trust region, Conn, Gould & Toint,
+    Trust-Region Methods, 2000.
+    """
+    solved, reach, least, steps = problem.solve(shapes, skew), 1.0, 1e-4, 12
+    error = weighted(solved.residual, problem.weights)
+    for _ in range(steps):
+        step = problem.step(shapes, solved, skew, ranges=ranges, reach=reach)
+        longest = max(abs(step[of]) / (high - low) for of, (low, high) in ranges.items())
+        if longest < least:
+            break
+        there, moved = problem.changed(shapes, step)
+        found = there.solve(moved, skew)
+        left = weighted(found.residual, problem.weights)
+        if left >= error:
+            reach = longest / 4
+            continue
+        ended = error - left < 1e-6 * error
+        problem, shapes, solved, error = there, moved, found, left
+        if ended:
+            break
+    return problem, shapes
 
 
 def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
@@ -342,104 +312,32 @@ def _large_delays(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
 
 
 def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew: float) -> float:
-    use = problem.motion.moving(joint)
-    if not use.any():
+    motion = problem.motion
+    if not motion.moving(joint).any():
         return 0.0
-    x, fixed = (rows[..., use] for rows in problem.rows(joint, shapes))
-    gram, layout = x @ x.T, problem.layout
+    alone = problem.system(shapes, Skew(skew)).alone(joint)
+    given = alone.joints[0].tau - alone.joints[0].spread(alone.at(np.zeros(len(alone.unknown)))[0].left)
 
-    def left(time: float) -> float:
-        y = problem.motion.torque_delayed(joint, skew, time)[use] - fixed
-        rest = y - bounded(gram, x @ y, layout.lower, upper=layout.upper, near=layout.stated) @ x
-        return float(rest @ rest) / max(float(y @ y), 1e-300)
+    def left(torque: Array) -> Array:
+        """Part of the square of torques (..., M) that the model leaves."""
+        kept, whole = alone.own({0: torque - given})
+        found: Array = kept / np.maximum(whole, 1e-300)
+        return found
 
-    step = 1 / (8 * problem.motion.cutoff(joint))  # between two of them no least error is missed
+    def later(time: float) -> Array:
+        return motion.torque_delayed(joint, skew, time)
+
+    step = 1 / (8 * motion.cutoff(joint))  # between two of them no least error is missed
     # s: a field bus takes some cycles of 1 to 10 ms to hand a command on, a current filter of 10 to 100 Hz less.
     longest_lag, longest_delay = 0.02, 0.05
     times = step * np.arange(-np.ceil(longest_lag / step), np.ceil(longest_delay / step) + 1)
-    best = float(times[int(np.argmin([left(float(t)) for t in times]))])
+    key = ("later torques", joint, skew)
+    if key not in motion.columns:
+        motion.columns[key] = np.array([later(float(time)) for time in times])
+    best = float(times[int(np.argmin(left(motion.columns[key])))])
     from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
 
-    found = minimize_scalar(left, bounds=(best - step, best + step), method="bounded", options={"xatol": step / 100})
-    rows = int(use.sum()) - problem.motion.dependent(joint, use)
-    clear = rows * np.log(left(0.0) / max(float(found.fun), 1e-300)) > CLEARLY_LIKELIER
+    bounds, ends = (best - step, best + step), {"xatol": step / 100}
+    found = minimize_scalar(lambda time: float(left(later(time))), bounds=bounds, method="bounded", options=ends)
+    clear = alone.count * np.log(float(left(alone.joints[0].tau)) / max(float(found.fun), 1e-300)) > CLEARLY_LIKELIER
     return float(found.x) if clear else 0.0
-
-
-# the width of a gap --------------------------------------------------------------------------------------------------
-#
-# What lies behind a gap strikes its flanks at instants that depend on everything: the error over the width is rugged,
-# and no derivative leads to its minimum. It is sought in steps over a range, and then between them. Stiffness and
-# damping of the flanks act above the band, where nothing is compared: the interval of the width holds the best widths
-# with all flanks that are as good, and nothing is claimed of the flanks.
-
-
-def _with_gaps(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> dict[Term, Values]:
-    """Shapes with the width of every gap at the least error that lies around it."""
-    best = dict(shapes)
-    for term in problem.layout.terms:
-        if problem.model.library.effects[term.effect].has_gap:
-            best[term] = _narrowed(problem, best, skew, term)[1]
-    return best
-
-
-def gap_estimates(problem: Problem, fit: Fit, term: Term, values: dict[str, Estimate]) -> dict[str, Estimate]:
-    """A term's estimates with the interval that its flanks leave to its gap, and none for themselves; as they are for
-    a term without a gap."""
-    info = problem.model.library.effects[term.effect]
-    play = info.of_kind("play")
-    if not info.has_gap or play is None:
-        return values
-    skew = Skew(fit.skew)
-    own = _squared_error(problem, fit.shapes, skew)
-    tried = [(own, fit.shapes[term])]
-    for flanks in _flanks(problem, fit, term):
-        shapes = {**fit.shapes, term: flanks}
-        if _squared_error(problem, shapes, skew) < HOPELESS_FLANK**2 * own:
-            tried.append(_narrowed(problem, shapes, skew, term))
-    least = min(error for error, _ in tried)
-    as_good = [shape[play.name] for error, shape in tried if error <= AS_GOOD_A_FLANK**2 * least]
-    step = _GAP_REACH ** (1 / _GAP_STEPS)
-    ends = min(as_good) / step, max(as_good) * step
-    return {name: replace(e, interval=ends if name == play.name else None) for name, e in values.items()}
-
-
-def _flanks(problem: Problem, fit: Fit, term: Term) -> list[Values]:
-    """The term's shape with the flanks of the grid in the place of its own."""
-    own = fit.shapes[term]
-    play = problem.model.library.effects[term.effect].of_kind("play")
-    kept = {play.name: own[play.name]} if play else {}
-    choices = ({**own, **c, **kept} for c in grids.points(problem.regressors, term))
-    return list({tuple(c.items()): c for c in choices}.values())
-
-
-def _narrowed(problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term: Term) -> tuple[float, Values]:
-    """The least squared error over the width of a term's gap, and the term's shape there."""
-    from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
-
-    play = problem.model.library.effects[term.effect].of_kind("play")
-    own = shapes[term]
-    if play is None or not own[play.name] > 0:
-        return _squared_error(problem, shapes, skew), own
-
-    def shape(logarithm: float) -> Values:
-        return {**own, play.name: float(np.exp(logarithm))}
-
-    def error(logarithm: float) -> float:
-        return _squared_error(problem, {**shapes, term: shape(logarithm)}, skew)
-
-    reach = float(np.log(_GAP_REACH))
-    widths = np.log(own[play.name]) + np.linspace(-reach, reach, 2 * _GAP_STEPS + 1)
-    tried = [shape(w) for w in widths]
-    problem.foresee(term, tried, shapes)
-    errors = problem.errors([{**shapes, term: one} for one in tried], skew)
-    best, step = first_least(errors), reach / _GAP_STEPS
-    bounds = (widths[best] - step, widths[best] + step)
-    # Finer, the width is chance.
-    between = minimize_scalar(error, bounds=bounds, method="bounded", options={"xatol": step / 5})
-    least, at = min((float(errors[best]), float(widths[best])), (float(between.fun), float(between.x)))
-    return least, shape(at)
-
-
-def _squared_error(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> float:
-    return weighted(problem.solve(shapes, skew).residual, problem.weights)

@@ -11,7 +11,6 @@ from math import inf, nan
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification.problem import Problem, Skew, first_least
 from runtime.identification.regressors import Regressors
 from runtime.model.loader import EffectInfo, Model
 from runtime.model.terms import Term, Values, joints_of
@@ -101,12 +100,27 @@ def _breaks(regressors: Regressors) -> list[float]:
     ]
 
 
+OF_PLACES = ("position", "end", "tip")
+"""Grids over a range of places."""
+
+
 def searchable(parameter: DescribedParameter, values: Array) -> bool:
     """Whether an axis has an extent: not at a joint that is held, nor where a negative fitted inertia gives a negative
     scale of a stiffness."""
     low, high = float(values[0]), float(values[-1])
     logarithmic = parameter.grid is not None and parameter.grid.spacing == "log"
     return bool(np.isfinite([low, high]).all()) and low < high and not (logarithmic and low <= 0)
+
+
+def slope_range(regressors: Regressors, term: Term, name: str, known: Values) -> tuple[float, float] | None:
+    """Where a shape parameter is sought along derivatives of the torque; None where these lead nowhere: over a gap,
+    over places at which a torque sets in, and without an extent."""
+    info = regressors.model.library.effects[term.effect]
+    parameter = info.parameter(name)
+    if info.has_gap or parameter.grid is None or parameter.grid.of in OF_PLACES:
+        return None
+    values = axis(regressors, term, parameter, known)
+    return (float(values[0]), float(values[-1])) if searchable(parameter, values) else None
 
 
 def points(regressors: Regressors, term: Term, orders: Array | None = None) -> list[Values]:
@@ -258,45 +272,3 @@ def motor_angle(model: Model, motion: Motion, joint: int) -> MotorAngle:
         time[use],
         motion.cutoff(joint),
     )
-
-
-# --- places at which a torque sets in ---
-
-_OF_PLACES = ("position", "end", "tip")
-"""Grids over a range of places."""
-
-
-def least_places(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) -> dict[Term, Values]:
-    """Shapes with every place at which a torque sets in at the least error within a step of its grid.
-
-    A torque sets in at a sample, so that the error over the place is a staircase without a useful derivative. Fixed
-    places are tried, 16 to a step of the grid, about as far as an arm goes in a sample: first every fourth and then
-    those between. Their columns are shared, wherever the search began.
-    """
-    best, fine, coarse = dict(shapes), 16, 4
-    for term in problem.layout.terms:
-        for parameter in problem.model.library.effects[term.effect].shape:
-            if parameter.grid is None or parameter.grid.of not in _OF_PLACES:
-                continue
-            grid = axis(problem.regressors, term, parameter, best[term])
-            if len(grid) < 2 or not searchable(parameter, grid):
-                continue
-            for every, reach in ((coarse, fine // coarse), (1, coarse - 1)):
-                at = float(np.clip(best[term][parameter.name], grid[0], grid[-1]))
-                choices = [
-                    {**best[term], parameter.name: x} for x in (at, *_around(at, grid, fine, every=every, reach=reach))
-                ]
-                problem.foresee(term, choices, best)
-                errors = problem.errors([{**best, term: shape} for shape in choices], skew)
-                best[term] = choices[first_least(errors)]
-    return best
-
-
-def _around(place: float, grid: Array, fine: int, every: int, reach: int) -> list[float]:
-    """Of places `fine` to a step of an even grid, one of `every` within `reach` of them to either side of a place, the
-    nearest first."""
-    first, step = float(grid[0]), float(grid[1] - grid[0]) / fine
-    numbers = every * (round((place - first) / step / every) + np.arange(-reach, reach + 1))
-    inside = numbers[(numbers >= 0) & (numbers <= (len(grid) - 1) * fine)]
-    found = first + step * inside
-    return [float(x) for x in found[np.argsort(np.abs(found - place), kind="stable")]]

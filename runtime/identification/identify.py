@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import lru_cache
 from itertools import combinations, product
 from typing import Literal
 
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from runtime.documents.fits import FitDocument
 from runtime.documents.parts import DelayEntry
-from runtime.identification.covariance import Inference, infer
 from runtime.identification.estimate import Estimate
-from runtime.identification.fitting import drivable, solve
-from runtime.identification.problem import Fit, Problem, Skew, configurations, weighted
+from runtime.identification.fit import Fit, Inference
+from runtime.identification.fitting import drivable, fit_motion
+from runtime.identification.problem import Problem, Skew, configurations, weighted
 from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import MOST_COMPENSATED
 from runtime.model.loader import Model
-from runtime.model.terms import Prediction, Structure, Term, joints_of, structure
+from runtime.model.terms import Prediction, Term, joints_of, structure
 from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised_to_lines, rigid_inertia
 from runtime.motion.clock import grid
 from runtime.motion.motion import Motion, prepare
@@ -47,53 +47,9 @@ class Unsound:
     value: float
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """A fit with its uncertainty."""
-
-    model: Model
-    motion: Motion
-    problem: Problem
-    fit: Fit
-
-    @cached_property
-    def inference(self) -> Inference:
-        return infer(self.problem, self.fit)
-
-    @cached_property
-    def unsound(self) -> Unsound | None:
-        """The first check that the fit fails; None where it passes all."""
-        return _unsound(self.problem, self.fit)
-
-    @cached_property
-    def uncorrected(self) -> Inference | None:
-        """The same fit with no skew correction and no row left out; None where no skew was estimated, or where the fit
-        leaves a transmission nothing to drive."""
-        if not self.fit.skew_free or not drivable(self.model, self.motion, tuple(self.fit.shapes), self.fit.prediction):
-            return None
-        every = self.motion.with_standstill
-        return infer(
-            *solve(self.model, every, {t: dict(v) for t, v in self.fit.shapes.items()}, skew=0.0, start=self.fit)
-        )
-
-    def delay_entries(self) -> list[DelayEntry]:
-        """The whole delay from torque to motion of every joint."""
-        return _delay_entries(self.model, self.inference, self.motion.pieces[0].dt)
-
-    def document(self) -> FitDocument:
-        """Every figure of the fit; intervals are 95 %."""
-        return self.inference.document(self.model).as_part_of(
-            FitDocument,
-            band=self.motion.band.document(),
-            skew=self.inference.skew_entry(),
-            delay=self.delay_entries(),
-            uncorrected=None if self.uncorrected is None else self.uncorrected.document(self.model),
-        )
-
-
-def identify(model: Model, recordings: Sequence[Recording], skew: float | None = None) -> Identification:
+def identify(model: Model, recordings: Sequence[Recording], skew: float | None = None) -> Fit:
     """Fit the model file's structure to recordings; `skew` in samples, None to estimate it."""
-    return identify_motion(model, prepared(model, recordings), structure(model), skew)
+    return fit_motion(model, prepared(model, recordings), structure(model), skew)
 
 
 def prepared(model: Model, recordings: Sequence[Recording]) -> Motion:
@@ -114,8 +70,12 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
     if motion.rigid_given or not any(grid(r).is_uneven for r in recordings):
         return motion
     held = prepare(recordings, replace(motion.band, held=True), model)
-    signal, command = (solve(model, m, structure(model), None)[1] for m in (motion, held))
-    return held if weighted(command.residual, signal.weights) < weighted(signal.residual, signal.weights) else motion
+    signal, command = (fit_motion(model, m, structure(model)) for m in (motion, held))
+    return (
+        held
+        if weighted(command.residual, signal.problem.weights) < weighted(signal.residual, signal.problem.weights)
+        else motion
+    )
 
 
 def without_tip_rests(model: Model, motion: Motion) -> Motion:
@@ -123,7 +83,7 @@ def without_tip_rests(model: Model, motion: Motion) -> Motion:
     known = structure(model)
     if not rubbing_at_tip(model, known):
         return motion
-    return without_torques_at_tip_rests(model, motion, solve(model, motion, known, None)[1].prediction)
+    return without_torques_at_tip_rests(model, motion, fit_motion(model, motion, known).prediction)
 
 
 def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
@@ -171,11 +131,26 @@ def refuse_fast_clocks(recordings: Sequence[Recording]) -> None:
         )
 
 
-def identify_motion(
-    model: Model, motion: Motion, known: Structure, skew: float | None = None, start: Fit | None = None
-) -> Identification:
-    """As `identify`, on a motion that is already prepared and for any structure."""
-    return Identification(model, motion, *solve(model, motion, known, skew=skew, start=start))
+@lru_cache(maxsize=2)
+def uncorrected(fit: Fit) -> Inference | None:
+    """The same fit with no skew correction and no row left out; None where no skew was estimated, or where the fit
+    leaves a transmission nothing to drive."""
+    if not fit.skew_free or not drivable(fit.model, fit.motion, tuple(fit.shapes), fit.prediction):
+        return None
+    known = {t: dict(v) for t, v in fit.shapes.items()}
+    return fit_motion(fit.model, fit.motion.with_standstill, known, skew=0.0, start=fit).inference
+
+
+def fit_document(fit: Fit) -> FitDocument:
+    """Every figure of a fit; intervals are 95 %."""
+    plain = uncorrected(fit)
+    return fit.inference.document(fit.model).as_part_of(
+        FitDocument,
+        band=fit.motion.band.document(),
+        skew=fit.inference.skew_entry(),
+        delay=delay_entries(fit),
+        uncorrected=None if plain is None else plain.document(fit.model),
+    )
 
 
 def _inertia(model: Model, recordings: Sequence[Recording]) -> Array:
@@ -254,9 +229,10 @@ def _dry_friction(signals: Signals, term: Term, name: str, joint: int, rate: flo
     return np.asarray(np.abs(sides[0] - sides[1]) / 2)
 
 
-def _delay_entries(model: Model, inference: Inference, dt: float) -> list[DelayEntry]:
+def delay_entries(fit: Fit) -> list[DelayEntry]:
     """The whole delay from torque to motion of every joint, s, as verbs print it: what is assumed of it (half a sample
-    of a hold) and what is estimated, the shift between the samples or an effect that leads. dt: s between samples."""
+    of a hold) and what is estimated, the shift between the samples or an effect that leads."""
+    model, inference, dt = fit.model, fit.inference, fit.motion.pieces[0].dt
     document = []
     for joint in range(1, model.n + 1):
         shift = dt * inference.skew
@@ -311,34 +287,34 @@ def _compensated(model: Model, motion: Motion) -> float:
     return float(np.max(np.divide(noise, power, out=np.zeros_like(power), where=power > 0), initial=0.0))
 
 
-def _unsound(problem: Problem, fit: Fit) -> Unsound | None:
-    return _worse_than_none(problem, fit) or _mostly_noise(problem, fit) or _worse_than_plain(problem, fit)
+def unsound(fit: Fit) -> Unsound | None:
+    return _worse_than_none(fit) or _mostly_noise(fit) or _worse_than_plain(fit)
 
 
-def _worse_than_none(problem: Problem, fit: Fit) -> Unsound | None:
+def _worse_than_none(fit: Fit) -> Unsound | None:
     for i, left in enumerate(fit.residual):
-        use = problem.motion.moving(i)
-        torque = float(np.sum(problem.motion.torque(i, fit.skew)[use] ** 2))
+        use = fit.motion.moving(i)
+        torque = float(np.sum(fit.motion.torque(i, fit.skew)[use] ** 2))
         if (rest := float(left[use] @ left[use])) > torque:
             return Unsound("worse than none", i, float(np.sqrt(rest / max(torque, 1e-300))))
     return None
 
 
-def _mostly_noise(problem: Problem, fit: Fit) -> Unsound | None:
+def _mostly_noise(fit: Fit) -> Unsound | None:
     """What another reading of the encoders would change in a joint's predicted torque, against that torque."""
-    for i in range(problem.model.n):
-        use = problem.motion.moving(i)
-        noise, fixed = problem.noise_rows(i, fit.shapes)
+    for i in range(fit.model.n):
+        use = fit.motion.moving(i)
+        noise, fixed = fit.problem.noise_rows(i, fit.shapes)
         read = (fit.coefficients @ noise + fixed)[use]
-        torque = problem.motion.torque(i, fit.skew)[use]
+        torque = fit.motion.torque(i, fit.skew)[use]
         part = float(read @ read) / max(float(torque @ torque), 1e-300)
         if part > MOST_COMPENSATED:
             return Unsound("mostly noise", i, part)
     return None
 
 
-def _worse_than_plain(problem: Problem, fit: Fit) -> Unsound | None:
-    for i, (mine, theirs) in enumerate(zip(_squares(problem, fit.residual), _plain(problem, fit), strict=True)):
+def _worse_than_plain(fit: Fit) -> Unsound | None:
+    for i, (mine, theirs) in enumerate(zip(_squares(fit.problem, fit.residual), _plain(fit), strict=True)):
         # Noise that is that part of a column makes plain least squares leave so much of what the truth does.
         if MOST_COMPENSATED * mine > theirs:
             return Unsound("worse than plain", i, float(np.sqrt(mine / max(theirs, 1e-300))))
@@ -349,8 +325,8 @@ def _squares(problem: Problem, residual: Sequence[Array]) -> list[float]:
     return [float(w**2 * (r @ r)) for w, r in zip(problem.weights, residual, strict=True)]
 
 
-def _plain(problem: Problem, fit: Fit) -> list[float]:
+def _plain(fit: Fit) -> list[float]:
     """Per joint the weighted squared error of least squares without compensation, on the rows and with the shapes of
     a fit."""
-    system = problem.system(fit.shapes, Skew(fit.skew)).without_noise()
-    return _squares(problem, system.residual(system.least(problem.inertia_cut)))
+    system = fit.problem.system(fit.shapes, Skew(fit.skew)).without_noise()
+    return _squares(fit.problem, system.residual(system.least(fit.problem.inertia_cuts)))

@@ -3,47 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification.estimate import Estimate
+from runtime.identification.grids import motor_angle
 from runtime.identification.regressors import Ahead, Regressors
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
 from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Fit:
-    """The solution of one least-squares problem.
-
-    prediction    inertial parameters and effects' values
-    coefficients  (K,) linear unknowns in the order of `LinearUnknowns.names`
-    shapes        shape parameters by term
-    skew          samples by which the torque is taken later
-    skew_free     whether it was estimated, and is what a hold explains
-    residual      per joint (M,), unweighted, zero in rows that do not count
-    weights       (n,) 1/σ by which joints were weighted
-    ahead         by how much torques lead the motion beyond what a hold explains; None where nothing is beyond it
-    witnessed     terms that a further sensor shows and the torque does not, with their parameters; no part of the fit
-    """
-
-    prediction: Prediction
-    coefficients: Array
-    shapes: dict[Term, Values]
-    skew: float
-    skew_free: bool
-    residual: list[Array]
-    weights: Array
-    ahead: Ahead | None = None
-    witnessed: Mapping[Term, Mapping[str, Estimate]] = field(default_factory=dict)
+LATE: Final = "late"
+"""of blocks: samples by which the torque is taken later."""
+DERIVATIVE_STEP: Final = 1e-3
+"""part of a parameter (its unit where that is 0); over it the derivative of a torque is taken: between rounding and
+curvature."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +108,17 @@ class _Part(Mapping[int, Columns]):
         return len(self.joints)
 
 
+class Nonlinear(NamedTuple):
+    """A parameter in which the torque is not linear: of a term's shape, or of a joint (0-based) the rotor's inertia."""
+
+    name: str
+    term: Term | None = None
+    joint: int = 0
+
+
+Range = tuple[float, float]
+
+
 @dataclass(frozen=True)
 class Skew:
     """Samples `at` which the torque is taken; further shifts from there are unknown: "no", "shared" or "each"."""
@@ -155,13 +147,17 @@ def first_least(errors: Array) -> int:
     return int(np.argmax(errors <= (1 + 1e-10) * errors.min()))
 
 
-def least_inertia(model: Model, motion: Motion, lumps: Array) -> tuple[float, Array, Array]:
-    """The smallest eigenvalue of D over configurations of the motion, kg m² (kg), with its direction (n,) and its
-    configuration (n, 1); `lumps` are base inertial parameters."""
+def least_inertia(model: Model, motion: Motion, lumps: Array) -> float:
+    """The smallest eigenvalue of D over configurations of the motion, kg m² (kg); `lumps` are base inertial
+    parameters."""
+    return float(_least_inertias(model, motion, lumps)[0].min())
+
+
+def _least_inertias(model: Model, motion: Motion, lumps: Array) -> tuple[Array, Array, Array]:
+    """(N,) smallest eigenvalues of D, with their directions (N, n), at configurations (n, N) of the motion."""
     q = configurations([p.q for p in motion.pieces])
     value, vector = np.linalg.eigh(_inertias(model, q, lumps))
-    worst = int(np.argmin(value[:, 0]))
-    return float(value[worst, 0]), vector[worst, :, 0], q[:, worst : worst + 1]
+    return value[:, 0], vector[:, :, 0], q
 
 
 def _positive(model: Model, motion: Motion, lumps: Array) -> bool:
@@ -182,6 +178,12 @@ def configurations(stretches: Sequence[Array]) -> Array:
 def _inertias(model: Model, q: Array, lumps: Array) -> Array:
     """(N, n, n) D at configurations q (n, N)."""
     return np.moveaxis(model.inertia(q, lumps), 2, 0)
+
+
+def change(key: Hashable, columns: Mapping[int, Array], lower: float = -np.inf, upper: float = np.inf) -> Block:
+    """A block of one column, (M,) by joint, without noise: what a change of a parameter adds to the torque."""
+    rows = {joint: Columns(np.stack([np.zeros_like(x), x])) for joint, x in columns.items()}
+    return Block(key, rows, np.array([lower]), np.array([upper]), change=True, version=(key, object()))
 
 
 def _arm(regressors: Regressors, joint: int) -> Array:
@@ -266,17 +268,82 @@ class Problem:
         values = {name: given(library, shapes, name) for name in names}
         return {name: value for name, value in values.items() if value is not None}
 
-    def system(self, shapes: Mapping[Term, Values], skew: Skew) -> LinearSystem:
-        """All that is linear for these shapes, compensated for the encoders' noise. What an earlier one had of the same
-        columns is not multiplied again."""
+    def system(self, shapes: Mapping[Term, Values], skew: Skew, beside: Sequence[Block] = ()) -> LinearSystem:
+        """All that is linear for these shapes, compensated for the encoders' noise; beside: further blocks. What an
+        earlier one had of the same columns is not multiplied again."""
         layout, blocks = self.layout, []
         for part in self._parts(shapes):
             lower, upper, near = (x[part.unknowns] for x in (layout.lower, layout.upper, layout.stated))
             key = part.key[0] if isinstance(part.key, tuple) else part.key
             blocks.append(Block(key, part, lower, upper, near=near, version=part.key))
         joints = [self._joint(i, skew.at) for i in range(self.model.n)]
-        self._last = LinearSystem.of(joints, [*blocks, *self._late(skew)], self._last)
+        self._last = LinearSystem.of(joints, [*blocks, *self._late(skew), *beside], self._last)
         return self._last
+
+    def searched(self, shapes: Mapping[Term, Values]) -> list[Nonlinear]:
+        """Parameters that take any value of a range and in which the torque is not linear."""
+        library, found = self.model.library, []
+        for term in self.layout.terms:
+            for name in shapes[term]:
+                grid = library.effects[term.effect].parameter(name).grid
+                if grid is not None and grid.continuous:
+                    found.append(Nonlinear(name, term))
+        return [*found, *(Nonlinear(ROTOR, joint=joint) for joint in self.rotors)]
+
+    def value(self, shapes: Mapping[Term, Values], of: Nonlinear) -> float:
+        """What a parameter is."""
+        return self.rotors[of.joint] if of.term is None else shapes[of.term][of.name]
+
+    def changed(
+        self, shapes: Mapping[Term, Values], changes: Mapping[Nonlinear, float]
+    ) -> tuple[Problem, dict[Term, Values]]:
+        """The problem and the shapes with parameters changed by so much."""
+        rotors, moved = dict(self.rotors), {t: dict(s) for t, s in shapes.items()}
+        for of, by in changes.items():
+            if of.term is None:
+                rotors[of.joint] += by
+            else:
+                moved[of.term][of.name] += by
+        return (self if rotors == self.rotors else self.with_rotors(rotors)), moved
+
+    def derivative(self, shapes: Mapping[Term, Values], theta: Array, of: Nonlinear) -> Block:
+        """Of the predicted torque by a parameter, with coefficients theta (K,): a block of one column, whose
+        coefficient is a change of that parameter."""
+        step = self._step(of, self.value(shapes, of))
+        sides = [self.changed(shapes, {of: by}) for by in (step, -step)]
+        if of.term is not None:
+            ends, given = [moved[of.term] for _, moved in sides], self._given(of.term, shapes)
+            for joint in joints_of(self.model, of.term):
+                self.regressors.foresee(of.term, joint, ends, given)
+        found: dict[int, Array] = {}
+        for more, less in zip(*(there._parts(moved) for there, moved in sides), strict=True):
+            if more.key != less.key or more.regressors is not less.regressors:
+                along = np.append(1.0, theta[more.unknowns]) / (2 * step)
+                for joint in more.joints:
+                    own = along @ (more.rows(more.regressors, joint) - less.rows(less.regressors, joint))
+                    found[joint] = found[joint] + own if joint in found else own
+        return change(of, found)
+
+    def _step(self, of: Nonlinear, value: float) -> float:
+        """Over which a derivative is taken: a part of the value, of a line's order of a period over the motion."""
+        line = None if of.term is None else self.model.library.effects[of.term.effect].line
+        if of.term is None or line is None or line.name != of.name:
+            return DERIVATIVE_STEP * abs(value) or DERIVATIVE_STEP
+        return DERIVATIVE_STEP * motor_angle(self.model, self.motion, joints_of(self.model, of.term)[0]).period
+
+    def step(
+        self, shapes: Mapping[Term, Values], solved: Solved, skew: Skew, ranges: Mapping[Nonlinear, Range], reach: float
+    ) -> dict[Nonlinear, float]:
+        """Changes of parameters that the equations ask for, linearised about a solution, within their ranges and no
+        larger than a part `reach` of these."""
+        blocks = []
+        for of, (low, high) in ranges.items():
+            value, most = self.value(shapes, of), reach * (high - low)
+            lower, upper = np.array([max(low - value, -most)]), np.array([min(high - value, most)])
+            blocks.append(replace(self.derivative(shapes, solved.coefficients, of), lower=lower, upper=upper))
+        begin = np.concatenate([solved.coefficients, solved.shifts, np.zeros(len(blocks))])
+        found = self.system(shapes, skew, blocks).towards(begin, self.inertia_cuts)[-len(blocks) :]
+        return dict(zip(ranges, map(float, found), strict=True))
 
     def _joint(self, joint: int, at: float) -> JointRows:
         """A joint's rows (0-based), its torque taken `at` samples."""
@@ -308,12 +375,12 @@ class Problem:
             rows[1 + (i if skew.unknown == "each" else 0)] = late
             columns[i] = Columns(rows)
         free = np.full(count, np.inf)
-        return [Block(("late", count), columns, -free, free)]
+        return [Block((LATE, count), columns, -free, free)]
 
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
         """Everything that is linear, for these shapes; D stays positive definite."""
         system = self.system(shapes, skew)
-        theta = system.least(self.inertia_cut)
+        theta = system.least(self.inertia_cuts)
         own, shifts = theta[: self.layout.size], theta[self.layout.size :]
         return Solved(own, shifts, system.normal, list(system.residual(theta)))
 
@@ -328,19 +395,29 @@ class Problem:
             for regressors in (self.regressors, self.regressors.perturbed):
                 regressors.foresee(term, joint, choices, given)
 
-    def inertia_cut(self, theta: Array) -> Array | None:
-        """(len(theta),) c with c·theta > 0 that a D(q) which is not positive definite violates; None if it is."""
-        if self.motion.rigid_given or _positive(self.model, self.motion, theta[self.layout.lumps]):
+    def inertia_cuts(self, theta: Array) -> Array | None:
+        """(C, len(theta)) cuts c with c·theta > 0, of which a D(q) that is not positive definite violates one; None if
+        it is."""
+        lumps, motion = theta[self.layout.lumps], self.motion
+        if motion.rigid_given or _positive(self.model, motion, lumps):
             return None
-        least, v, at = least_inertia(self.model, self.motion, theta[self.layout.lumps])
-        if least > 0:
+        value, vectors, q = _least_inertias(self.model, motion, lumps)
+        worst = np.argsort(value)[:4]
+        worst = worst[value[worst] <= 0]
+        if not len(worst):
             return None
         # Of the torque only D(q) q̈ grows with acceleration: v of it, times v, is vᵀ D(q) v for every lump at once.
-        still, twice = np.zeros((len(v), 2)), np.repeat(at, 2, axis=1)
-        regressor = self.model.regressor(twice, still, np.stack([v, still[:, 0]], axis=1))
-        cut = np.zeros(len(theta))
-        cut[self.layout.lumps] = v @ (regressor[:, :, 0] - regressor[:, :, 1])
-        return cut
+        v, at = vectors[worst].T, q[:, worst]
+        still = np.zeros_like(at)
+        moved, held = (self.model.regressor(at, still, acceleration) for acceleration in (v, still))
+        met = np.einsum("jc,jkc->ck", v, moved - held)
+        # A cut holds for every fit along this motion: what others have met is most of what this one will meet.
+        enough, key = 40, ("inertia cuts", self.model.directory)
+        known = np.vstack([motion.columns.get(key, met[:0]), met])[-enough:]
+        motion.columns[key] = known
+        cuts = np.zeros((len(known), len(theta)))
+        cuts[:, self.layout.lumps] = known
+        return cuts
 
     def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:
         """What theta (K,) and shapes say of the model: base parameters, and a value of every effect's parameter."""

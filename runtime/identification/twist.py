@@ -14,13 +14,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification.covariance import interval, places, stretches, uncertainty
 from runtime.identification.estimate import Estimate
+from runtime.identification.fit import SKEW, Fit, interval, places, stretches, uncertainty
+from runtime.identification.problem import Problem
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LOADED
 from runtime.model.terms import Term
@@ -28,9 +28,6 @@ from runtime.motion.spectra import in_band_white_density
 from runtime.regression.bounded import inverse
 from runtime.regression.noise import over_stretches
 from runtime.regression.system import Block, Columns, JointRows, LinearSystem
-
-if TYPE_CHECKING:
-    from runtime.identification.problem import Fit, Problem
 
 Array = NDArray[np.float64]
 
@@ -151,16 +148,17 @@ def without_peaks(torque: Array) -> float:
     return float(np.quantile(np.abs(torque), 0.99))
 
 
-def fit_twist(problem: Problem, fit: Fit, joint: int) -> TwistFit | None:
+def fit_twist(fit: Fit, joint: int) -> TwistFit | None:
     """The twist equation of a joint (0-based); None without a link-side encoder, or where rests reach all rows."""
+    problem = fit.problem
     if not problem.motion.has("twist", joint) or not problem.motion.unaffected(joint).any():
         return None
-    errors = _load_errors(problem, fit, joint)
-    skew, equation = 0.0, _equation(problem, fit, joint, skew=0.0, errors=errors)
+    errors = _load_errors(fit, joint)
+    skew, equation = 0.0, _equation(fit, joint, skew=0.0, errors=errors)
     # The shift is short against any motion in the band: the second step moves it by a thousandth.
     for _ in range(2):
         skew += float(equation.solution[0])
-        equation = _equation(problem, fit, joint, skew=skew, errors=errors)
+        equation = _equation(fit, joint, skew=skew, errors=errors)
     info = problem.model.joints[joint]
     covariance, degrees = equation.covariance
     late = Estimate(skew, interval(skew, float(covariance[0, 0]), degrees), "s")
@@ -187,18 +185,20 @@ def _stiffness(equation: TwistEquation, unit: str) -> Estimate | None:
     return Estimate(1 / compliance, (1 / high, 1 / low if low > 0 else np.inf), unit)
 
 
-def late(problem: Problem, fit: Fit) -> Array:
+def late(fit: Fit) -> Array:
     """(n,) s by which the link-side encoders are read later than the motors'; 0 where there is none."""
-    found = [fit_twist(problem, fit, i) for i in range(problem.model.n)]
+    problem = fit.problem
+    found = [fit_twist(fit, i) for i in range(problem.model.n)]
     return np.array([0.0 if f is None else f.skew.value for f in found])
 
 
-def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array) -> TwistEquation:
+def _equation(fit: Fit, joint: int, skew: float, errors: Array) -> TwistEquation:
+    problem = fit.problem
     motion, band = problem.motion, problem.motion.band
     # What rests is eliminated from linear equations; this one has the direction of the load, too.
     whole = replace(problem.regressors, motion=motion.with_standstill)
     twists, bases, alongs, causes = zip(
-        *(_signals(problem, fit, joint, skew=skew, regressors=r) for r in (whole, whole.perturbed)), strict=True
+        *(_signals(fit, joint, skew=skew, regressors=r) for r in (whole, whole.perturbed)), strict=True
     )
     # What is measured far above the band may be the drive's own, and no noise of the torque within it.
     cutoff = motion.cutoff(joint)
@@ -214,11 +214,10 @@ def _equation(problem: Problem, fit: Fit, joint: int, skew: float, errors: Array
     )
 
 
-def _signals(
-    problem: Problem, fit: Fit, joint: int, skew: float, regressors: Regressors
-) -> tuple[Array, Array, Array, Array]:
+def _signals(fit: Fit, joint: int, skew: float, regressors: Regressors) -> tuple[Array, Array, Array, Array]:
     """Twist (M,); the rate and a constant a recording (b, M); the acceleration where the rotor's inertia is not known
     (a, M); the load (M,)."""
+    problem = fit.problem
     motion, shift = regressors.motion, np.zeros(problem.model.n)
     shift[joint] = skew
     parts = []
@@ -228,7 +227,7 @@ def _signals(
         parts.append(piece.in_band(np.array([twist[joint], piece.qd[joint], piece.qdd[joint]])))
     twists, rate, acceleration = np.concatenate(parts, axis=1)
     rotor = problem.model.joints[joint].rotor_inertia
-    load = motion.recorded(joint, fit.skew) - _at_the_motor(problem, fit, joint, regressors)
+    load = motion.recorded(joint, fit.skew) - _at_the_motor(fit, joint, regressors)
     base, along = np.array([rate, *_constants(problem, joint)]), acceleration[None, :]
     if rotor is not None:
         load, along = load - rotor * acceleration, along[:0]
@@ -241,8 +240,9 @@ def _constants(problem: Problem, joint: int) -> list[Array]:
     return [(of == k).astype(float) for k in np.unique(of)]
 
 
-def _at_the_motor(problem: Problem, fit: Fit, joint: int, regressors: Regressors) -> Array:
+def _at_the_motor(fit: Fit, joint: int, regressors: Regressors) -> Array:
     """(M,) torque that the fitted model spends before the transmission."""
+    problem = fit.problem
     spent = np.zeros(len(problem.motion.row_piece(joint)))
     for term in _motor_terms(problem, joint):
         columns = regressors.columns(term, joint, fit.shapes[term])
@@ -255,15 +255,16 @@ def _motor_terms(problem: Problem, joint: int) -> list[Term]:
     return [t for t in problem.layout.terms if t.joint == joint + 1 and effects[t.effect].side == "motor"]
 
 
-def _load_errors(problem: Problem, fit: Fit, joint: int) -> Array:
+def _load_errors(fit: Fit, joint: int) -> Array:
     """(m, M) of the load, from what the fitted model spends before the transmission and from when the torque is taken:
     its principal errors, a standard deviation each."""
-    found = uncertainty(problem, fit)
-    where = [k for t in _motor_terms(problem, joint) for k in places(problem, fit, t, found.names)]
-    where += [len(found.names) - 1] if fit.skew_free else []
+    problem = fit.problem
+    found = uncertainty(fit)
+    where = [k for t in _motor_terms(problem, joint) for k in places(fit, t, found.names)]
+    where += [found.names.index(SKEW)] if fit.skew_free else []
     told = [k for k in where if np.isfinite(found.covariance[k, k])]
     size, direction = np.linalg.eigh(found.covariance[np.ix_(told, told)])
-    errors: Array = (direction * np.sqrt(np.maximum(size, 0.0))).T @ found.jacobian[joint][told]
+    errors: Array = (direction * np.sqrt(np.maximum(size, 0.0))).T @ found.columns(joint)[told]
     if fit.skew_free:
         return errors
     # Where it was not estimated, it is anything that a hold explains.

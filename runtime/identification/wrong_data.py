@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification.compare import errors
-from runtime.identification.identify import Identification
+from runtime.identification.fit import Fit
 from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.settings import (
     DOUBTED_RATIO,
@@ -123,32 +123,32 @@ class WrongData:
     alike: Collection[int] = ()
 
 
-def wrong_data(identification: Identification) -> WrongData:
+def wrong_data(fit: Fit) -> WrongData:
     """What a fit of the model file's structure says of its recordings."""
-    given, lumps = Reading.given(identification.model.n), identification.fit.prediction.lumps
-    trials = _trials(identification)
+    given, lumps = Reading.given(fit.model.n), fit.prediction.lumps
+    trials = _trials(fit)
     if trials is None:
-        return WrongData(given, factors=_inertia_factors(identification, given, lumps, SUSPECTED_RATIO))
-    search = _Search(trials, lambda reading: trials.fit(reading).physical_errors, _errors(identification))
+        return WrongData(given, factors=_inertia_factors(fit, given, lumps, SUSPECTED_RATIO))
+    search = _Search(trials, lambda reading: trials.fit(reading).physical_errors, _errors(fit))
     before = search.before
     reading, alike = search.degrees_first(search.all_mistakes())
     lumps = lumps if reading == given else trials.fit(reading).lumps
-    factors = _inertia_factors(identification, reading, lumps, SUSPECTED_RATIO)
+    factors = _inertia_factors(fit, reading, lumps, SUSPECTED_RATIO)
     return WrongData(reading, (before, search.errors(reading)), factors, alike)
 
 
-def doubtful_data(identification: Identification) -> WrongData:
+def doubtful_data(fit: Fit) -> WrongData:
     """What the errors alone say where the data ask for an inertia that no arm has, and inertias that are wrong by no
     more than a bad guess.
 
     An effect that is missing at one joint, a wrist's coupled gear, spoils the inertia of every reading, and with it the
     surer test of `wrong_data`. For people to look at: no verdict follows from it.
     """
-    given, trials = Reading.given(identification.model.n), _trials(identification)
+    given, trials = Reading.given(fit.model.n), _trials(fit)
     if trials is None or trials.fit(given).physical:
-        lumps = identification.fit.prediction.lumps
-        return WrongData(given, factors=_inertia_factors(identification, given, lumps, DOUBTED_RATIO))
-    search = _Search(trials, lambda reading: trials.fit(reading).errors, _errors(identification))
+        lumps = fit.prediction.lumps
+        return WrongData(given, factors=_inertia_factors(fit, given, lumps, DOUBTED_RATIO))
+    search = _Search(trials, lambda reading: trials.fit(reading).errors, _errors(fit))
     reading = search.likeliest()
     return WrongData(reading, (search.before, search.errors(reading)))
 
@@ -171,55 +171,53 @@ _TOGETHER = (
 """Mistakes that are made alone or together, the likeliest first."""
 
 
-def _errors(identification: Identification) -> Array:
+def _errors(fit: Fit) -> Array:
     """(n,) relative errors of the joints, on their rows that count."""
-    motion, fit = identification.motion, identification.fit
+    motion = fit.motion
     rows = [(residual, motion.torque(i, fit.skew), motion.moving(i)) for i, residual in enumerate(fit.residual)]
     return np.array([errors(residual[use], torque[use])[1] for residual, torque, use in rows])
 
 
-def _moving_joints(identification: Identification) -> list[int]:
+def _moving_joints(fit: Fit) -> list[int]:
     """Joints (0-based) that move; none where the user's own model gives the rigid torque."""
-    motion = identification.motion
+    motion = fit.motion
     return [] if motion.rigid_given else [i for i in range(motion.n) if motion.moving(i).any()]
 
 
-def _trials(identification: Identification) -> _Trials | None:
+def _trials(fit: Fit) -> _Trials | None:
     """None where no joint has a torque, or where too little of every torque is left, and no effect came to its bound,
     for data to be wrong."""
-    fit, layout, moving = identification.fit, identification.problem.layout, _moving_joints(identification)
+    layout, moving = fit.problem.layout, _moving_joints(fit)
     terms = [fit.coefficients[layout.slices[t]] for t in layout.terms if t.joint and t.joint - 1 in moving]
     idle = any(len(own) and not own.any() for own in terms)
-    if not idle and float(_errors(identification)[moving].max(initial=0.0)) <= SUSPECTED_FROM:
+    if not idle and float(_errors(fit)[moving].max(initial=0.0)) <= SUSPECTED_FROM:
         return None
-    trials = _Trials(identification)
+    trials = _Trials(fit)
     return trials if trials.able else None
 
 
-def _inertia_factors(
-    identification: Identification, reading: Reading, lumps: Array, least: float
-) -> dict[int, InertiaFactor]:
+def _inertia_factors(fit: Fit, reading: Reading, lumps: Array, least: float) -> dict[int, InertiaFactor]:
     """Joints (0-based) whose inertia is wrong by a factor that mistakes explain.
 
     No fit shows these: an inertia and a friction that are all too small by one factor fit as well.
     lumps   base inertial parameters under the reading      least   smallest such factor
     """
-    model = identification.model
+    model = fit.model
     if not model.lumps_known:
         return {}
     rest, result = np.zeros((model.n, 1)), {}
     fitted, stated = (np.diagonal(model.inertia(rest, x)[:, :, 0]) for x in (lumps, model.lump_values))
-    for i in _moving_joints(identification):
+    for i in _moving_joints(fit):
         if isfinite(stated[i]) and fitted[i] > 0 and stated[i] > 0:
-            kinds, others = _explained(float(stated[i] / fitted[i]), _sizes(identification, i, reading), least)
+            kinds, others = _explained(float(stated[i] / fitted[i]), _sizes(fit, i, reading), least)
             if kinds:
                 result[i] = InertiaFactor(kinds, float(fitted[i]), float(stated[i]), others)
     return result
 
 
-def _sizes(identification: Identification, joint: int, reading: Reading) -> dict[str, float]:
+def _sizes(fit: Fit, joint: int, reading: Reading) -> dict[str, float]:
     """By what each mistake that is possible at a joint (0-based) divides its inertia."""
-    info, motion = identification.model.joints[joint], identification.motion
+    info, motion = fit.model.joints[joint], fit.motion
     sizes = {MILLI: UNITS["mA"][1]}
     if info.gear_ratio > SUSPECTED_RATIO:
         sizes[RATIO] = info.gear_ratio
@@ -274,10 +272,10 @@ class _Trials:
     able   joints (0-based) with a torque in the excerpt; of others nothing can be found
     """
 
-    def __init__(self, identification: Identification) -> None:
-        self.model, self.problem, self.found = identification.model, identification.problem, identification.fit
+    def __init__(self, fit: Fit) -> None:
+        self.model, self.problem, self.found = fit.model, fit.problem, fit
         # Enough for mistakes that concern most of the torque.
-        self.motion, _ = identification.motion.excerpt(20_000)
+        self.motion, _ = fit.motion.excerpt(20_000)
         every = range(self.motion.n)
         self.able = [i for i in every if _is_torque(self.motion.torque(i, self.found.skew)[self.motion.moving(i)])]
         self._rows: dict[tuple[tuple[int, ...], tuple[str, ...]], dict[int, Array]] = {}
@@ -308,7 +306,7 @@ class _Trials:
         left = zip(joints, system.residual(theta), strict=True)
         found[self.able] = [own.weight * np.linalg.norm(r) if own.weight else np.inf for own, r in left]
         lumps, mix = theta[layout.lumps], self._mix(reading)
-        least, *_ = least_inertia(self.model, self.motion.changed(lambda p: replace(p, q=mix @ p.q)), lumps)
+        least = least_inertia(self.model, self.motion.changed(lambda p: replace(p, q=mix @ p.q)), lumps)
         return _Trial(found, lumps, least > 0)
 
     def _mix(self, reading: Reading) -> Array:

@@ -31,7 +31,8 @@ from runtime.documents.recordings import (
 from runtime.fit_warnings import Suspicion, doubts, suspicions
 from runtime.identification.compare import JointSeries, series
 from runtime.identification.estimate import Estimate
-from runtime.identification.identify import Identification, identify
+from runtime.identification.fit import Fit
+from runtime.identification.identify import delay_entries, identify
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
 from runtime.inspection.signals import (
     clock_entry,
@@ -225,7 +226,7 @@ class Inspection:
     recording: Recording | None
     problem: str | None
     names: tuple[str | None, ...]
-    fitted: Identification | None = None
+    fitted: Fit | None = None
     unfitted: str | None = None
 
     @cached_property
@@ -248,7 +249,7 @@ class Inspection:
         return [*found, *rates_in_degrees(self.recording, list(degrees))]
 
     @property
-    def believed(self) -> Identification | None:
+    def believed(self) -> Fit | None:
         """The fit, if the data look right."""
         return None if self.found else self.fitted
 
@@ -283,7 +284,7 @@ class Inspection:
             joints=joint_entries(recording, self.names) if recording else [],
             shifts=shift_entries(recording) if recording else [],
             repeats=None if fitted is None else RepeatsEntry(seconds=repeats.find(fitted.motion)[0].seconds),
-            delay=[] if fitted is None else fitted.delay_entries(),
+            delay=[] if fitted is None else delay_entries(fitted),
             parameters=[] if fitted is None else _parameters(fitted),
             unfitted=self.unfitted,
             misses=[MissEntry(joint=s.joint, part=s.relative) for s in self.joints if len(s.t)],
@@ -319,19 +320,19 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
         return replace(inspection, unfitted=str(error))
 
 
-def _inertias(fitted: Identification) -> list[InertiaEntry]:
+def _inertias(fitted: Fit) -> list[InertiaEntry]:
     """The fitted inertia that each moving joint moves at q = 0; none if the model file states all inertias."""
     model, motion = fitted.model, fitted.motion
     if model.lumps_known or motion.rigid_given:
         return []
-    lumps = fitted.fit.coefficients[fitted.problem.layout.lumps]
+    lumps = fitted.coefficients[fitted.problem.layout.lumps]
     moved = np.diagonal(model.inertia(np.zeros((model.n, 1)), lumps)[:, :, 0])
     units = ["kg" if joint.type == "prismatic" else "kg m^2" for joint in model.joints]
     able = [i for i in range(model.n) if motion.moving(i).any()]
     return [InertiaEntry(joint=i + 1, value=float(moved[i]), unit=units[i]) for i in able]
 
 
-def _parameters(fitted: Identification) -> list[DeterminedParameter]:
+def _parameters(fitted: Fit) -> list[DeterminedParameter]:
     """How well the recording determines each parameter."""
     inference = fitted.inference
     lumps = zip(fitted.model.lumps, inference.lumps, strict=True)

@@ -15,7 +15,8 @@ from runtime.diagnosis.steps import Step, remainder, residuals_elsewhere
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.fits import FitDocument
 from runtime.identification.compare import JointSeries, series_on
-from runtime.identification.identify import Identification, without_tip_rests
+from runtime.identification.fit import Fit
+from runtime.identification.identify import fit_document, without_tip_rests
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import structure
@@ -108,7 +109,7 @@ def improve(
         alone = replace(last, chosen=None, before=None)
         left = conclude(replace(trail, model=model, last=alone))
     if found.verdict != "refused":
-        edits = edits.set(last.identification.document())
+        edits = edits.set(fit_document(last.fit))
     return Improvement(edits.text, found, left)
 
 
@@ -137,18 +138,18 @@ class HeldOut:
     joints: tuple[JointSeries, ...]
 
 
-def left(identification: Identification, recordings: Sequence[Recording]) -> HeldOut:
+def left(fit: Fit, recordings: Sequence[Recording]) -> HeldOut:
     """Residuals of a fit on one or more recordings."""
-    model, fit = identification.model, identification.fit
-    motion = without_tip_rests(model, prepare(recordings, identification.motion.band, model))
+    model = fit.model
+    motion = without_tip_rests(model, prepare(recordings, fit.motion.band, model))
     problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, ahead=fit.ahead)
-    residuals = residuals_elsewhere(identification, motion)
-    return HeldOut(motion, tuple(residuals), series_on(identification, problem, residuals))
+    residuals = residuals_elsewhere(fit, motion)
+    return HeldOut(motion, tuple(residuals), series_on(fit, problem, residuals))
 
 
-def floors(identification: Identification, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
+def floors(fit: Fit, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
     """Noise floor of each joint on recordings that were not fitted, in the band of the fit; empty without any."""
-    return tuple(joint.floor for joint in left(identification, recordings).joints) if recordings else ()
+    return tuple(joint.floor for joint in left(fit, recordings).joints) if recordings else ()
 
 
 def unexplained(step: Step) -> tuple[int, ...]:

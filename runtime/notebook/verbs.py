@@ -70,7 +70,7 @@ def improve(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -
     """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one."""
     fitted, held = arm.recordings(recordings), arm.recordings(held_out)
     result = loop.improve(arm.source, fitted, held)
-    floors = loop.floors(result.steps[-1].identification, held)
+    floors = loop.floors(result.steps[-1].fit, held)
     summary = ResultSummary(result, _invocation(arm, fitted, held), floors)
     return ImprovementResult(result, summary, arm.with_text(result.model_text))
 

@@ -186,28 +186,28 @@ def minimise(
 ) -> Array:
     """argmin ½ θᵀ gram θ − momentᵀ θ with lower <= θ <= upper and c·θ > 0 for every cut of `violated`.
 
-    `violated(θ)` gives a cut (K,) that θ breaks, or None: on good data always None, and the answer is
+    `violated(θ)` gives cuts (C, K) of which θ breaks at least one, or None: on good data always None, and the answer is
     that of `bounded`. Directions that the data do not see stay at `near` (K,), None: at zero.
     """
     theta = bounded(gram, moment, lower, upper=upper, near=near)
-    cut = violated(theta)
-    if cut is None:
+    cuts = violated(theta)
+    if cuts is None:
         return theta
     scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
     scale = np.where(scale > 0, scale, 1.0)
     begin = np.zeros(len(theta)) if near is None else near
     # What the program seeks is counted from there, so that its ridge holds it there.
-    g, m, cuts = gram / np.outer(scale, scale), (moment - gram @ begin) / scale, []
+    program = _Program.of(gram / np.outer(scale, scale), (moment - gram @ begin) / scale)
     lowest, highest = (lower - begin) * scale, (upper - begin) * scale
     # Each cut is a posture at which D was not positive definite; good data need a few. The margin is the solver's.
-    most, margin = 30, 1e-6
+    most, margin, known = 30, 1e-6, np.zeros((0, len(theta)))
     for _ in range(most):
-        cuts.append(cut / scale / max(float(np.linalg.norm(cut / scale)), 1e-300))
-        a = np.array(cuts)
-        scaled = _quadratic_program(g, m, lowest, upper=highest, a=a, least=margin - a @ (begin * scale))
+        known = np.vstack([known, cuts / scale])
+        a = known / np.maximum(np.linalg.norm(known, axis=1), 1e-300)[:, None]
+        scaled = program.solve(lowest, highest, a, margin - a @ (begin * scale))
         theta = begin + _snapped(scaled, lowest, highest) / scale
-        cut = violated(theta)
-        if cut is None:
+        cuts = violated(theta)
+        if cuts is None:
             break
     return theta
 
@@ -219,32 +219,41 @@ def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
     return np.where(theta > upper - near, upper, theta)
 
 
-def _quadratic_program(g: Array, m: Array, lower: Array, upper: Array, a: Array, least: Array) -> Array:
-    """argmin ½ xᵀ g x − mᵀ x with lower <= x <= upper and a x >= least.
+@dataclass(frozen=True)
+class _Program:
+    """argmin ½ xᵀ g x − mᵀ x under bounds and cuts, as the least distance |u| with x = back (u + goal).
 
     Directions of no positive size, of which the data say nothing, are given a ridge: a Gram matrix that is compensated
     for noise need have none. The dual of the least distance is one of non-negative least squares: Lawson & Hanson,
     Solving Least Squares Problems, 1974, chapter 23.
     """
-    from scipy.optimize import nnls  # where it is used: it takes longer to load than a fit
 
-    value, vector = np.linalg.eigh(g)
-    positive = float(np.sum(value[value > 0])) or 1.0
-    root = np.sqrt(np.maximum(value, 1e-12 * positive / len(m)))
-    back = vector / root  # x = back (u + goal), so that the cost is |u|²/2
-    goal = back.T @ m
-    has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
-    unit = np.eye(len(m))
-    rows = np.vstack([a, unit[has_lower], -unit[has_upper]])
-    bounds = np.concatenate([least, lower[has_lower], -upper[has_upper]])
-    push, need = rows @ back, bounds - rows @ (back @ goal)
-    size = np.maximum(np.linalg.norm(push, axis=1), 1e-300)
-    push, need = push / size[:, None], need / size
-    pressing = nnls(np.vstack([push.T, need]), np.append(np.zeros(len(m)), 1.0))[0] > 0
-    # What presses is met exactly, and not to the accuracy of the dual.
-    shift = np.linalg.lstsq(push[pressing], need[pressing], rcond=None)[0] if pressing.any() else np.zeros(len(m))
-    x: Array = back @ (goal + shift)
-    return x
+    back: Array
+    goal: Array
+
+    @classmethod
+    def of(cls, g: Array, m: Array) -> _Program:
+        value, vector = np.linalg.eigh(g)
+        positive = float(np.sum(value[value > 0])) or 1.0
+        back = vector / np.sqrt(np.maximum(value, 1e-12 * positive / len(m)))
+        return cls(back, back.T @ m)
+
+    def solve(self, lower: Array, upper: Array, a: Array, least: Array) -> Array:
+        """x (K,) with lower <= x <= upper and a x >= least."""
+        from scipy.optimize import nnls  # where it is used: it takes longer to load than a fit
+
+        has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
+        push = np.vstack([a @ self.back, self.back[has_lower], -self.back[has_upper]])
+        need = np.concatenate([least, lower[has_lower], -upper[has_upper]]) - push @ self.goal
+        size = np.maximum(np.linalg.norm(push, axis=1), 1e-300)
+        push, need = push / size[:, None], need / size
+        pressing = nnls(np.vstack([push.T, need]), np.append(np.zeros(len(self.goal)), 1.0))[0] > 0
+        # What presses is met exactly, and not to the accuracy of the dual.
+        shift = np.zeros(len(self.goal))
+        if pressing.any():
+            shift = np.linalg.lstsq(push[pressing], need[pressing], rcond=None)[0]
+        x: Array = self.back @ (self.goal + shift)
+        return x
 
 
 @dataclass(frozen=True)

@@ -190,6 +190,33 @@ class _Stack:
 
 
 @dataclass(frozen=True, eq=False)
+class JointAt:
+    """One joint at some coefficients of a system, on the rows that count: left, left_noise (m,) the residual and what
+    of it is noise; columns, noise (b, m) of those unknowns (b,) that have any."""
+
+    left: Array
+    left_noise: Array
+    columns: Array
+    noise: Array
+    unknown: Places
+
+    @classmethod
+    def of(cls, rows: JointRows, parts: Sequence[_Stack], direction: Array, number: Places) -> JointAt:
+        """direction (R,) of the residual, number (R,) of the unknowns of a system, -1 for what is none."""
+        left, left_noise = np.zeros(rows.count), np.zeros(rows.count)
+        columns, noise, unknown = [], [], []
+        for part in parts:
+            combined, heard = part.combined(direction)
+            left += combined
+            left_noise += 0.0 if heard is None else heard
+            own = number[part.index] >= 0
+            columns.append(part.rows[own])
+            noise.append(np.zeros_like(columns[-1]) if part.noise is None else part.noise[own])
+            unknown.append(number[part.index[own]])
+        return cls(left, left_noise, np.vstack(columns), np.vstack(noise), np.concatenate(unknown))
+
+
+@dataclass(frozen=True, eq=False)
 class BlockPlace:
     """The place of a block in a system: its part without coefficient stands at row `start`, its columns behind it."""
 
@@ -302,6 +329,16 @@ class LinearSystem:
         stacks = [[_Stack(x.index, x.rows, None) for x in parts] for parts in self.stacks]
         return self._anew(self.joints, stacks)
 
+    def alone(self, joint: int) -> LinearSystem:
+        """The equations of one joint (0-based) by themselves, which then is joint 0, without compensation for noise and
+        without bounds."""
+        stack = _merged(self.stacks[joint])
+        made = self._anew([self.joints[joint]], [[_Stack(stack.index, stack.rows, None)]])
+        free = tuple(
+            replace(b, lower=np.full_like(b.lower, -np.inf), upper=np.full_like(b.upper, np.inf)) for b in self.blocks
+        )
+        return replace(made, blocks=free)
+
     def restricted(self, joints: Sequence[JointRows], places: Sequence[Places]) -> LinearSystem:
         """The system on some of its rows, levelled. joints: the rows that are kept; places (M',) by joint, where each
         of them stood; of those that count, all counted."""
@@ -317,7 +354,7 @@ class LinearSystem:
         """The system with the rows of every joint whitened and weighted by what is left of a residual (M,): a joint
         whose error is slow would otherwise count for little among others. All rows count then, and as many are
         independent as before."""
-        joints, stacks = [], []
+        joints, stacks, rounding = [], [], 1e-12
         for rows, white, left, parts in zip(self.joints, by, residual, self.stacks, strict=True):
             rms = float(np.linalg.norm(white(left))) / np.sqrt(rows.independent)
             every = np.ones_like(rows.use)
@@ -326,7 +363,7 @@ class LinearSystem:
                     white(rows.tau),
                     every,
                     rows.piece,
-                    weight=1 / rms if rms else rows.weight,
+                    weight=1 / rms if rms > rounding else rows.weight,
                     unaffected=rows.unaffected,
                     dependent=len(every) - rows.independent,
                 )
@@ -488,6 +525,18 @@ class LinearSystem:
         lower, upper = self.bounds
         return minimise(self.normal, moment, lower, upper=upper, violated=violated, near=near)
 
+    def towards(self, theta: Array, violated: Callable[[Array], Array | None]) -> Array:
+        """(K,) as `least`, where the moments are those of what theta leaves with the noise that is in it: down the
+        slope of the squared residual, which is compared, and not of the compensated error."""
+        moment = self.normal @ theta
+        for rows, own in zip(self.joints, self.at(theta), strict=True):
+            moment[own.unknown] += rows.weight**2 * (own.columns @ own.left)
+        return minimise(self.normal, moment, *self.bounds, violated=violated, near=theta)
+
+    def shift(self, theta: Array) -> Array:
+        """(K,) from coefficients theta to those of least squares without bounds."""
+        return solve(self.normal, (self.gram.sum(axis=0) @ self._direction(theta))[self.unknown])
+
     def residual(self, theta: Array) -> tuple[Array, ...]:
         """By joint (M,), of coefficients theta (K,): N m (N), zero in rows that do not count."""
         return self._combined(self._direction(theta))
@@ -518,13 +567,44 @@ class LinearSystem:
         found[np.ix_(free, free)] = inverse(self._whole.grams[0][np.ix_(free, free)])
         return found
 
-    @cached_property
-    def _beside(self) -> tuple[_Beside, ...]:
+    def at(self, theta: Array) -> tuple[JointAt, ...]:
+        """Every joint at coefficients theta (K,)."""
         number = np.full(self.gram.shape[1], -1)
         number[self.unknown] = np.arange(len(self.unknown))
-        direction = self.solution.direction
+        direction = self._direction(theta)
         pairs = zip(self.joints, self.stacks, strict=True)
-        return tuple(_Beside.of(rows, parts, direction, number) for rows, parts in pairs)
+        return tuple(JointAt.of(rows, parts, direction, number) for rows, parts in pairs)
+
+    @cached_property
+    def _beside(self) -> tuple[JointAt, ...]:
+        return self.at(self.solution.coefficients)
+
+    def plain_normal(self, at: Sequence[JointAt]) -> Array:
+        """(K, K) `normal` without compensation for noise in the columns."""
+        found = np.zeros((len(self.unknown), len(self.unknown)))
+        for rows, own in zip(self.joints, at, strict=True):
+            found[np.ix_(own.unknown, own.unknown)] += rows.weight**2 * own.columns @ own.columns.T
+        return found
+
+    def scores(self, at: Sequence[JointAt], stretches: Sequence[Places]) -> Array:
+        """(S, K) weighted sums of columns times residual over S stretches; stretches: by joint (M,), of each row."""
+        every = np.unique(np.concatenate(stretches))
+        found = np.zeros((len(every), len(self.unknown)))
+        for rows, own, each in zip(self.joints, at, stretches, strict=True):
+            stretch = each[rows.at]
+            starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+            if len(starts):
+                sums = np.add.reduceat(own.columns * (rows.weight**2 * own.left), starts, axis=1)
+                np.add.at(found, (np.searchsorted(every, stretch[starts])[:, None], own.unknown), sums.T)
+        return found
+
+    def products(self, at: Sequence[JointAt], torques: Torques) -> Array:
+        """(K,) weighted sums of columns times torques (M,)."""
+        found = np.zeros(len(self.unknown))
+        for joint, torque in torques.items():
+            rows, own = self.joints[joint], at[joint]
+            found[own.unknown] += rows.weight**2 * (own.columns @ rows.used(torque))
+        return found
 
     def beside(self, joint: int) -> tuple[Array, Array, Array]:
         """Rows of a joint (0-based) that count, weighted: the residual (m,), the columns (b, m), and the part (b, b) of
@@ -577,11 +657,7 @@ class LinearSystem:
     def beyond(self, torques: Torques) -> Array:
         """(count,) rows of all joints that count, weighted: what the system cannot take over of torques (M,)."""
         used = {joint: self.joints[joint].used(torque) for joint, torque in torques.items()}
-        cross = np.zeros(len(self.unknown))
-        for joint, x in used.items():
-            own = self._beside[joint]
-            cross[own.unknown] += self.joints[joint].weight ** 2 * (own.columns @ x)
-        taken, found = self.projection @ cross, []
+        taken, found = self.projection @ self.products(self._beside, torques), []
         for joint, (rows, own) in enumerate(zip(self.joints, self._beside, strict=True)):
             found.append(rows.weight * (used.get(joint, 0.0) - taken[own.unknown] @ own.columns))
         return np.concatenate(found)
@@ -699,38 +775,12 @@ def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Beside:
-    """One joint beside the solution of a system, on the rows that count: left, left_noise (m,) what is left and what of
-    it is noise; columns, noise (b, m) of the unknowns that have any."""
-
-    left: Array
-    left_noise: Array
-    columns: Array
-    noise: Array
-    unknown: Places
-
-    @classmethod
-    def of(cls, rows: JointRows, parts: Sequence[_Stack], direction: Array, number: Places) -> _Beside:
-        """direction (R,) of the residual, number (R,) of the unknowns of a system, -1 for what is none."""
-        left, left_noise = np.zeros(rows.count), np.zeros(rows.count)
-        columns, noise, unknown = [], [], []
-        for part in parts:
-            combined, heard = part.combined(direction)
-            left += combined
-            left_noise += 0.0 if heard is None else heard
-            own = number[part.index] >= 0
-            columns.append(part.rows[own])
-            noise.append(np.zeros_like(columns[-1]) if part.noise is None else part.noise[own])
-            unknown.append(number[part.index[own]])
-        return cls(left, left_noise, np.vstack(columns), np.vstack(noise), np.concatenate(unknown))
-
-
-@dataclass(frozen=True, eq=False)
 class _Local:
-    """One joint's products (FOLDS, r, r) of its stacks by key, unweighted."""
+    """One joint's products (FOLDS, r, r) of its stacks by key, unweighted; order: keys and first rows of these."""
 
     stacks: Mapping[Hashable, _Stack]
     gram: Array
+    order: Sequence[tuple[Hashable, int]]
 
     @classmethod
     def of(
@@ -742,12 +792,15 @@ class _Local:
     ) -> _Local:
         """parts: key, first row among all of the system, and columns by joint; like: of the same joint (0-based) and an
         equal order of blocks, of which equal keys are taken."""
+        if like is not None and [(key, start) for key, start, _ in parts] == like.order:
+            return like
         old = {} if like is None else like.places
         stacks: dict[Hashable, _Stack] = {}
         for key, start, columns in parts:
             kept = like.stacks[key] if like is not None and key in old else None
             stacks[key] = _Stack.of(start, columns[joint], rows) if kept is None else kept
-        made = cls(stacks, np.zeros((len(rows.folds), *(sum(len(s.index) for s in stacks.values()),) * 2)))
+        size, order = sum(len(s.index) for s in stacks.values()), [(key, start) for key, start, _ in parts]
+        made = cls(stacks, np.zeros((len(rows.folds), size, size)), order)
         new, both = made.places, [key for key in stacks if key in old]
         if like is not None and both:
             here, there = (np.concatenate([places[key] for key in both]) for places in (new, old))

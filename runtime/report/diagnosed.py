@@ -32,6 +32,7 @@ from runtime.documents.parts import EffectAt, EncoderSkewEntry
 from runtime.documents.recordings import InspectDocument
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import structure_entries
+from runtime.identification.identify import delay_entries, fit_document
 from runtime.identification.twist import fit_twist
 from runtime.inspection.inspection import Inspection
 from runtime.loop.improve import Improvement, unexplained
@@ -49,14 +50,14 @@ def inspected(found: Inspection) -> InspectDocument:
 def judged(found: credibility.JudgedFit) -> JudgedFitDocument:
     """As `tendon identify --json`, but for what was written."""
     above = reasons.above_noise(found.joints) if found.verdict == "fitted" else []
-    return found.identification.document().as_part_of(
+    return fit_document(found.fit).as_part_of(
         JudgedFitDocument,
         verdict=found.verdict,
         reason=reasons.of_fit(found),
         joints=[joint.document() for joint in found.joints],
         recordings=found.recordings.recording_entries(),
         inconsistent=found.recordings.contradiction_entries(),
-        warnings=[*warnings(found.identification), *above],
+        warnings=[*warnings(found.fit), *above],
     )
 
 
@@ -73,15 +74,15 @@ def document(diagnosis: Diagnosis) -> DiagnosisBase:
 
 
 def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
-    first, last = diagnosis.trail.first, diagnosis.last.identification
-    band = first.identification.motion.band
+    first, last = diagnosis.trail.first, diagnosis.last.fit
+    band = first.fit.motion.band
     above = [LineAboveBand(joint=x.joint + 1, order=x.order, frequency_hz=x.frequency) for x in band.above]
     return DiagnosisBase(
         verdict=diagnosis.verdict,
         reason=reasons.reason(diagnosis),
         band=band.document().as_part_of(DiagnosisBand, above=above),
         skew=last.inference.skew_entry(),
-        delay=last.delay_entries(),
+        delay=delay_entries(last),
         joints=[s.document().as_part_of(DiagnosedJoint) for s in first.joints],
         parameters=last.inference.inertial_entries(diagnosis.model),
         rotors=last.inference.rotor_entries(),
@@ -98,8 +99,8 @@ def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
 
 def _encoder_skew(step: Step) -> list[EncoderSkewEntry]:
     """Of each joint with a link-side encoder, by how long that is read later than the motor's."""
-    found = step.identification
-    fits = (fit_twist(found.problem, found.fit, i) for i in range(found.model.n))
+    found = step.fit
+    fits = (fit_twist(found, i) for i in range(found.model.n))
     return [f.skew.document().as_part_of(EncoderSkewEntry, joint=f.joint + 1) for f in fits if f is not None]
 
 
@@ -109,7 +110,7 @@ def finding_entry(diagnosis: Diagnosis, finding: Step) -> FindingEntry:
     info = diagnosis.model.library.effects[term.effect]
     later = diagnosis.findings[diagnosis.findings.index(finding) + 1 :]
     left = None if any(f.joint_index == i for f in later) else after_effect(diagnosis.last, i, info)
-    values = diagnosis.last.identification.inference.values.get(term, {})
+    values = diagnosis.last.fit.inference.values.get(term, {})
     held = [None if s.held_out is None else s.held_out.rms[i] for s in (finding.previous, finding)]
     return FindingEntry(
         effect=term.effect,
@@ -156,12 +157,12 @@ def evidence_entry(candidate: Candidate, model: Model) -> EvidenceEntry:
 def improved(improvement: Improvement) -> ImprovementBase:
     """As `tendon improve --json`, without the keys that follow from it."""
     found = improvement.found
-    first, last = found.steps[0].identification, found.last.identification
+    first, last = found.steps[0].fit, found.last.fit
     return _plain(improvement.left).as_part_of(
         ImprovementBase,
         sensors=[worth.document() for worth in sensors.worth(found)],
         history=[_history(found, step) for step in found.steps],
-        identification=FitsEntry(before=first.document(), after=last.document()),
+        identification=FitsEntry(before=fit_document(first), after=fit_document(last)),
     )
 
 
@@ -178,7 +179,7 @@ def _history(found: Diagnosis, step: Step) -> HistoryEntry:
 
 def drafted(draft: Draft) -> DraftBase:
     """The key "draft" of `tendon diagnose --json`, without the file."""
-    step, model = draft.step, draft.step.identification.model
+    step, model = draft.step, draft.step.fit.model
     i, before = step.joint_index, step.previous
     return DraftBase(
         effect=draft.term.effect,
@@ -190,6 +191,6 @@ def drafted(draft: Draft) -> DraftBase:
         floor=before.joints[i].floor.value,
         unit=before.joints[i].force_unit,
         evidence=evidence_entry(step.candidate, model),
-        parameters={name: e.document() for name, e in step.identification.inference.values[draft.term].items()},
+        parameters={name: e.document() for name, e in step.fit.inference.values[draft.term].items()},
         others=[EffectAt(effect=t.effect, joint=t.joint) for t in draft.others],
     )

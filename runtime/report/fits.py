@@ -19,8 +19,8 @@ from runtime.documents.fits import (
     StructureShare,
 )
 from runtime.documents.parts import BandEntry, DelayEntry, EstimateEntry, SkewEntry, given
-from runtime.identification.covariance import estimate
 from runtime.identification.estimate import Estimate
+from runtime.identification.fit import estimate
 from runtime.report.sections import Cell, Group, Paragraph, Section, TableColumn, TableSection, table, texts, words
 from runtime.wording import (
     MORE_THAN_NOISE,

@@ -13,7 +13,8 @@ from runtime.diagnosis.steps import Disturbance, Remainder, RepeatingResidual, S
 from runtime.diagnosis.verdict import Diagnosis, explained
 from runtime.fit_warnings import Suspicion, improper_inertia
 from runtime.identification.compare import JointSeries
-from runtime.identification.identify import Identification, Unsound
+from runtime.identification.fit import Fit
+from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.wording import numbered, per_turn, quantity, told_apart, whole_apart
@@ -37,27 +38,25 @@ def of_fit(found: credibility.JudgedFit) -> str:
             errors = (f"{100 * s.relative:.3g} % of the torque at joint {s.joint}" for s in joints)
             return f"the fit misses {', '.join(errors)}"
         case why:
-            return unreliable(why, found.identification, found.joints)
+            return unreliable(why, found.fit, found.joints)
 
 
-def unreliable(
-    why: credibility.Unreliable | None, identification: Identification, joints: Sequence[JointSeries]
-) -> str:
+def unreliable(why: credibility.Unreliable | None, fit: Fit, joints: Sequence[JointSeries]) -> str:
     """Why a fit to data that do not look wrong may not be believed; empty for None."""
     match why:
         case None:
             return ""
         case "short motion":
-            longest = max(credibility.moving_times(identification.motion))
+            longest = max(credibility.moving_times(fit.motion))
             return f"the joints move for {longest:.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
         case "inseparable":
-            names = ", ".join(credibility.inseparable(identification))
+            names = ", ".join(credibility.inseparable(fit))
             return f"the motion does not separate {names}; move over more speeds, accelerations and positions"
         case "worse than zero":
             at = " and ".join(f"joint {s.joint} {100 * s.relative:.3g} %" for s in joints if s.relative >= 1)
             return f"the fit is worse than no torque at all (it misses at {at} of it): the model or the data is wrong"
         case "improper inertia":
-            return "; ".join(improper_inertia(identification))
+            return "; ".join(improper_inertia(fit))
 
 
 def above_noise(joints: Sequence[JointSeries]) -> list[str]:
@@ -220,7 +219,7 @@ def _reason(diagnosis: Diagnosis) -> str:
         case "wrong data":
             return _wrong_data(trail.suspicions)
         case "unsound fit":
-            return apart + next((_unsound(u) for s in trail.steps if (u := s.identification.unsound)), "")
+            return apart + next((_unsound(u) for s in trail.steps if (u := unsound(s.fit))), "")
         case "contradiction":
             return differ + _contradictory(compared)
         case "comes nearest":
@@ -231,8 +230,8 @@ def _reason(diagnosis: Diagnosis) -> str:
             named = [_sentence(f, last) for f in diagnosis.findings]
             return f"{preface}the model lacks {'; '.join(named)}"
         case "excitation":
-            why = credibility.poor_excitation(first.identification)
-            return preface + unreliable(why, first.identification, first.joints)
+            why = credibility.poor_excitation(first.fit)
+            return preface + unreliable(why, first.fit, first.joints)
         case "nothing explains":
             found = remainder(first, diagnosis.joint or 0)
             rest = "" if found is None else left_over(found)
@@ -256,7 +255,7 @@ def _outdone(diagnosis: Diagnosis) -> str:
     assert diagnosis.draft is not None
     step = diagnosis.draft.step
     near = ", ".join(str(f.term) for f in diagnosis.trail.findings if f.joint_index == diagnosis.joint)
-    info = step.identification.model.library.effects[step.term.effect]
+    info = step.fit.model.library.effects[step.term.effect]
     return (
         f"{near} came nearest, but a term that no effect of the library has explains far more, {info.equation}: "
         "physics is missing that is not in the library"
@@ -296,7 +295,7 @@ def _called(joint: int, step: Step) -> str:
 
 def _order(term: Term, last: Step) -> str:
     """Of a line over the motor's angle, how often it repeats."""
-    model = last.identification.model
+    model = last.fit.model
     line = model.library.effects[term.effect].line
     if line is None or term.joint is None:
         return ""
@@ -306,7 +305,7 @@ def _order(term: Term, last: Step) -> str:
 def _file_contradicted(last: Step) -> str:
     """Inertial parameters of the file that the data contradict, as the beginning of a sentence."""
     wrong = []
-    found = last.identification
+    found = last.fit
     for lump, e in zip(found.model.lumps, found.inference.lumps, strict=True):
         if lump.value is not None and credibility.contradict(lump.value, e.value, credibility.deviation(e)):
             wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
@@ -315,7 +314,7 @@ def _file_contradicted(last: Step) -> str:
 
 def _above_band(step: Step) -> str:
     """That lines of the torque over the motor's angle lie above the band, as the end of a sentence."""
-    model, band = step.identification.model, step.identification.motion.band
+    model, band = step.fit.model, step.fit.motion.band
     found = [
         f"; joint {line.joint + 1}: a line at {per_turn(line.order, model.joints[line.joint].gear_ratio)} lies above "
         f"its band, which ends at {band.cutoffs[line.joint]:g} Hz, at {line.frequency:.3g} Hz"

@@ -135,7 +135,7 @@ class ResultSummary:
     def document(self) -> LoopDocument:
         """As --json writes it."""
         if isinstance(self.result, Comparison):
-            return self.result.document(warnings(self.result.identification))
+            return self.result.document(warnings(self.result.fit))
         follows = {
             "more_is_left": self.more_is_left,
             "peaks": [PeaksEntry(joint=k, frequencies_hz=f) for k, f in enumerate(self.peaks, 1) if f],
@@ -157,7 +157,7 @@ class ResultSummary:
     def steps(self) -> tuple[Step, ...]:
         if not isinstance(self.result, Comparison):
             return self.result.steps
-        return (Step.of(self.result.identification, self.result.joints),)
+        return (Step.of(self.result.fit, self.result.joints),)
 
     @property
     def first(self) -> Step:
@@ -193,8 +193,8 @@ class ResultSummary:
     @cached_property
     def peaks(self) -> list[list[float]]:
         """Frequencies of the peaks in the spectrum of each joint's last residual, Hz."""
-        found = self.last.identification
-        motion, left = found.motion, found.fit.residual
+        found = self.last.fit
+        motion, left = found.motion, found.residual
         return [spectra.peaks(residual, motion.row_rate(i), motion.cutoff(i)) for i, residual in enumerate(left)]
 
     @property
@@ -228,7 +228,7 @@ class ResultSummary:
     @cached_property
     def _found_at(self) -> set[int]:
         """Joints (0-based) at which a finding sits."""
-        model, own = self.first.identification.model, [f.term for f in self.findings if f.term.joint is not None]
+        model, own = self.first.fit.model, [f.term for f in self.findings if f.term.joint is not None]
         coupled = (t for t in own if model.library.effects[t.effect].scope == "joints")
         return {t.joint - 1 for t in own if t.joint is not None} | {i for t in coupled for i in joints_of(model, t)}
 
@@ -249,7 +249,7 @@ class ResultSummary:
 
     @property
     def invocation(self) -> Invocation:
-        return self.given or unknown(self.first.identification.model.name)
+        return self.given or unknown(self.first.fit.model.name)
 
     def copying(self) -> list[CommandEntry]:
         """What comes before the first effect is added to an arm of Tendon: a copy of it."""

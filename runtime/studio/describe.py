@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from runtime.diagnosis.steps import Trail
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, structure_entries
-from runtime.identification.covariance import estimate
 from runtime.identification.estimate import Estimate
+from runtime.identification.fit import estimate
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
@@ -71,7 +71,7 @@ def step(
     index: int, summary: ResultSummary, held: Sequence[JointSeries], suspicions: Sequence[Suspicion]
 ) -> StepOverview:
     """A fitted model."""
-    fitted = summary.first.identification
+    fitted = summary.first.fit
     library, picture = fitted.model.library.effects, moving.of_result(summary)
     joints = []
     for k, series in enumerate(summary.first.joints):
@@ -155,7 +155,7 @@ def verdict(summary: ResultSummary) -> VerdictOverview:
     }
     findings = []
     for k, finding in enumerate(summary.findings):
-        fitted = finding.identification
+        fitted = finding.fit
         info, values = fitted.model.library.effects[finding.term.effect], fitted.inference.values.get(finding.term, {})
         findings.append(
             FindingOverview(

@@ -26,6 +26,7 @@ from runtime.diagnosis.verdict import decide
 from runtime.documents.parts import Document
 from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
 from runtime.identification.compare import Comparison, JointSeries, as_written
+from runtime.identification.identify import fit_document
 from runtime.identification.regressors import Signals
 from runtime.inspection.inspection import Inspection, inspect
 from runtime.loop.improve import HeldOut, left
@@ -175,7 +176,7 @@ class LoadedSession:
     def held_out(self, number: int) -> HeldOut | None:
         """The residuals of a step's model on the held-out recordings; None without any."""
         if number not in self._held_out and self.inputs.held_out:
-            self._held_out[number] = left(self.fitted(number).identification, self.recordings(True))
+            self._held_out[number] = left(self.fitted(number).fit, self.recordings(True))
         return self._held_out.get(number)
 
     def fitted_with(self, number: int, placed: PlacedEffect) -> Step:
@@ -256,11 +257,11 @@ def _fitted(
     step, held = trail.last, loaded.held_out(number)
     held_joints = () if held is None else held.joints
     report.part(DRAWING)
-    comparison = Comparison(step.identification, step.joints, as_written(step.identification))
+    comparison = Comparison(step.fit, step.joints, as_written(step.fit))
     summary = ResultSummary(comparison, invocation(loaded.inputs, about(loaded.source.text)))
     folder = loaded.new_folder("step")
     (folder / "model.toml").write_text(text, encoding="utf-8")
-    fitted = loaded.source.with_text(text).edits.set(step.identification.document()).text
+    fitted = loaded.source.with_text(text).edits.set(fit_document(step.fit)).text
     (folder / "fitted.toml").write_text(fitted, encoding="utf-8")
     _write(folder / "overview.json", describe.step(number, summary, held_joints, trail.suspicions))
     _write(folder / "library.json", describe.offered(trail))
@@ -292,7 +293,7 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
     report.part(DRAWING)
     first, last = result.steps[0], result.last
     ends = [first] if first is last else [first, last]
-    held = [left(end.identification, loaded.recordings(True)) for end in ends if loaded.inputs.held_out]
+    held = [left(end.fit, loaded.recordings(True)) for end in ends if loaded.inputs.held_out]
     given = invocation(loaded.inputs, about(loaded.source.text))
     summary = ResultSummary(result, given, tuple(joint.floor for joint in held[-1].joints) if held else ())
     folder = loaded.new_folder("answer")
@@ -330,7 +331,7 @@ def tried(
         raise SessionError(
             f"step {step} has no {effect}, nor does its diagnosis name it; choose an effect of its model"
         )
-    model, known = fitted.identification.model, fitted.identification.fit.prediction
+    model, known = fitted.fit.model, fitted.fit.prediction
     for name, value in values.items():
         low, high = model.library.effects[term.effect].parameter(name).bounds
         if not math.isfinite(value) or not low <= value <= high:
@@ -351,16 +352,16 @@ def tried(
 
 def _term(fitted: Step, effect: PlacedEffect) -> Term | None:
     """The term of an effect in a fitted model; None where it has no such effect."""
-    terms = fitted.identification.fit.prediction.values
+    terms = fitted.fit.prediction.values
     return next((t for t in terms if (t.name, t.joint) == (effect.effect, effect.joint)), None)
 
 
 def _with_values(fitted: Step, other: Prediction, joint: int) -> JointSeries:
     """A joint (0-based) with the torque that other values predict."""
-    found, series, change = fitted.identification, fitted.joints[joint], []
+    found, series, change = fitted.fit, fitted.joints[joint], []
     for piece in found.motion.pieces_of(joint):
         total = np.zeros(len(piece.t))
-        for prediction, sign in ((other, 1.0), (found.fit.prediction, -1.0)):
+        for prediction, sign in ((other, 1.0), (found.prediction, -1.0)):
             signals = Signals(found.model, piece, prediction)
             for term in prediction.values:
                 if joint in joints_of(found.model, term):

@@ -29,7 +29,9 @@ from runtime.documents.paper import (
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
 from runtime.identification.estimate import Estimate
-from runtime.identification.identify import Identification, identify_motion, prepared
+from runtime.identification.fit import Fit
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import prepared
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import NOMINAL_SKEW
 from runtime.model.loader import Model
@@ -206,12 +208,12 @@ class JointFriction:
     model: Model
     joint: int
     cosines: tuple[Cosine, ...]
-    identification: Identification
+    fit: Fit
 
     @cached_property
     def parameters(self) -> tuple[Recovered, ...]:
         """In the order of Table I's columns."""
-        values, row = self.identification.inference.values, TABLE_1[self.joint - 1]
+        values, row = self.fit.inference.values, TABLE_1[self.joint - 1]
         return tuple(
             Recovered(self.joint, column, getattr(row, column), values[Term(effect, self.joint)][parameter])
             for column, (effect, parameter) in PLACES.items()
@@ -222,16 +224,16 @@ class JointFriction:
 
         The torque is the recorded one minus that of the inverse dynamics, both within the band of the fit.
         """
-        found, i = self.identification, self.joint - 1
+        found, i = self.fit, self.joint - 1
         speed = found.motion.rows("qd", i)[i]
         whole = Regressors(found.model, found.motion.with_standstill)
-        torque = found.motion.recorded(i, found.fit.skew) - whole.measured(i)
+        torque = found.motion.recorded(i, found.skew) - whole.measured(i)
         trials = [found.motion.row_piece(i) == k for k in range(len(found.motion.pieces))]
         return [(speed[trial], torque[trial]) for trial in trials]
 
     def friction(self, speeds: Array) -> Array:
         """(4) as identified, N m at speeds (N,) rad/s."""
-        return self._friction(self.identification.fit.prediction.values, speeds)
+        return self._friction(self.fit.prediction.values, speeds)
 
     def printed_friction(self, speeds: Array) -> Array:
         """(4) with the paper's parameters."""
@@ -243,7 +245,7 @@ class JointFriction:
 
     def entry(self) -> Table1JointEntry:
         """Without compensation a joint lags behind its cosine and does not reach its speed."""
-        motion = self.identification.motion
+        motion = self.fit.motion
         cosines = []
         for number, cosine in enumerate(self.cosines):
             trials = [piece for piece in motion.pieces if piece.recording == number]
@@ -253,7 +255,7 @@ class JointFriction:
             joint=self.joint,
             cosines=cosines,
             band=motion.band.document(),
-            skew=self.identification.inference.skew_entry(),
+            skew=self.fit.inference.skew_entry(),
             parameters=[parameter.entry() for parameter in self.parameters],
         )
 
@@ -298,7 +300,7 @@ def _fit(model: Model, joint: int, recordings: Mapping[Cosine, Recording]) -> Jo
     known: Structure = {Term(effect, joint): {} for effect, _ in PLACES.values()}
     motion = prepared(model, _with_rigid_torque(model, list(recordings.values())))
     # The only delay between torque and encoder is that the controller holds each torque for a period.
-    found = identify_motion(model, motion, known, skew=NOMINAL_SKEW)
+    found = fit_motion(model, motion, known, skew=NOMINAL_SKEW)
     return JointFriction(model, joint, tuple(recordings), found)
 
 

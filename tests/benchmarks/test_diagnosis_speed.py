@@ -25,12 +25,14 @@ from typing import Any
 import numpy as np
 from harness import show, sized, timed
 from numpy_reference import stacked
-from runtime.diagnosis.diagnose import Diagnosis, diagnose
 
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.verdict import Diagnosis
 from runtime.model.loader import Model
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import Recording
+from runtime.report import diagnosed
 from runtime.simulation import demo, simulate
 from runtime.simulation.options import SimulationSettings
 from runtime.workspace.source import CompiledArm, Source
@@ -47,17 +49,17 @@ FITTED = 0.2
 """s of CPU time that NumPy's fits take together: the mean of them counts, as the clock of CPU time may be coarse."""
 REST = "rest"
 PARTS: Mapping[str, str] = {
-    "runtime.diagnosis.diagnose:begin": "first fit",
-    "runtime.diagnosis.gates:rank": "search",
-    "runtime.diagnosis.gates:weigh": "search",
+    "runtime.diagnosis.stages:begin": "first fit",
+    "runtime.diagnosis.ranking:rank": "search",
+    "runtime.diagnosis.ranking:weigh": "search",
     "runtime.diagnosis.twist:witnessed": "search",
-    "runtime.diagnosis.pairs:search": "pairs",
-    "runtime.identification.identify:identify_motion": "refits",
+    "runtime.diagnosis.search:_pairs": "pairs",
+    "runtime.identification.fitting:fit_motion": "refits",
     "runtime.diagnosis.steps:Step.of": "refits",
-    "runtime.diagnosis.likelihood:whitened_bic": "refits",
+    "runtime.diagnosis.acceptance:whitened_bic": "refits",
     "runtime.diagnosis.detection_limits:of": "limits",
-    "runtime.diagnosis.diagnose:judged": "verdict",
-    "runtime.diagnosis.diagnose:Diagnosis.document": "verdict",
+    "runtime.diagnosis.verdict:decide": "verdict",
+    "runtime.report.diagnosed:document": "verdict",
 }
 """What a function of the diagnosis, and all that it calls, belongs to; band and derivatives are with the first fit."""
 
@@ -156,7 +158,7 @@ def measured(case: Case, folder: Path, path: Path) -> dict[str, Any]:
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     found, spent = _sampled(lambda: _diagnosed(model, data))
     memory = _memory("VmHWM") - before
-    first = found.steps[0].identification
+    first = found.steps[0].fit
     columns, torque = stacked(first.problem, first.fit.shapes, first.fit.skew)
     fits, start = 0, _processor_time()
     while (fitting := _processor_time() - start) < FITTED:
@@ -178,7 +180,7 @@ def measured(case: Case, folder: Path, path: Path) -> dict[str, Any]:
 
 def _diagnosed(model: Model, data: Recording) -> Diagnosis:
     found = diagnose(model, [data])
-    found.document().to_json()
+    diagnosed.document(found).to_json()
     return found
 
 

@@ -27,11 +27,11 @@ def test_linear_fit(name: str, hidden: str) -> None:
     """Equal regressors, and no larger an error than NumPy's solution has; an effect that the model lacks is hidden."""
     model = Source.shipped(name).compiled.model()
     data, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))
-    identification = identify.identify_motion(model, identify.prepared(model, [data]), structure(model))
-    fit, motion = identification.fit, identification.motion.with_standstill
+    fit = identify.fit_motion(model, identify.prepared(model, [data]), structure(model))
+    fit, motion = fit, fit.motion.with_standstill
     terms = tuple(fit.shapes)
     reference = NumPyFit(reader.load(ARMS / f"{name}.toml"), terms)
-    prediction = identification.problem.regressors.prediction
+    prediction = fit.problem.regressors.prediction
     fresh = Problem(model, motion, terms, prediction)
     theta, rows = reference.fit(fresh, fit.shapes, fit.skew)
     for joint, row in enumerate(rows):

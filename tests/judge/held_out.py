@@ -24,12 +24,12 @@ def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
     The noise is what the simulator knows: of the torque, of the push from outside, and of the encoder, which a perfect
     model turns into torque by the true inertia and friction.
     """
-    identification = found.steps[-1].identification
-    band, model = identification.motion.band, identification.model
+    fit = found.steps[-1].fit
+    band, model = fit.motion.band, fit.model
     motion = prepare([made.held_out], band, model)
     bare = replace(made.held_out, q=made.exact, tau=made.disturbed, qd=None, q_link=None)
     floor = _floor(made, motion, prepare([bare], band, model))
-    return np.array(errors_elsewhere(identification, motion).rms), floor
+    return np.array(errors_elsewhere(fit, motion).rms), floor
 
 
 def _floor(made: Made, motion: Motion, bare: Motion) -> Array:

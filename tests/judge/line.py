@@ -209,9 +209,9 @@ def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], expe
 
 
 def _covered(made: Made, found: Diagnosis) -> list[coverage.Covered]:
-    identification = found.steps[-1].identification
-    lumps = coverage.true_lumps(made, identification.model.regressor)
-    return coverage.covered(made, identification.document().to_json(), lumps)
+    fit = found.steps[-1].fit
+    lumps = coverage.true_lumps(made, fit.model.regressor)
+    return coverage.covered(made, fit.document().to_json(), lumps)
 
 
 def _comparable(made: Made) -> bool:

@@ -47,11 +47,11 @@ def of_result(summary: ResultSummary) -> dict[str, Any] | None:
 
     None if the recording has `tau_rigid`: the model file then does not describe the arm's links.
     """
-    if summary.first.identification.motion.rigid_given:
+    if summary.first.fit.motion.rigid_given:
         return None
     window = _largest_residual(summary.first)
     shown = window[frames(len(window))]
-    motion = summary.last.identification.motion
+    motion = summary.last.fit.motion
     t = motion.row_time(_clock(motion))[shown]
     steps = {"residual": summary.last}
     if summary.first is not summary.last:
@@ -69,8 +69,8 @@ def of_result(summary: ResultSummary) -> dict[str, Any] | None:
 
 
 def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) -> ArmMotion:
-    motion, model = step.identification.motion, step.identification.model
-    known = step.identification.fit.prediction.values
+    motion, model = step.fit.motion, step.fit.model
+    known = step.fit.prediction.values
     courses = [Course("measured", motion.rows("q", _clock(motion))[:, shown])]
     readings = _torques(step, shown)
     piece, samples = _samples(motion, shown)
@@ -92,14 +92,14 @@ def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) ->
 
 def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
     """Measured and predicted torque in the band; NaN at standstill, where dry friction is indeterminate."""
-    found = step.identification
+    found = step.fit
     measured = np.full((found.motion.n, len(shown)), np.nan)
     predicted = measured.copy()
     for i in range(found.motion.n):
         at = found.motion.nearest_rows(i, _clock(found.motion))[shown]
         use = found.motion.moving(i)[at]
-        measured[i, use] = found.motion.recorded(i, found.fit.skew)[at][use]
-        predicted[i, use] = measured[i, use] - found.fit.residual[i][at][use]
+        measured[i, use] = found.motion.recorded(i, found.skew)[at][use]
+        predicted[i, use] = measured[i, use] - found.residual[i][at][use]
     units = [joint.force_unit for joint in found.model.joints]
     return JointReadings("torque measured", measured, units), JointReadings("torque predicted", predicted, units)
 
@@ -119,11 +119,11 @@ def _samples(motion: Motion, shown: Rows) -> tuple[Piece, Rows]:
 
 def _springs(step: Step, shown: Rows) -> tuple[SpringTorque, ...]:
     """Torques of the springs beside the joints, as fitted."""
-    found = step.identification
+    found = step.fit
     model = found.model
     piece, samples = _samples(found.motion, shown)
-    signals = Signals(model, piece, found.fit.prediction)
-    springs = [t for t in found.fit.prediction.values if t.joint is not None and is_spring(model.library[t.effect])]
+    signals = Signals(model, piece, found.prediction)
+    springs = [t for t in found.prediction.values if t.joint is not None and is_spring(model.library[t.effect])]
     return tuple(
         SpringTorque(
             t.joint, -signals.torque(t, t.joint - 1)[samples], float(np.abs(piece.tau[t.joint - 1, samples]).max())
@@ -135,7 +135,7 @@ def _springs(step: Step, shown: Rows) -> tuple[SpringTorque, ...]:
 
 def _largest_residual(step: Step) -> Rows:
     """Rows of the interval, at most LONGEST in one piece, with the largest sum of squared residuals in noise floors."""
-    motion = step.identification.motion
+    motion = step.fit.motion
     weight = np.sum([_squares(step, step, i) for i in range(motion.n)], axis=0)
     total = np.concatenate([[0.0], np.cumsum(weight)])
     of, count = motion.row_piece(_clock(motion)), max(2, round(LONGEST * motion.row_rate(_clock(motion))))
@@ -149,10 +149,10 @@ def _largest_residual(step: Step) -> Rows:
 
 def _squares(step: Step, floors: Step, joint: int) -> Array:
     """Squared residual (M,) of a joint in squared noise floors, at the frames' rows; 0 where it is not compared."""
-    found = step.identification
+    found = step.fit
     at = found.motion.nearest_rows(joint, _clock(found.motion))
     floor = floors.joints[joint].floor.value
-    return np.where(found.motion.moving(joint)[at], found.fit.residual[joint][at] / (floor or np.inf), 0.0) ** 2
+    return np.where(found.motion.moving(joint)[at], found.residual[joint][at] / (floor or np.inf), 0.0) ** 2
 
 
 def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
@@ -160,7 +160,7 @@ def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
 
     floors   the step whose noise floors are used: the error of a wrong model raises the floor from repeats
     """
-    motion = step.identification.motion
+    motion = step.fit.motion
     starts = shown - window[0]
     out = np.full((motion.n, len(shown)), np.nan)
     for i in range(motion.n):
@@ -174,7 +174,7 @@ def _floors(step: Step, floors: Step, window: Rows, shown: Rows) -> Array:
 
 def _of_which(summary: ResultSummary, row: int) -> str:
     """Number of the recording and of the run, if there are several."""
-    motion = summary.last.identification.motion
+    motion = summary.last.fit.motion
     piece = motion.pieces[motion.row_piece(_clock(motion))[row]]
     text = ""
     if len({p.recording for p in motion.pieces}) > 1:

@@ -153,11 +153,11 @@ def of_joint(first: Step, last: Step, joint: int, findings: Sequence[Step]) -> l
 
 def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
     """Spectrum of the residual: a line is a disturbance, or a motor's ripple at constant speed."""
-    motion, before = first.identification.motion, first.joints[joint]
-    left, cutoff = last.identification.fit.residual[joint], motion.cutoff(joint)
+    motion, before = first.fit.motion, first.joints[joint]
+    left, cutoff = last.fit.residual[joint], motion.cutoff(joint)
     frequency, before_density = density(first, joint)
     line = spectra.strongest_line(left, motion.row_rate(joint))
-    peaks = spectra.peaks(left, last.identification.motion.row_rate(joint), cutoff)
+    peaks = spectra.peaks(left, last.fit.motion.row_rate(joint), cutoff)
     if line is not None:
         peaks = [line.frequency, *(p for p in peaks if abs(p - line.frequency) > 2 * frequency[1])]
     figure = joint_plots.spectrum(
@@ -180,7 +180,7 @@ def _spectrum(first: Step, last: Step, joint: int) -> Drawn:
 
 def density(step: Step, joint: int) -> tuple[Array, Array]:
     """Frequencies, Hz, and amplitude density of a joint's residual."""
-    return amplitudes(step.identification.fit.residual[joint], step.identification.motion.row_rate(joint))
+    return amplitudes(step.fit.residual[joint], step.fit.motion.row_rate(joint))
 
 
 def amplitudes(residual: Array, rate: float) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from runtime.diagnosis.steps import Step, remainder, seconds_moving
 from runtime.documents.diagnosis import HistoryEntry
 from runtime.documents.fits import CompareDocument, JointEntry
 from runtime.identification.compare import as_written, structure_entries, structure_shares
+from runtime.identification.identify import fit_document
 from runtime.loop.improve import Improvement
 from runtime.model.terms import Term
 from runtime.motion import spectra
@@ -67,7 +68,7 @@ def report(result: Result | ResultSummary) -> ReportPage:
     ]
     if warnings := texts(summary.document.warnings, "warning"):
         groups.append(Group(f"Warnings ({len(warnings)})", tuple(warnings), "warnings"))
-    name = summary.first.identification.model.name
+    name = summary.first.fit.model.name
     return ReportPage(
         title=f"{name}: {answer.tag}",
         model=name,
@@ -217,7 +218,7 @@ def _errors(summary: ResultSummary, drawings: dict[str, Markup]) -> Group:
 
 def _error_of(summary: ResultSummary, joint: int, drawings: dict[str, Markup]) -> list[Section]:
     first, series = summary.first, summary.last.joints[joint]
-    written, floor, of = as_written(first.identification), series.floor, series.force_unit
+    written, floor, of = as_written(first.fit), series.floor, series.force_unit
     steps = history(summary)
     sizes = ((fits.step_name(step), times_floor(step.rms[joint], floor.value)) for step in steps)
     times = "; ".join(f"{name} {number(size, 3)} × noise floor" for name, size in sizes)
@@ -306,7 +307,7 @@ def _findings(summary: ResultSummary, drawings: dict[str, Markup]) -> list[Group
         "note",
     )
     cards: list[Section] = [about]
-    effects = summary.first.identification.model.library.effects
+    effects = summary.first.fit.model.library.effects
     for k, finding in enumerate(summary.findings):
         alone = len(summary.findings_at(finding.joint_index)) == 1
         own = figures.of_finding(finding, effects[finding.term.effect], f"finding{k + 1}", alone)
@@ -370,7 +371,7 @@ def unexplained_joints(summary: ResultSummary) -> list[int]:
 
 
 def _line(step: Step, joint: int) -> str:
-    residual, motion = step.identification.fit.residual[joint], step.identification.motion
+    residual, motion = step.fit.residual[joint], step.fit.motion
     line = spectra.strongest_line(residual, motion.row_rate(joint))
     if line is None:
         return "No line stands out in its spectrum."
@@ -385,7 +386,7 @@ def to_record(summary: ResultSummary) -> list[Section]:
     if summary.left is None or summary.left.verdict != "refused":
         return []
     effects = summary.left.model.library.effects
-    values = summary.last.identification.inference.values
+    values = summary.last.fit.inference.values
     tangled = [term for term, own in values.items() if any(e.with_others for e in own.values())]
     rows = [(_called(summary, t), effects[t.effect].experiment) for t in tangled or values]
     about = (
@@ -421,8 +422,8 @@ def _limits(summary: ResultSummary) -> list[Group]:
 
 
 def _parameters(summary: ResultSummary) -> Group:
-    first, last = summary.first.identification, summary.last.identification
-    after, before = last.document(), None if first is last else first.document()
+    first, last = summary.first.fit, summary.last.fit
+    after, before = fit_document(last), None if first is last else fit_document(first)
     model, names, quiet = last.model, _names(summary), _quiet(summary)
     meanings: dict[tuple[str, str], str] = {("", lump.name): lump.meaning for lump in model.lumps}
     for term in last.inference.values:
@@ -454,7 +455,7 @@ def _adding(summary: ResultSummary) -> list[Group]:
 
 
 def _recorded(summary: ResultSummary) -> Group:
-    fit, document = summary.last.identification.document(), summary.document
+    fit, document = fit_document(summary.last.fit), summary.document
     about = summary.invocation.about
     rows = [_range_of(summary, i) for i in range(len(summary.first.joints))]
     heads = ("moving for", "position", "speed up to", "acceleration up to", "temperature", "repeated")
@@ -474,7 +475,7 @@ def _recorded(summary: ResultSummary) -> Group:
 
 def _range_of(summary: ResultSummary, joint: int) -> tuple[str, ...]:
     """The range of motion of a joint, on the rows that are compared."""
-    series, motion = summary.first.joints[joint], summary.first.identification.motion
+    series, motion = summary.first.joints[joint], summary.first.fit.motion
     of = series.position_unit
     ranges = ("–", "–", "–")
     if len(series.t):

@@ -35,8 +35,8 @@ def of_joint(first: Step, last: Step, joint: int, added: str = "") -> SignalSet:
     before = first.joints[joint]
     after = None if last is first else last.joints[joint]
     steps = [first] if last is first else [first, last]
-    motion = first.identification.motion
-    residuals = [step.identification.fit.residual[joint] for step in steps]
+    motion = first.fit.motion
+    residuals = [step.fit.residual[joint] for step in steps]
     return of_series(before, after, added, (_spectrum(before, residuals, motion),))
 
 

@@ -20,7 +20,7 @@ def test_friction_and_inertia_of_a_coupled_motor_are_found_at_both_joints(ratio:
     found = bank.diagnosed("pair coupled" if ratio > 0 else "pair coupled backwards")
     assert named(found) == ["coupled_gear@1"]
     assert found.findings[0].rivals == ()
-    last = found.steps[-1].identification
+    last = found.steps[-1].fit
     values = last.inference.values[found.findings[0].term]
     assert values["ratio"].value == ratio
     for name, truth in (("coulomb", 0.5), ("viscous", 0.4)):
@@ -47,7 +47,7 @@ def test_a_coupled_wrist_in_space_is_no_dry_friction_of_two_joints(seed: int) ->
     assert named(found) == ["coupled_gear@5"]
     assert found.findings[0].rivals == ()
     last = found.steps[-1]
-    values = last.identification.inference.values[found.findings[0].term]
+    values = last.fit.inference.values[found.findings[0].term]
     assert values["ratio"].value == 1.0
     for name, truth in (("coulomb", motor.dry), ("viscous", motor.viscous), ("inertia", motor.inertia)):
         low, high = values[name].interval

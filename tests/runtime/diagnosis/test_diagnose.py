@@ -100,7 +100,7 @@ def test_noise_of_a_stop_that_is_only_brushed_does_not_speak_against_it(drive: M
     """By 3 mrad at one time: what that says of its stiffness is nothing beside what the other says."""
     found = kept(diagnose, drive, [with_a_stop(drive, 0.5, 0.003, 10.0, 1)])
     assert named(found) == ["end_stop@1"]
-    values = found.steps[-1].identification.inference.values[found.findings[0].term]
+    values = found.steps[-1].fit.inference.values[found.findings[0].term]
     assert values["stiffness"].value == pytest.approx(10.0, rel=0.02)
     assert values["position"].value == pytest.approx(1.0, abs=0.005)
 
@@ -126,7 +126,7 @@ def test_an_effect_that_a_later_one_contains_is_no_finding_beside_it(tmp_path: P
     assert named(found) == ["backlash@1"]
     assert [str(s.added) for s in found.steps[1:]] == ["backlash@1"]
     (finding,) = found.findings
-    gap = finding.identification.inference.values[finding.term]["gap"]
+    gap = finding.fit.inference.values[finding.term]["gap"]
     assert gap.value == pytest.approx(present[finding.term]["gap"], rel=0.05)
 
 

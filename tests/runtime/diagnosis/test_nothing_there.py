@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.identification.identify import identify_motion, prepared
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion.filters import low_pass
@@ -29,7 +30,7 @@ def test_a_spring_without_stiffness_has_a_torque(drive: Model) -> None:
     whole = np.zeros(len(t), dtype=np.int64)
     recording = Recording(Path("run.csv"), t, whole, q[None], tau[None], ("revolute",), (slice(0, len(t)),), (None,))
     spring = Term("linear_spring", 1)
-    fit = identify_motion(drive, prepared(drive, [recording]), {**structure(drive), spring: {}}).fit
+    fit = fit_motion(drive, prepared(drive, [recording]), {**structure(drive), spring: {}})
     assert all(np.isfinite(x) for x in fit.prediction.values[spring].values())
 
 

@@ -63,7 +63,7 @@ def test_a_payload_from_a_moment_on(drive: Model, picked_up: float, pause: tuple
     """Named with its mass; the interval of the moment holds it, and is that of a pause where there is one."""
     found = kept(diagnose, drive, [runs(picked_up, pause=pause)])
     assert found.findings[0].term == PAYLOAD
-    values = found.steps[1].identification.inference.values[PAYLOAD]
+    values = found.steps[1].fit.inference.values[PAYLOAD]
     assert values["mass"].value == pytest.approx(MASS, rel=0.05)
     low, high = values["time"].interval or (np.nan, np.nan)
     assert low <= picked_up <= high

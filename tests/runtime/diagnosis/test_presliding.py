@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from runtime.diagnosis.stages import diagnose
-from runtime.identification.identify import identify, identify_motion
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import identify
 from runtime.model.terms import Term, structure
 from runtime.workspace.source import Source
 from tests.judge.cases import Setting, cases, make
@@ -53,7 +54,7 @@ def test_bristles_are_as_stiff_at_slow_sampling(tmp_path: Path) -> None:
     model, term = Source.read(path, None).compiled.model(), Term("lugre", 1)
     plain = kept(identify, model, [made.recording])
     known = {**structure(model), term: {"stiffness": 300.0}}
-    found = identify_motion(model, plain.motion, known, start=plain.fit).inference.values[term]["stiffness"]
+    found = fit_motion(model, plain.motion, known, start=plain).inference.values[term]["stiffness"]
     assert found.value == pytest.approx(300.0, rel=0.05)
     assert found.interval is not None
     assert found.interval[0] < 300.0 < found.interval[1]

@@ -107,14 +107,14 @@ def test_a_link_side_encoder_says_whether_the_transmission_gives_way() -> None:
     """A delay and an elasticity without slow motion: each is ruled out where the other is the truth."""
     quick, shape = Setting(excitation="no_slow"), {"stiffness": 1500.0, "damping": 1.0}
     fitted = kept(identify, bank.model("judge1"), [recorded(quick, ("torque_delay", 0, 4e-3)).with_link])
-    base = FittedBase(fitted.problem, fitted.fit)
+    base = FittedBase(fitted)
     soft = Candidate(ELASTICITY, shape, 2, 0.0, np.inf)
     (closed,) = failed(FurtherSensors(base).results(base.system, soft, base.block(ELASTICITY, shape), np.ones(1)))
     assert closed.gate is LAG
     recording = recorded(quick, ("elasticity", 0, 1500.0)).with_link
     assert not doubts(bank.model("judge1"), recording, ELASTICITY, DELAY)["elasticity@1"]
     fitted = kept(identify, bank.model("judge1"), [recording])
-    base = FittedBase(fitted.problem, fitted.fit)
+    base = FittedBase(fitted)
     late, block = Candidate(DELAY, {}, 0, 0.0, np.inf), base.block(DELAY, {})
     parts = np.append(1.0, base.system.with_block(block).solution.coefficients[len(base.system.unknown) :])
     closed = failed(FurtherSensors(base).results(base.system, late, block, parts))
@@ -158,8 +158,8 @@ def test_the_users_own_rigid_torque_replaces_an_arm_that_the_file_cannot_say() -
     assert found.findings[0].share() > 0.9
     assert reason(found).startswith("the model lacks stribeck")
     assert {p["fit"] for p in diagnosed(found).to_json()["parameters"]} == {None}
-    last = found.steps[-1].identification
-    assert np.array_equal(last.fit.prediction.lumps, bank.model("judge2").lump_values)
+    last = found.steps[-1].fit
+    assert np.array_equal(last.prediction.lumps, bank.model("judge2").lump_values)
     torque = last.inference.values[Term("stribeck", 2)]["torque"]
     assert torque.interval is not None
     assert torque.interval[0] < 0.5 < torque.interval[1]
@@ -241,7 +241,7 @@ def test_a_rigid_torque_without_rotors_leaves_them_to_be_fitted() -> None:
 
 def test_a_rigid_torque_of_its_own_leaves_no_effect_of_the_files_geometry() -> None:
     fitted = kept(identify, bank.model("judge1"), [recorded(Setting()).with_rigid])
-    terms = {t.effect for t in FittedBase(fitted.problem, fitted.fit).terms()}
+    terms = {t.effect for t in FittedBase(fitted).terms()}
     assert not terms & {"gravity", "payload", "elasticity", "backlash"}
     assert {"load_friction", "torque_ripple", "lugre"} <= terms
 

@@ -34,7 +34,7 @@ def source(folder: Path, motor: Motor, effects: tuple[str, ...] = ("coulomb", "v
 
 def found_waves(found: Diagnosis) -> list[tuple[float, float, float]]:
     """(order, amplitude, phase) of every finding, the highest amplitude first."""
-    values = found.steps[-1].identification.inference.values
+    values = found.steps[-1].fit.inference.values
     waves = [tuple(values[f.term][name].value for name in ("order", "amplitude", "phase")) for f in found.findings]
     return sorted(waves, key=lambda wave: -wave[1])  # type: ignore[arg-type, return-value]
 

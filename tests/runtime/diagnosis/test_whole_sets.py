@@ -12,7 +12,8 @@ from runtime.diagnosis.search import without_insignificant
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.steps import Step, Trail
 from runtime.diagnosis.verdict import Diagnosis
-from runtime.identification.identify import identify, identify_motion
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.report.diagnosed import finding_entry
@@ -41,7 +42,7 @@ def named(found: Diagnosis) -> list[str]:
 def test_gravity_that_is_left_out_belongs_to_the_load(seed: int, opened) -> None:
     found = kept(diagnose, opened(), [kept(record, Upright(gravity=9.81, by_load=0.1 + 0.05 * seed), seed)])
     assert sorted(named(found)) == ["gravity", "load_friction@1"]
-    values = found.steps[-1].identification.inference.values
+    values = found.steps[-1].fit.inference.values
     # A weight that hardly turns is nearly an offset, which the friction of the two directions holds, too.
     assert values[Term("gravity")]["gy"].value == pytest.approx(-9.81, rel=0.1)
     friction = values[Term("load_friction", 1)]["coefficient"]
@@ -103,5 +104,5 @@ def forced(trail: Trail, term: Term) -> Step:
     assert candidate is not None
     ranking = weigh(before.base, [candidate], before.floors)
     shapes = {**before.shapes, term: dict(candidate.shape)}
-    after = Step.of(identify_motion(trail.model, trail.motion, shapes, start=before.identification.fit))
+    after = Step.of(fit_motion(trail.model, trail.motion, shapes, start=before.fit))
     return after.after(before, ranking.candidates[0], ranking)

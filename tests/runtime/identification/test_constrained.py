@@ -111,7 +111,7 @@ def test_a_cut_is_respected() -> None:
     """min |theta − (1, −2)|² with theta_1 > 0 lies at (1, 0)."""
     cut = np.array([0.0, 1.0])
     free = np.full(2, np.inf)
-    theta = minimise(np.eye(2), np.array([1.0, -2.0]), -free, free, lambda x: cut if x @ cut <= 0 else None)
+    theta = minimise(np.eye(2), np.array([1.0, -2.0]), -free, free, lambda x: cut[None] if x @ cut <= 0 else None)
     assert np.allclose(theta, [1.0, 0.0], atol=1e-5)
     assert theta[1] > 0
 
@@ -145,5 +145,5 @@ def test_a_cut_counts_from_the_origin_whatever_is_stated() -> None:
     gram, moment = np.diag([1.0, 0.0]), np.array([-2.0, 0.0])
     cut, free = np.array([1.0, 0.0]), np.full(2, np.inf)
     near = np.array([3.0, 5.0])
-    theta = minimise(gram, moment, -free, free, lambda x: cut if x @ cut <= 0 else None, near)
+    theta = minimise(gram, moment, -free, free, lambda x: cut[None] if x @ cut <= 0 else None, near)
     assert np.allclose(theta, [0.0, 5.0], atol=1e-5)

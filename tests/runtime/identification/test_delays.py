@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
-from runtime.identification.identify import identify, identify_motion, prepared
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import fit_document, identify, prepared
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.recordings.recording import Recording
@@ -57,25 +58,25 @@ def test_a_delay_of_samples_is_found_in_time(drive: Model, samples: int) -> None
     """To a thirtieth of a sample or 1 %, where first order is wrong by a third; the total has the hold in it."""
     delay = samples / RATE
     motion = prepared(drive, [chirped(delay)])
-    plain = identify_motion(drive, motion, structure(drive))
-    found = identify_motion(drive, motion, {**structure(drive), DELAY: {}}, start=plain.fit)
+    plain = fit_motion(drive, motion, structure(drive))
+    found = fit_motion(drive, motion, {**structure(drive), DELAY: {}}, start=plain)
     estimate = found.inference.values[DELAY]["time"]
     assert estimate.value == pytest.approx(delay, rel=0.01, abs=0.03 / RATE)
-    (total,) = found.document().to_json()["delay"]
+    (total,) = fit_document(found).to_json()["delay"]
     assert total["assumed"] == pytest.approx(HOLD, rel=1e-3)
     assert total["estimated"] == estimate.value
     assert total["value"] == pytest.approx(delay + HOLD, abs=0.05 / RATE)
     low, high = total["interval"]
     assert low < total["value"] < high
     assert high - low < 0.1 / RATE
-    errors = [float(np.linalg.norm(f.fit.residual[0])) for f in (plain, found)]
+    errors = [float(np.linalg.norm(f.residual[0])) for f in (plain, found)]
     assert errors[1] < 0.25 * errors[0]
 
 
 def test_a_delay_is_named_first(drive: Model) -> None:
     """At 15 ms and 8 Hz no first order explains it; a cable or gravity was nearer."""
     recording = chirped(0.015)
-    said = warnings(kept(compare, drive, [recording]).identification)
+    said = warnings(kept(compare, drive, [recording]).fit)
     assert any("0.015 s ahead of its motion" in warning for warning in said)
     found = kept(diagnose, drive, [recording])
     assert found.findings[0].term == DELAY
@@ -85,8 +86,8 @@ def test_a_delay_is_named_first(drive: Model) -> None:
 def test_a_hold_is_no_delay(drive: Model) -> None:
     """Half a sample is estimated, not assumed, and no column changes."""
     found = kept(identify, drive, [chirped(0.0)])
-    assert found.fit.ahead is None
-    (total,) = found.document().to_json()["delay"]
+    assert found.ahead is None
+    (total,) = fit_document(found).to_json()["delay"]
     assert total["assumed"] == 0.0
     assert total["value"] == pytest.approx(HOLD, abs=0.05 / RATE)
 
@@ -97,8 +98,8 @@ def test_noise_of_the_torque_shortens_no_delay(drive: Model) -> None:
     for seed in range(3):
         clean, rng = chirped(delay, seed), np.random.default_rng(seed)
         motion = prepared(drive, [replace(clean, tau=clean.tau + 4.0 * rng.standard_normal(clean.tau.shape))])
-        plain = identify_motion(drive, motion, structure(drive))
-        found = identify_motion(drive, motion, {**structure(drive), DELAY: {}}, start=plain.fit)
+        plain = fit_motion(drive, motion, structure(drive))
+        found = fit_motion(drive, motion, {**structure(drive), DELAY: {}}, start=plain)
         estimate = found.inference.values[DELAY]["time"]
         assert estimate.value == pytest.approx(delay, rel=0.03)
         assert estimate.interval is not None

@@ -9,7 +9,7 @@ import pytest
 
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare, structure_shares
-from runtime.identification.identify import identify
+from runtime.identification.identify import identify, uncorrected
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
@@ -26,10 +26,11 @@ PUBLISHED = {"M1": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -
 
 def test_published_parameters_of_emps(emps: Model, shared: Shared) -> None:
     found = kept(identify, emps, [shared("emps/identification.csv.gz", emps)])
-    assert found.uncorrected is not None
-    values = {"M1": found.uncorrected.lumps[0].value}
+    plain = uncorrected(found)
+    assert plain is not None
+    values = {"M1": plain.lumps[0].value}
     for name, parameter in (("viscous", "coefficient"), ("coulomb", "torque"), ("offset", "torque")):
-        values[name] = found.uncorrected.values[Term(name, 1)][parameter].value
+        values[name] = plain.values[Term(name, 1)][parameter].value
     assert values == pytest.approx(PUBLISHED, rel=0.01)
     # A command is held for a sample before the motion that it causes is read: half a sample and a little.
     low, high = found.inference.skew_interval or (0.0, 0.0)
@@ -94,7 +95,7 @@ def test_compare_says_where_the_residual_sits(drive: Model) -> None:
 
 def test_leaving_the_range_of_the_data_warns(drive: Model) -> None:
     """The cubic term bends the friction down: beyond the data it would drive the joint."""
-    (said,) = warnings(kept(compare, drive, [recorded(None, 5)]).identification)
+    (said,) = warnings(kept(compare, drive, [recorded(None, 5)]).fit)
     assert "drives the joint" in said
 
 
@@ -105,7 +106,7 @@ def test_joints_that_are_held_stay_as_the_file_has_them(model: Model) -> None:
     held = [2e-4 * np.sin(2 * np.pi * f * t) for f in (1.1, 1.7, 2.3)]
     made, _ = simulate(model, settings=SimulationSettings(seed=3), motion=np.array([*held, swing]))
     found = kept(identify, model, [made])
-    fit = found.fit.prediction
+    fit = found.prediction
     for number, (lump, value) in enumerate(zip(model.lumps, fit.lumps, strict=True)):
         if lump.joint < 4:
             assert value == pytest.approx(lump.value), number
@@ -118,6 +119,6 @@ def test_joints_that_are_held_stay_as_the_file_has_them(model: Model) -> None:
     assert found.inference.values[Term("viscous", 1)]["coefficient"].interval is None
     assert fit.values[Term("viscous", 1)] == model.joints[0].effects["viscous"]
     assert fit.values[Term("viscous", 4)]["coefficient"] == pytest.approx(1.14, rel=0.05)
-    residual = found.fit.residual[3]
+    residual = found.residual[3]
     # The noise of the torque is 3 % of it, and all that is left.
     assert np.sqrt(np.mean(residual**2)) < 0.03 * np.sqrt(np.mean(made.tau[3] ** 2))

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.identification.covariance import uncertainty
 from runtime.identification.estimate import Estimate
-from runtime.identification.identify import Identification, identify_motion, prepared
+from runtime.identification.fit import Fit, uncertainty
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import prepared
 from runtime.identification.problem import Problem
 from runtime.model.terms import Term, structure
 from runtime.regression.noise import over_stretches
@@ -24,11 +25,11 @@ from tests.kept import kept
 ELASTICITY = Term("elasticity", 1)
 
 
-def soft(stiffness: float, seed: int) -> tuple[Identification, float]:
+def soft(stiffness: float, seed: int) -> tuple[Fit, float]:
     """A fit with an elasticity of the independent plant, and its damping there, N m s/rad."""
     made, model = kept(sensed, Setting(), ("elasticity", 0, stiffness), seed=seed), bank.model("judge1")
     known = {**structure(model), ELASTICITY: {}}
-    return identify_motion(model, prepared(model, [made.plain]), known), made.plant[0]["STIFFNESS_DAMPING"]
+    return fit_motion(model, prepared(model, [made.plain]), known), made.plant[0]["STIFFNESS_DAMPING"]
 
 
 def holds(e: Estimate, truth: float) -> bool:
@@ -45,8 +46,8 @@ def test_a_soft_joint_pushed_from_outside_is_within_its_interval() -> None:
 def test_a_stiffness_is_no_surer_than_the_inertia_behind_it() -> None:
     """A resonance tells k/J: what the fit does not know of J it does not know of k."""
     found, _ = soft(600.0, 50)
-    sure = uncertainty(found.problem, found.fit)
-    behind = found.fit.coefficients[0] - ARMS[1][0].rotor
+    sure = uncertainty(found)
+    behind = found.coefficients[0] - ARMS[1][0].rotor
     k = sure.names.index("elasticity@1 stiffness")
     spread = np.sqrt(np.diagonal(sure.covariance))
     assert spread[k] / 600.0 > 0.6 * spread[0] / behind
@@ -74,15 +75,15 @@ def test_an_effect_that_reads_the_arm_is_as_sure_whatever_was_predicted_before(c
         spatial_wrist.CoupledMotor(dry=0.0, viscous=0.0, inertia=0.0),
     )
     recording = spatial_wrist.record(motor, 3, 20.0, spatial_wrist.Beside(load=0.1))
-    found = identify_motion(model, prepared(model, [recording]), structure(model))
-    before = replace(found.fit.prediction, lumps=1.001 * found.fit.prediction.lumps)
+    found = fit_motion(model, prepared(model, [recording]), structure(model))
+    before = replace(found.prediction, lumps=1.001 * found.prediction.lumps)
     other = Problem(model, found.motion, found.problem.layout.terms, before)
     other.weights = found.problem.weights
     place = found.problem.layout.slices[Term("load_friction", 3)].start
-    spreads = [np.sqrt(uncertainty(p, found.fit).covariance[place, place]) for p in (found.problem, other)]
+    spreads = [np.sqrt(uncertainty(replace(found, problem=p)).covariance[place, place]) for p in (found.problem, other)]
     assert spreads[1] == pytest.approx(spreads[0], rel=0.02)
     # The plant's friction reads the rotor's share of the load, too, which the effect's law leaves out.
-    assert found.fit.coefficients[place] == pytest.approx(0.1, rel=0.05)
+    assert found.coefficients[place] == pytest.approx(0.1, rel=0.05)
     assert 0 < spreads[0] < 0.03 * 0.1
 
 

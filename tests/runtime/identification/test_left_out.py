@@ -16,7 +16,7 @@ from runtime.cli.main import app
 from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
-from runtime.identification.identify import identify
+from runtime.identification.identify import fit_document, identify
 from runtime.loop.improve import improve
 from runtime.model.terms import Term
 from runtime.motion.band import credible_inertia
@@ -68,8 +68,8 @@ def test_a_drive_without_any_inertia_is_diagnosed_as_with_its_own(sourced: Sourc
 def test_an_arm_without_any_inertia_is_identified_and_then_simulates(sourced: Sourced) -> None:
     source = sourced(bare(wrist.MODEL))
     fitted = kept(identify, source.compiled.model(), [wrist.record(wrist.CoupledMotor(), seed=5)])
-    model = source.with_text(source.edits.set(fitted.document()).text).compiled.model()
-    np.testing.assert_allclose(model.lump_values, fitted.fit.coefficients[: len(model.lumps)], rtol=1e-6)
+    model = source.with_text(source.edits.set(fit_document(fitted)).text).compiled.model()
+    np.testing.assert_allclose(model.lump_values, fitted.coefficients[: len(model.lumps)], rtol=1e-6)
     true = sourced(wrist.MODEL).compiled.model()
     stated = dict(zip((lump.name for lump in true.lumps), true.lump_values, strict=True))
     for name, value in zip((lump.name for lump in model.lumps), model.lump_values, strict=True):
@@ -83,7 +83,7 @@ def test_a_file_that_leaves_numbers_open_has_no_error_as_written(sourced: Source
     found = kept(compare, sourced(bare(DRIVE)).compiled.model(), [recorded(None, seed=2)])
     assert found.written is None
     assert found.document([]).to_json()["joints"][0]["as_written"] is None
-    assert not any("physical" in warning for warning in warnings(found.identification))
+    assert not any("physical" in warning for warning in warnings(found.fit))
 
 
 def test_what_no_row_tells_stays_open(sourced: Sourced) -> None:
@@ -97,7 +97,7 @@ def test_what_no_row_tells_stays_open(sourced: Sourced) -> None:
     tau = np.array([held[0], 0.08 * acceleration + 0.8 * np.sign(np.gradient(q[1], t))])
     source = sourced(bare(wrist.MODEL))
     smooth = replace(recording, q=q, tau=tau + 0.03 * rng.standard_normal(q.shape))
-    document = kept(identify, source.compiled.model(), [smooth]).document()
+    document = fit_document(kept(identify, source.compiled.model(), [smooth]))
     assert {p.name for p in document.inertial if p.fit is None} == {"J1", "h2", "hy2"}
     with pytest.raises(ModelError, match="J1, h2, hy2"):
         _ = source.with_text(source.edits.set(document).text).compiled.model().lump_values
@@ -112,7 +112,7 @@ def test_a_transmission_tells_the_rotor_from_its_link(sourced: Sourced) -> None:
     source = sourced(bare(DRIVE))
     better = kept(improve, source, [recorded("elasticity", seed=1)])
     assert [str(f.term) for f in better.findings] == ["elasticity@1"]
-    fitted = better.steps[-1].identification
+    fitted = better.steps[-1].fit
     values = fitted.inference.values[better.findings[0].term]
     for estimate, truth in ((values["stiffness"], 3000.0), (fitted.inference.open[0], 0.10)):
         assert estimate.interval is not None
@@ -132,7 +132,7 @@ def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced:
     made, _ = simulate.simulate(sourced(told).compiled.model(), settings=SimulationSettings(seconds=20))
     found = kept(diagnose, source.compiled.model(), [made])
     assert found.verdict == "clean"
-    inference = found.steps[-1].identification.inference
+    inference = found.steps[-1].fit.inference
     others = inference.values[Term("load_friction", 1)]["coefficient"].with_others
     assert "rotor_inertia 1" in others
     assert {p["name"] for p in diagnosed(found).to_json()["parameters"]} == {"J1", "rotor_inertia"}

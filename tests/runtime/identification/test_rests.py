@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from runtime.identification.identify import identify_motion, prepared, without_torques_at_tip_rests
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import prepared, without_torques_at_tip_rests
 from runtime.identification.regressors import Regressors
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, structure
@@ -121,7 +122,7 @@ def test_a_place_is_found_over_the_staircase_of_its_samples(drive: Model, astray
     tau = 0.2365 * qdd + friction - spring + 0.02 * rng.standard_normal(len(t))
     term = Term("parallel_spring", 1)
     known = {**structure(drive), term: {"offset": place + astray, "radius": 1.0}}
-    fit = identify_motion(drive, prepared(drive, [recording(q[None], tau[None])]), known).fit
+    fit = fit_motion(drive, prepared(drive, [recording(q[None], tau[None])]), known)
     assert fit.shapes[term]["offset"] == pytest.approx(place, abs=0.004)
     assert fit.prediction.values[term]["pretension"] == pytest.approx(0.8, abs=0.05)
 

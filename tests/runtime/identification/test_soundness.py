@@ -11,7 +11,7 @@ import pytest
 
 from runtime.diagnosis.stages import conclude, diagnose
 from runtime.diagnosis.steps import Trail
-from runtime.identification.identify import identify, prepared
+from runtime.identification.identify import fit_document, identify, prepared, unsound
 from runtime.model.loader import Model
 from runtime.motion.band import credible_inertia
 from runtime.motion.motion import prepare
@@ -47,7 +47,7 @@ def test_a_guessed_inertia_does_not_choose_the_band(tmp_path: Path, coarse: Reco
     found = kept(identify, arm(tmp_path, 1.4e-4, 1e-4), [coarse])
     assert found.motion.band.cutoff == pytest.approx(8.0)
     assert found.inference.lumps[0].value == pytest.approx(0.2365, rel=0.02)
-    assert found.unsound is None
+    assert unsound(found) is None
 
 
 def test_an_inertia_that_is_nearly_right_chooses_it(coarse: Recording) -> None:
@@ -62,16 +62,17 @@ def test_a_fit_that_compensation_has_spoilt_is_refused(drive: Model, coarse: Rec
     band = replace(prepared(drive, [coarse]).band, cutoffs=np.array([50.0]))
     found = conclude(Trail.begun(drive, prepare([coarse], band, drive), None, ["coarse.csv"]))
     assert (found.verdict, found.why) == ("refused", "unsound fit")
-    unsound = found.trail.first.identification.unsound
-    assert (unsound.check, unsound.joint) == ("worse than none", 0)
-    assert unsound.value > 1
-    assert f"joint 1: the fit is worse than no model (error {100 * unsound.value:.0f} %)" in reason(found)
+    failed = unsound(found.trail.first.fit)
+    assert failed is not None
+    assert (failed.check, failed.joint) == ("worse than none", 0)
+    assert failed.value > 1
+    assert f"joint 1: the fit is worse than no model (error {100 * failed.value:.0f} %)" in reason(found)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_sound_fit_is_not(drive: Model, seed: int) -> None:
     run = simulate(drive, settings=SimulationSettings(seconds=20.0, seed=seed))[0]
-    assert kept(identify, drive, [run]).unsound is None
+    assert unsound(kept(identify, drive, [run])) is None
 
 
 def test_a_link_without_inertia_warns_of_nothing(tmp_path: Path) -> None:
@@ -82,7 +83,7 @@ def test_a_link_without_inertia_warns_of_nothing(tmp_path: Path) -> None:
         warnings.simplefilter("error")
         assert kept(diagnose, model, [run]).verdict == "clean"
         believed = arm(tmp_path, 1e-6, 0.2365, "[joint.effects.elasticity]\n")
-        kept(identify, believed, [run]).document().to_json()
+        fit_document(kept(identify, believed, [run])).to_json()
 
 
 def test_an_effect_that_cannot_be_placed_is_one_line(tmp_path: Path, drive: Model) -> None:

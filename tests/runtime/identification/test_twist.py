@@ -88,9 +88,9 @@ def pushed(seed: int, joint: Transmission, seconds: float = 30.0, count: float =
 
 def fitted(drive: Model, recording: Recording) -> tuple[FittedBase, TwistFit]:
     found = kept(identify, drive, [recording])
-    fit = fit_twist(found.problem, found.fit, 0)
+    fit = fit_twist(found, 0)
     assert fit is not None
-    return FittedBase(found.problem, found.fit), fit
+    return FittedBase(found), fit
 
 
 def test_a_late_link_side_encoder_is_told_from_a_soft_joint(drive: Model) -> None:
@@ -144,10 +144,10 @@ def test_a_gap_is_told_from_a_spring(drive: Model) -> None:
 def test_rests_that_reach_every_row_leave_nothing_of_the_twist(drive: Model) -> None:
     """A joint that turns again and again: friction is known at no row for sure."""
     found = kept(identify, drive, [pushed(3, Transmission(), seconds=8.0)])
-    assert fit_twist(found.problem, found.fit, 0) is not None
+    assert fit_twist(found, 0) is not None
     motion = found.motion.changed(
         lambda p: replace(p, without=tuple(replace(w, left=np.full_like(w.left, UNAFFECTED / 2)) for w in p.without))
     )
     assert motion.moving(0).any()
     layout, prediction = found.problem.layout, found.problem.regressors.prediction
-    assert fit_twist(Problem(drive, motion, layout.terms, prediction), found.fit, 0) is None
+    assert fit_twist(replace(found, problem=Problem(drive, motion, layout.terms, prediction)), 0) is None

@@ -84,7 +84,7 @@ def test_wrong_data_of_one_joint(drive: Model, kind: str) -> None:
     fitted = judged(kept(identify, drive, [wrong]), [wrong])
     assert fitted.verdict == "refused"
     assert cure in of_fit(fitted)
-    assert any(cure in warning for warning in warnings(kept(compare, drive, [wrong]).identification))
+    assert any(cure in warning for warning in warnings(kept(compare, drive, [wrong]).fit))
     verdict = kept(diagnose, drive, [wrong])
     assert (verdict.verdict, verdict.findings) == ("refused", ())
     assert cure in reason(verdict)
@@ -262,7 +262,7 @@ def test_a_passive_joint_is_left_out_and_said(model: Model, arm_recording: Recor
     tau = arm_recording.tau.copy()
     tau[1] = 0.0
     result = kept(compare, model, [replace(arm_recording, tau=tau)])
-    said = warnings(result.identification)
+    said = warnings(result.fit)
     assert any(w.startswith("joint 2: left out of the fit: tau2 is constant") for w in said)
     assert all(s.relative < 0.02 for s in result.joints)
 

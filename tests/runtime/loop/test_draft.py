@@ -118,6 +118,6 @@ def test_a_neighbours_motion_is_guessed_at_the_joint_that_feels_it(tmp_path):
     assert found is not None
     assert found.term == Term("draft_next_viscous" if joint == 1 else "draft_previous_viscous", joint)
     assert found.step.share() > 0.85
-    after = found.step.identification
+    after = found.step.fit
     held_out = prepare([made.held_out], after.motion.band, after.model)
     assert errors_elsewhere(after, held_out).rms[joint - 1] < 1.15 * step.joints[joint - 1].floor.value

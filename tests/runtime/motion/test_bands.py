@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from codegen.prepare import prepare_arm
 from runtime.diagnosis.stages import diagnose
-from runtime.identification.identify import Identification, identify_motion, prepared
+from runtime.identification.fit import Fit
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import prepared
 from runtime.identification.regressors import Regressors
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Term, structure
@@ -103,7 +105,7 @@ def model(cache: Path, tmp_path: Path) -> Model:  # noqa: ARG001 - the cache is 
 
 def test_a_line_of_a_wrist_is_found_above_what_the_base_s_encoder_permits(model: Model) -> None:
     found = kept(diagnose, model, [recorded(LINE, seed=3)])
-    band = found.steps[0].identification.motion.band
+    band = found.steps[0].fit.motion.band
     speed = np.abs(np.diff(recorded(LINE, seed=3).q[1])).mean() * wrist.RATE
     assert band.cutoffs[0] < ORDER * 100 * speed / (2 * np.pi) < band.cutoffs[1]
     assert [str(f.term) for f in found.findings] == ["torque_ripple@2"]
@@ -121,9 +123,9 @@ def test_a_wider_band_tells_more_of_the_joint_that_has_it(model: Model) -> None:
     recording = recorded(0.0, seed=5)
     own = prepared(model, [recording])
     narrow = prepare([recording], replace(own.band, cutoffs=np.full(2, own.band.cutoff)), model)
-    wide, common = (identify_motion(model, motion, structure(model)) for motion in (own, narrow))
+    wide, common = (fit_motion(model, motion, structure(model)) for motion in (own, narrow))
 
-    def width(found: Identification, name: str, joint: int) -> float:
+    def width(found: Fit, name: str, joint: int) -> float:
         (value,) = found.inference.values[Term(name, joint)].values()
         assert value.interval is not None
         low, high = value.interval

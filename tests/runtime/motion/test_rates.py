@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter, savgol_filter
 
-from runtime.identification.identify import Identification, identify
+from runtime.identification.fit import Fit
+from runtime.identification.identify import identify
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
@@ -41,7 +42,7 @@ def low_passed(_: Array, rate: Array) -> Array:
     return np.asarray(lfilter([part], [1, part - 1], tachometer(_, rate)))
 
 
-def fitted(drive: Model, noisy: tuple[Recording, Array], qd: Array) -> Identification:
+def fitted(drive: Model, noisy: tuple[Recording, Array], qd: Array) -> Fit:
     return kept(identify, drive, [replace(noisy[0], qd=qd[None])])
 
 

@@ -162,7 +162,7 @@ def test_torque_without_friction_is_all_noise_at_rest(drive: Model) -> None:
 @pytest.mark.filterwarnings("error")
 def test_a_motion_of_less_than_a_second_leaves_something_that_is_said(drive: Model) -> None:
     step = begin(drive, [read(recorded(1e-3 * K, 0), dt=1e-3)]).steps[0]
-    assert step.identification.motion.row_rate(0) > len(step.identification.motion.row_piece(0))
+    assert step.fit.motion.row_rate(0) > len(step.fit.motion.row_piece(0))
     found = outside(step, 0)
     assert found is not None
     assert not found.repeats

@@ -30,10 +30,11 @@ from runtime.diagnosis.steps import Errors, Step, Trail
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
-from runtime.identification import covariance
+from runtime.identification import fit as fits
 from runtime.identification.compare import Comparison, as_written, compare, series, structure_shares
 from runtime.identification.estimate import Estimate
-from runtime.identification.identify import identify_motion, prepared
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import prepared
 from runtime.loop.improve import Improvement, floors
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
@@ -94,16 +95,16 @@ def improvement(drive, one) -> Improvement:
     shapes = {"speed": 0.15}
     steps = []
     for terms in (known, {**known, STRIBECK: shapes}):
-        identification = identify_motion(drive, motion, terms, skew=0.5)
-        joints = series(identification)
+        fit = fit_motion(drive, motion, terms, skew=0.5)
+        joints = series(fit)
         errors = Errors(tuple(j.rms for j in joints), tuple(j.relative for j in joints))
         held_out = Errors(tuple(1.1 * r for r in errors.rms), tuple(1.1 * r for r in errors.relative))
-        steps.append(Step(identification, joints, errors, held_out))
+        steps.append(Step(fit, joints, errors, held_out))
     named = replace(steps[1].after(steps[0], evidence(STRIBECK), NOT_RANKED), rivals=(ELASTICITY,))
     last = Ranking((evidence(ELASTICITY, EDGE.asked(0.0)),))
     seen = (detection_limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
     trail = Trail(drive, motion, None, ("run.csv",), (), named, last)
-    alone = credibility.Tables(named.identification)
+    alone = credibility.Tables(named.fit)
     found = Diagnosis("effect", "found", trail, (named,), last, alone, seen=seen)
     left = Diagnosis("clean", "noise", trail.to(steps[1]), (), last, alone, seen=seen)
     return Improvement("", found, left)
@@ -168,7 +169,7 @@ class Reader(HTMLParser):
 @pytest.fixture(scope="module")
 def summary(improvement, one) -> ResultSummary:
     """With the files that were named, and the floor of a recording that was held out."""
-    return ResultSummary(improvement, ORIGIN, floors(improvement.steps[-1].identification, [one]))
+    return ResultSummary(improvement, ORIGIN, floors(improvement.steps[-1].fit, [one]))
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +245,7 @@ def test_page_holds_the_numbers_of_the_json(improvement, page):
     assert {e["effect"] for e in fitted} >= {"stribeck", "viscous"}
     for entry in fitted:
         for p in entry["parameters"].values():
-            assert covariance.estimate(Estimate(p["value"], tuple(p["interval"]), p["unit"])) in read.text
+            assert fits.estimate(Estimate(p["value"], tuple(p["interval"]), p["unit"])) in read.text
     assert "0.123 N m" in read.text  # the torque that only the finding explains
     assert "its shape lies at the edge of what was searched" in read.text
     assert "stiffness less than 41800 N m/rad" in read.text
@@ -395,7 +396,7 @@ def test_floor_of_a_recording_is_the_same_held_out(improvement, summary, story_t
     assert summary.held_out_floor(0) == pytest.approx(summary.floor(0), rel=1e-9)
     assert f"noise floor, held out {wording.percent(summary.floor(0))}" in story_text
     assert summary.document.held_out_floors[0].floor == summary.held_out_floors[0].value
-    assert floors(improvement.steps[-1].identification, []) == ()
+    assert floors(improvement.steps[-1].fit, []) == ()
 
 
 def ranked(term: Term, model: Model, *closed: GateResult, **values: float) -> RankedCandidate:
@@ -496,10 +497,10 @@ def test_unexplained_shows_where_and_proposes_a_draft(unexplained):
 
 def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
     step = unexplained.steps[0]
-    motion, fit = step.identification.motion, step.identification.fit
+    motion, fit = step.fit.motion, step.fit
     wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
-    ringing = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
-    found = changed(unexplained, lambda s: replace(s, identification=ringing))
+    ringing = replace(step.fit, fit=replace(fit, residual=[fit.residual[0] + wave]))
+    found = changed(unexplained, lambda s: replace(s, fit=ringing))
     text = Reader(fragment(reports.left_over(ResultSummary(found)))).text
     line = re.search(r"Strongest line of its spectrum: ([\d.]+) Hz", text)[1]
     assert float(line) == pytest.approx(3.7, abs=0.03)  # one bin of 37 s
@@ -532,10 +533,10 @@ def test_a_peak_that_holds_little_is_named_and_a_slope_is_none(frequency, seed):
 
 def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement, capsys):
     step = improvement.left.last
-    motion, fit = step.identification.motion, step.identification.fit
+    motion, fit = step.fit.motion, step.fit
     wave = 0.4 * step.joints[0].rms * np.sin(2 * np.pi * 12.3 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
-    humming = replace(step.identification, fit=replace(fit, residual=[fit.residual[0] + wave]))
-    clean = changed(improvement.left, lambda s: replace(s, identification=humming))
+    humming = replace(step.fit, fit=replace(fit, residual=[fit.residual[0] + wave]))
+    clean = changed(improvement.left, lambda s: replace(s, fit=humming))
     summary = ResultSummary(clean)
     (peak,) = summary.document.peaks
     assert min(abs(f - 12.3) for f in peak.frequencies_hz) < 0.4
@@ -567,11 +568,11 @@ def test_refused_says_what_to_record(unexplained, monkeypatch):
 def test_values_that_do_not_exist_are_null_in_the_page(improvement):
     """A rest position of a spring of no stiffness is no number."""
     last = improvement.steps[-1]
-    inference = last.identification.inference
+    inference = last.fit.inference
     values = {**inference.values, STRIBECK: {"speed": Estimate(float("nan"), None, "rad/s")}}
-    identification = replace(last.identification)
-    identification.__dict__["inference"] = replace(inference, values=values)
-    found = changed(improvement.found, lambda s: replace(s, identification=identification) if s is last else s)
+    fit = replace(last.fit)
+    fit.__dict__["inference"] = replace(inference, values=values)
+    found = changed(improvement.found, lambda s: replace(s, fit=fit) if s is last else s)
     document = json.loads(json.dumps(ResultSummary(found).document.to_json(), allow_nan=False))
     assert document["findings"][0]["parameters"]["speed"]["value"] is None
 
@@ -613,7 +614,7 @@ def test_text_of_the_user_stays_text(improvement):
     model = improvement.found.model
 
     def renamed(step: Step) -> Step:
-        return replace(step, identification=replace(step.identification, model=Renamed(model, HOSTILE)))
+        return replace(step, fit=replace(step.fit, model=Renamed(model, HOSTILE)))
 
     found, left = (changed(diagnosis, renamed) for diagnosis in (improvement.found, improvement.left))
     page = rendered(replace(improvement, found=found, left=left))
@@ -636,7 +637,7 @@ class Renamed:
 
 def test_comparison_says_where_the_residual_sits(improvement):
     step = improvement.steps[0]
-    comparison = Comparison(step.identification, step.joints, as_written(step.identification))
+    comparison = Comparison(step.fit, step.joints, as_written(step.fit))
     text = Reader(rendered(comparison)).text
     assert re.search(r"the fitted model misses [\d.]+ % of the torque, [\d.]+ times the noise floor", text)
     assert "of what it misses follows velocity" in text  # extra friction at creep
@@ -738,9 +739,9 @@ def test_numbers(value, text):
 
 
 def test_an_estimate_has_the_digits_that_its_interval_supports():
-    assert covariance.estimate(Estimate(0.23640, (0.23617, 0.23663), "kg m^2")) == "0.23640 ± 0.00023"
-    assert covariance.estimate(Estimate(203.47, (180.0, 226.94), "N s/m")) == "203 ± 23"
-    assert covariance.estimate(Estimate(1.0, None, "N", ("viscous@1 coefficient",))).endswith(
+    assert fits.estimate(Estimate(0.23640, (0.23617, 0.23663), "kg m^2")) == "0.23640 ± 0.00023"
+    assert fits.estimate(Estimate(203.47, (180.0, 226.94), "N s/m")) == "203 ± 23"
+    assert fits.estimate(Estimate(1.0, None, "N", ("viscous@1 coefficient",))).endswith(
         "only together with viscous@1 coefficient)"
     )
     assert wording.unit("N m s^3/rad^3") == "N m s³/rad³"

@@ -136,7 +136,7 @@ BRISTLE = "lugre@1:stiffness=200,damping=1"
 def searched(model: Model, made: Recording) -> Candidate | None:
     """The bristle as a candidate for what a fitted model lacks; None where it is none."""
     fitted = kept(identify, model, [made])
-    field = FittedBase(fitted.problem, fitted.fit)
+    field = FittedBase(fitted)
     return field.search(Term("lugre", 1)) if Term("lugre", 1) in field.terms() else None
 
 
@@ -173,7 +173,7 @@ def loose(folder: Path, **declared: object) -> Model:
 def play(model: Model, made: Recording, gap: float, rest: dict[str, float]) -> list[str]:
     """What a link-side encoder holds against the own gap, if it were this wide."""
     fitted = kept(identify, model, [made])
-    sensors = FurtherSensors(FittedBase(fitted.problem, fitted.fit))
+    sensors = FurtherSensors(FittedBase(fitted))
     candidate = Candidate(Term("loose_key", 1), {**rest, "gap": gap}, 3, 0.0, np.inf, results=())
     closed = failed(sensors._play(candidate))
     return closed_gates(replace(candidate, results=closed), model)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -14,9 +15,9 @@ from scipy.special import ndtr, stdtrit
 from runtime.documents.fits import FitParameters, FittedEffect, FittedParameter, InertialEntry, RotorEntry
 from runtime.documents.parts import SkewEntry
 from runtime.identification.estimate import Estimate
-from runtime.identification.fitting import gap_estimates
-from runtime.identification.problem import Fit, Problem
-from runtime.identification.regressors import Regressors
+from runtime.identification.jumps import gap_estimates, onset_intervals
+from runtime.identification.problem import DERIVATIVE_STEP, LATE, Nonlinear, Problem, Skew
+from runtime.identification.regressors import Ahead, Regressors
 from runtime.identification.settings import (
     INTERVAL_SIGMAS,
     SCORE_BLOCK_S,
@@ -26,21 +27,66 @@ from runtime.identification.settings import (
     WHITENED_BIAS,
 )
 from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, joints_of, structure, unit_of
+from runtime.model.terms import Prediction, Term, Values, joints_of, structure, unit_of
 from runtime.motion.motion import Motion
-from runtime.regression.bounded import solve
-from runtime.regression.noise import Whitening, autoregression, lag_by_lag, over_stretches
+from runtime.regression.noise import over_stretches
+from runtime.regression.system import JointAt, LinearSystem
 from runtime.wording import number
 from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
 
-_STEP: Final = 1e-3
-"""part of a rotor's inertia, a shape or an inertial parameter (its unit where that is 0); over it the derivative of a
-torque is taken: between rounding and curvature."""
-
+SKEW: Final = "skew"
+"""name of the samples by which the torque is taken later, among the unknowns."""
 
 INERTIA_UNIT = {"revolute": "kg m^2", "prismatic": "kg"}
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A structure fitted to a motion, with its uncertainty.
+
+    problem       the equations, with the joints' weights and the torque that effects read as it was predicted last
+    prediction    inertial parameters and effects' values
+    coefficients  (K,) linear unknowns in the order of `LinearUnknowns.names`
+    shapes        shape parameters by term
+    skew          samples by which the torque is taken later
+    skew_free     whether it was estimated, and is what a hold explains
+    residual      per joint (M,), unweighted, zero in rows that do not count
+    ahead         by how much torques lead the motion beyond what a hold explains; None where nothing is beyond it
+    witnessed     terms that a further sensor shows and the torque does not, with their parameters; no part of the fit
+    """
+
+    problem: Problem
+    prediction: Prediction
+    coefficients: Array
+    shapes: dict[Term, Values]
+    skew: float
+    skew_free: bool
+    residual: list[Array]
+    ahead: Ahead | None = None
+    witnessed: Mapping[Term, Mapping[str, Estimate]] = field(default_factory=dict)
+
+    @property
+    def model(self) -> Model:
+        return self.problem.model
+
+    @property
+    def motion(self) -> Motion:
+        return self.problem.motion
+
+    @cached_property
+    def linearised(self) -> LinearSystem:
+        """The equations about the fit: beside what is linear, changes of parameters that are not, and of the skew where
+        it is free."""
+        problem = self.problem
+        blocks = [problem.derivative(self.shapes, self.coefficients, of) for of in problem.searched(self.shapes)]
+        return problem.system(self.shapes, Skew(self.skew, "shared" if self.skew_free else "no"), blocks)
+
+    @cached_property
+    def inference(self) -> Inference:
+        """Every parameter with its interval."""
+        return infer(self)
 
 
 @dataclass(frozen=True)
@@ -116,29 +162,42 @@ class Inference:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Of all unknowns of a fit: those of the layout, the shape parameters, the skew where it is free.
+    """Of all unknowns of a fit: those of the layout, then the skew where it is free, shape parameters and rotors.
 
-    names         (K',)
-    jacobian      per joint (K', M) derivatives of the predicted torque
-    covariance    (K', K'); infinite on the diagonal for what no row tells
-    tangled       by index, the names of those with which an unknown can only be told together
-    degrees       of freedom of the covariance
+    names       (K',)
+    system      the linearised equations       joints  every joint's residual and columns at the fit
+    covariance  (K', K'); infinite on the diagonal for what no row tells
+    tangled     by index, the names of those with which an unknown can only be told together
+    degrees     of freedom of the covariance
     """
 
     names: list[str]
-    jacobian: list[Array]
+    system: LinearSystem
+    joints: tuple[JointAt, ...]
     covariance: Array
     tangled: dict[int, tuple[str, ...]]
     degrees: int
 
+    def columns(self, joint: int) -> Array:
+        """(K', M) derivatives of a joint's predicted torque (0-based); zero in rows that do not count."""
+        rows, own = self.system.joints[joint], self.joints[joint]
+        found = np.zeros((len(self.names), len(rows.use)))
+        found[own.unknown] = rows.spread(own.columns)
+        return found
 
-def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
+
+def uncertainty(fit: Fit) -> Uncertainty:
     """Covariance that is robust to residuals that hang together within a stretch of time.
 
     Source: Liang & Zeger 1986 for the sandwich.
     """
-    names, jacobian = _jacobian(problem, fit)
-    bread, meat = _sandwich_parts(problem, fit, jacobian)
+    problem = fit.problem
+    system = fit.linearised
+    found = np.zeros(len(system.unknown))
+    found[: problem.layout.size] = fit.coefficients
+    at = system.at(found)
+    bread, each = system.plain_normal(at), [stretches(problem.motion, i) for i in range(problem.motion.n)]
+    meat = over_stretches(system.scores(at, each), problem.model.n)
     there = np.flatnonzero(np.diag(bread) > 0)
     part, scale = np.ix_(there, there), np.sqrt(np.diag(bread)[there])
     value, vector = np.linalg.eigh(bread[part] / np.outer(scale, scale))
@@ -147,20 +206,23 @@ def uncertainty(problem: Problem, fit: Fit) -> Uncertainty:
     inverted = (vector * inverse) @ vector.T / np.outer(scale, scale)
     # What no row says anything of has no end to its interval.
     covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
-    moved = np.linalg.solve(np.eye(len(there)) + inverted @ through_prediction(problem, fit, jacobian)[part], inverted)
+    through = through_prediction(fit, system, at)[part]
+    moved = np.linalg.solve(np.eye(len(there)) + inverted @ through, inverted)
     covariance[part] = moved @ meat[part] @ moved.T
-    other, soft = whitened_shift(problem, fit, jacobian)[there], 1.0
-    if any(problem.model.library.effects[t.effect].gives_way for t in problem.layout.terms):
-        shift, soft = moved @ smoothing_score(problem, fit, jacobian)[there], WHITENED_BIAS
+    other, soft = whitened_shift(fit, system, found)[there], 1.0
+    if smoothed := smoothing_change(fit):
+        shift, soft = moved @ system.products(at, smoothed)[there], WHITENED_BIAS
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
     covariance[part] += soft**2 * np.outer(other, other)
-    degrees = len(np.unique(stretches(problem.motion, 0))) - 1
-    return Uncertainty(names, jacobian, covariance, tangled=_tangled(names, there, vector[:, unseen]), degrees=degrees)
+    names = _names(problem, system)
+    tangled = _tangled(names, there, vector[:, unseen])
+    return Uncertainty(names, system, at, covariance, tangled, degrees=len(np.unique(each[0])) - 1)
 
 
-def infer(problem: Problem, fit: Fit) -> Inference:
+def infer(fit: Fit) -> Inference:
     """Every parameter with its interval."""
-    found, layout = uncertainty(problem, fit), problem.layout
+    problem = fit.problem
+    found, layout = uncertainty(fit), problem.layout
     covariance, tangled, sigmas = found.covariance, found.tangled, quantile(found.degrees)
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
@@ -175,11 +237,12 @@ def infer(problem: Problem, fit: Fit) -> Inference:
         for k, joint in enumerate(problem.model.joints, start=layout.rotors.start)
         if k < layout.rotors.stop
     )
-    values = {t: _term_estimates(problem, fit, t, found) for t in layout.terms}
+    values = {t: _term_estimates(fit, t, found) for t in layout.terms}
     values.update({term: dict(estimates) for term, estimates in fit.witnessed.items()})
     held = None
     if fit.skew_free:
-        held = interval(fit.skew, float(covariance[-1, -1]), found.degrees)
+        k = found.names.index(SKEW)
+        held = interval(fit.skew, float(covariance[k, k]), found.degrees)
     left_open = {}
     for joint, value in problem.rotors.items():
         k, unit = found.names.index(_rotor_name(joint)), INERTIA_UNIT[problem.model.joints[joint].type]
@@ -187,68 +250,24 @@ def infer(problem: Problem, fit: Fit) -> Inference:
     return Inference(lumps, rotors, values, skew=fit.skew, skew_interval=held, open=left_open)
 
 
-def _jacobian(problem: Problem, fit: Fit) -> tuple[list[str], list[Array]]:
-    """Names of all unknowns and per joint (K', M) derivatives of the predicted torque."""
+def _names(problem: Problem, system: LinearSystem) -> list[str]:
+    """Of all unknowns of the linearised equations, in their order."""
     model = problem.model
     names = [lump.name for lump in model.lumps]
     for term in problem.layout.terms:
         names += [f"{term} {c.name}" for c in model.library.effects[term.effect].coefficients]
     names += [f"rotor{k}" for k in range(1, 1 + problem.layout.rotors.stop - problem.layout.rotors.start)]
-    rows = [problem.rows(i, fit.shapes)[0] for i in range(model.n)]
-    for term, name, step in shape_steps(problem, fit):
-        names.append(f"{term} {name}")
-        for i in range(model.n):
-            rows[i] = np.vstack([rows[i], shape_derivative(problem, fit, term, name=name, step=step, joint=i)])
-    for joint, sides in _rotor_sides(problem).items():
-        names.append(_rotor_name(joint))
-        for i in range(model.n):
-            rows[i] = np.vstack([rows[i], _difference(sides, fit, i)])
-    if fit.skew_free:
-        names.append("skew")
-        rows = [np.vstack([r, -problem.regressors.skew(i)]) for i, r in enumerate(rows)]
-    return names, rows
+    for block in system.blocks:
+        if isinstance(block.key, Nonlinear):
+            of = block.key
+            names.append(_rotor_name(of.joint) if of.term is None else f"{of.term} {of.name}")
+        elif block.key == (LATE, 1):
+            names.append(SKEW)
+    return names
 
 
 def _rotor_name(joint: int) -> str:
     return f"{ROTOR} {joint + 1}"
-
-
-def _rotor_sides(problem: Problem) -> dict[int, tuple[Problem, Problem, float]]:
-    """By joint (0-based) of a rotor that a fit told: the problem with a little more and a little less of it, and what
-    lies between."""
-    found = {}
-    for joint, value in problem.rotors.items():
-        more, less = (problem.with_rotors({**problem.rotors, joint: (1 + s) * value}) for s in (_STEP, -_STEP))
-        found[joint] = (more, less, 2 * _STEP * value)
-    return found
-
-
-def _difference(sides: tuple[Problem, Problem, float], fit: Fit, joint: int) -> Array:
-    """(M,) derivative of a joint's predicted torque by what two problems differ in."""
-    more, less = (fixed + fit.coefficients @ x for x, fixed in (p.rows(joint, fit.shapes) for p in sides[:2]))
-    derivative: Array = (more - less) / sides[2]
-    return derivative
-
-
-def shape_steps(problem: Problem, fit: Fit) -> list[tuple[Term, str, float]]:
-    """Every shape parameter with a step for its derivative."""
-    found = []
-    for term in problem.layout.terms:
-        for name, value in fit.shapes[term].items():
-            parameter = problem.model.library.effects[term.effect].parameter(name)
-            if parameter.grid is not None and parameter.grid.continuous:
-                found.append((term, name, _STEP * abs(value) if value else _STEP))
-    return found
-
-
-def shape_derivative(problem: Problem, fit: Fit, term: Term, name: str, step: float, joint: int) -> Array:
-    """(M,) derivative of a joint's predicted torque by a shape parameter."""
-    sides = []
-    for sign in (1, -1):
-        moved = {**fit.shapes[term], name: fit.shapes[term][name] + sign * step}
-        x, fixed = problem.rows(joint, {**fit.shapes, term: moved})
-        sides.append(fixed + fit.coefficients @ x)
-    return (sides[0] - sides[1]) / (2 * step)
 
 
 def stretches(motion: Motion, joint: int) -> NDArray[np.intp]:
@@ -270,22 +289,6 @@ def quantile(degrees: int) -> float:
     return float(stdtrit(max(1, degrees), ndtr(INTERVAL_SIGMAS)))
 
 
-def _sandwich_parts(problem: Problem, fit: Fit, jacobian: list[Array]) -> tuple[Array, Array]:
-    size = len(jacobian[0])
-    motion = problem.motion
-    each = [stretches(motion, i) for i in range(motion.n)]
-    every = np.unique(np.concatenate(each))
-    scores = np.zeros((len(every), size))
-    bread = np.zeros((size, size))
-    for i, x in enumerate(jacobian):
-        use, w = motion.moving(i), problem.weights[i]
-        bread += w**2 * x[:, use] @ x[:, use].T
-        contribution, index = x * (w**2 * fit.residual[i]), np.searchsorted(every, each[i])
-        for k in range(size):
-            scores[:, k] += np.bincount(index, weights=contribution[k], minlength=len(scores))
-    return bread, over_stretches(scores, len(jacobian))
-
-
 def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int, tuple[str, ...]]:
     """By index of an unknown, the names of those with which it can only be told together; null: of those `there`."""
     found: dict[int, set[str]] = {}
@@ -302,36 +305,39 @@ def _estimate(value: float, variance: float, sigmas: float, unit: str, others: t
     return Estimate(float(value), (float(value) - spread, float(value) + spread) if told else None, unit, others)
 
 
-def places(problem: Problem, fit: Fit, term: Term, names: list[str]) -> list[int]:
+def places(fit: Fit, term: Term, names: list[str]) -> list[int]:
     """Where a term's unknowns stand among all: its coefficients, then its shape parameters."""
+    problem = fit.problem
     part = problem.layout.slices[term]
-    free = [name for t, name, _ in shape_steps(problem, fit) if t == term]
+    free = [of.name for of in problem.searched(fit.shapes) if of.term == term]
     return [*range(part.start, part.stop), *(names.index(f"{term} {name}", problem.layout.size) for name in free)]
 
 
-def given_shape(problem: Problem, fit: Fit, term: Term) -> dict[str, Estimate]:
+def given_shape(fit: Fit, term: Term) -> dict[str, Estimate]:
     """A term's parameters, as sure as they are if its shape is what was found.
 
     Where a term vanishes any shape fits it, so that what is not known of its shape says nothing against the term.
     Source: a nuisance parameter that is there under the alternative only: Davies 1977, Biometrika 64(2).
     """
-    found = uncertainty(problem, fit)
+    problem = fit.problem
+    found = uncertainty(fit)
     coefficients = problem.layout.slices[term].stop - problem.layout.slices[term].start
-    shape = places(problem, fit, term, found.names)[coefficients:]
+    shape = places(fit, term, found.names)[coefficients:]
     own, cross = found.covariance[np.ix_(shape, shape)], found.covariance[:, shape]
     if shape and np.isfinite(own).all():
         known = np.isfinite(cross).all(axis=1)
         found.covariance[np.ix_(known, known)] -= cross[known] @ np.linalg.pinv(own, hermitian=True) @ cross[known].T
-    return _term_estimates(problem, fit, term, found)
+    return _term_estimates(fit, term, found)
 
 
-def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estimate]:
+def _term_estimates(fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estimate]:
     """Declared parameters out of linear coefficients and shapes, by the delta method."""
+    problem = fit.problem
     library, part = problem.model.library, problem.layout.slices[term]
     coefficients = fit.coefficients[part]
     shape: Values = fit.shapes[term]
-    free = [name for t, name, _ in shape_steps(problem, fit) if t == term]
-    where = places(problem, fit, term, among.names)
+    free = [of.name for of in problem.searched(fit.shapes) if of.term == term]
+    where = places(fit, term, among.names)
     base = library.recover(term.effect, coefficients, shape)
     gradient = {name: np.zeros(len(where)) for name in base}
     for k in range(len(where)):
@@ -356,105 +362,37 @@ def _term_estimates(problem: Problem, fit: Fit, term: Term, among: Uncertainty) 
         found[name] = _estimate(
             value, variance, sigmas, unit=unit_of(problem.model, term, name), others=tuple(sorted(others))
         )
-    for name, ends in _onset_intervals(problem, fit, term).items():
+    for name, ends in onset_intervals(problem, term, shape, np.append(1.0, coefficients), fit.residual).items():
         found[name] = replace(found[name], interval=ends, with_others=())
-    return gap_estimates(problem, fit, term, found)
-
-
-# places and moments at which a torque sets in ------------------------------------------------------------------------
-#
-# Such a torque jumps at a moment or a place, so that no derivative gives an interval: it reaches as far as the jump can
-# be moved without explaining the recordings significantly less.
-
-
-def _onset_intervals(problem: Problem, fit: Fit, term: Term) -> dict[str, tuple[float, float]]:
-    """The 95 % intervals of where a term's torque jumps, by the parameters' names; empty where it does not."""
-    info = problem.model.library.effects[term.effect]
-    onset, begin, end = info.of_kind("onset"), info.of_kind("begin"), info.of_kind("end")
-    found = {}
-    for parameter, where in ((onset, _moments), (begin, _positions), (end, _positions)):
-        if parameter is not None:
-            found[parameter.name] = _ends(problem, fit, term, name=parameter.name, span=where(problem, term))
-    return found
-
-
-def _moments(problem: Problem, term: Term) -> tuple[float, float, float]:
-    """First and last moment of the recordings, and a row of the band, s."""
-    pieces = problem.motion.pieces
-    low, high = min(p.began + float(p.t[0]) for p in pieces), max(p.began + float(p.t[-1]) for p in pieces)
-    return low, high, 1 / problem.motion.row_rate(joints_of(problem.model, term)[0])
-
-
-def _positions(problem: Problem, term: Term) -> tuple[float, float, float]:
-    """Lowest and highest position of the term's joint, and how far it goes from sample to sample."""
-    joint = joints_of(problem.model, term)[0]
-    pieces = problem.motion.pieces_of(joint)
-    low, high = min(float(p.q[joint].min()) for p in pieces), max(float(p.q[joint].max()) for p in pieces)
-    return low, high, float(np.mean([np.abs(p.qd[joint]).mean() * p.dt for p in pieces]))
-
-
-def _ends(problem: Problem, fit: Fit, term: Term, name: str, span: tuple[float, float, float]) -> tuple[float, float]:
-    """The first and the last place that is as good, to the finest step; span: low, high and that step."""
-    low, high, finest = span
-    at = fit.shapes[term][name]
-
-    def as_good(place: float) -> bool:
-        return not _worse(problem, fit, term, {**fit.shapes[term], name: place})
-
-    def end(limit: float) -> float:
-        near, step = at, finest if limit > at else -finest
-        while abs(limit - near) > finest and as_good(near + step if abs(step) < abs(limit - near) else limit):
-            near = near + step if abs(step) < abs(limit - near) else limit
-            step *= 2
-        far = near + step if abs(step) < abs(limit - near) else limit
-        while abs(far - near) > finest:
-            middle = (near + far) / 2
-            near, far = (middle, far) if as_good(middle) else (near, middle)
-        return far
-
-    return min(at, end(min(low, at))), max(at, end(max(high, at)))
-
-
-def _worse(problem: Problem, fit: Fit, term: Term, shape: dict[str, float]) -> bool:
-    """Whether the squared error with this shape is larger by more than the noise makes it, whose rows hang together."""
-    part = fit.coefficients[problem.layout.slices[term]]
-    loss, noise = 0.0, []
-    for joint in joints_of(problem.model, term):
-        here, there = (problem.regressors.columns(term, joint, s) for s in (fit.shapes[term], shape))
-        use, change = problem.motion.moving(joint), np.append(1.0, part) @ (there - here)
-        weight = problem.weights[joint] ** 2
-        noise.append(weight * (fit.residual[joint] * change)[use])
-        loss += weight * float(change[use] @ change[use]) / 2 - float(noise[-1].sum())
-    return loss > INTERVAL_SIGMAS * float(np.sqrt(max(lag_by_lag(np.concatenate(noise)), 0.0)))
+    return gap_estimates(problem, fit.shapes, Skew(fit.skew), term=term, values=found)
 
 
 # biases that no residual shows ---------------------------------------------------------------------------------------
 
 
-def through_prediction(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
+def through_prediction(fit: Fit, system: LinearSystem, at: Sequence[JointAt]) -> Array:
     """(K', K') what an unknown (second index) adds to the equations' derivative because effects read the torque that is
     predicted with it: what hangs on a transmission is as heavy as the fitted arm.
 
     The equations were solved with the prediction held, and then again with what that gave.
     """
-    model, motion, size = problem.model, problem.motion, len(jacobian[0])
+    problem = fit.problem
+    model, motion, size = problem.model, problem.motion, len(system.unknown)
     reading = [t for t in problem.layout.terms if "arm" in model.library.needs[t.effect]]
     found = np.zeros((size, size))
     if motion.rigid_given or not reading:
         return found
     as_fitted = Regressors(model, motion, fit.prediction)
     for k in range(problem.layout.lumps.start, problem.layout.lumps.stop):
-        step = _STEP * abs(fit.coefficients[k]) or _STEP
+        step = DERIVATIVE_STEP * abs(fit.coefficients[k]) or DERIVATIVE_STEP
         theta = fit.coefficients + step * (np.arange(len(fit.coefficients)) == k)
         other = Regressors(model, motion, problem.prediction(theta, fit.shapes))
-        for i, more in _torque_change(problem, fit, reading, one=as_fitted, other=other).items():
-            use = motion.moving(i)
-            found[:, k] += problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use]) / step
+        found[:, k] = system.products(at, _torque_change(fit, reading, one=as_fitted, other=other)) / step
     return found
 
 
-def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
-    """(K',) by which the unknowns move, to first order, if every joint's rows are whitened by its residual.
+def whitened_shift(fit: Fit, system: LinearSystem, theta: Array) -> Array:
+    """(K',) by which the unknowns move from theta, to first order, if every joint's rows are whitened by its residual.
 
     What pushes the link from outside is answered by the controller, in whose motion it comes back, at the link's
     resonance most: noise and motion hang together, and plain least squares takes the one for a torque of the other.
@@ -464,36 +402,13 @@ def whitened_shift(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
     Source: Hausman 1978, Specification tests in econometrics, Econometrica 46(6); for the bias of the closed loop and a
     model of the noise against it: Ljung, System Identification, 1999.
     """
-    motion, size = problem.motion, len(jacobian[0])
-    gram, moment = np.zeros((size, size)), np.zeros(size)
-    for i, x in enumerate(jacobian):
-        use, residual = motion.moving(i), fit.residual[i]
-        if not use.any():
-            continue
-        ar = autoregression(residual, motion.unaffected(i), motion.row_piece(i))
-        by = Whitening.of(ar, use, motion.row_piece(i), motion.eliminated(i))
-        white, noise = by(np.vstack([x, residual])), by(_read(problem, fit, i, size))
-        # A residual that is mere rounding weighs no more than in the fit itself.
-        rms = float(np.sqrt(white[-1] @ white[-1] / white.shape[1]))
-        weight = 1 / max(rms, 1e-12) ** 2
-        gram += weight * (white[:-1] @ white[:-1].T - noise[:-1] @ noise[:-1].T)
-        moment += weight * (white[:-1] @ white[-1] - noise[:-1] @ noise[-1])
-    return solve(gram, moment)
+    by = [rows.whitening(residual) for rows, residual in zip(system.joints, fit.residual, strict=True)]
+    return system.whitened(by, fit.residual).shift(theta)
 
 
-def _read(problem: Problem, fit: Fit, joint: int, size: int) -> Array:
-    """(size + 1, M) what the encoders' noise adds to a joint's rows of a Jacobian and to its residual (0-based)."""
-    columns, fixed = problem.noise_rows(joint, fit.shapes)
-    noise = np.zeros((size + 1, len(fixed)))
-    noise[: len(columns)] = columns
-    noise[-1] = -(fixed + fit.coefficients @ columns)
-    return noise
-
-
-def _torque_change(
-    problem: Problem, fit: Fit, terms: Sequence[Term], one: Regressors, other: Regressors
-) -> dict[int, Array]:
+def _torque_change(fit: Fit, terms: Sequence[Term], one: Regressors, other: Regressors) -> dict[int, Array]:
     """By joint (0-based), (M,) by which the torque of some terms changes if other regressors are read than one's."""
+    problem = fit.problem
     found = {i: np.zeros(len(fit.residual[i])) for i in range(problem.model.n)}
     for term in terms:
         theta = np.append(1.0, fit.coefficients[problem.layout.slices[term]])
@@ -503,7 +418,7 @@ def _torque_change(
     return found
 
 
-def smoothing_change(problem: Problem, fit: Fit) -> dict[int, Array]:
+def smoothing_change(fit: Fit) -> dict[int, Array]:
     """By joint (0-based), (M,) by which the torque changes if what a transmission is simulated under keeps all of the
     encoder's noise; empty where nothing gives way.
 
@@ -511,6 +426,7 @@ def smoothing_change(problem: Problem, fit: Fit) -> dict[int, Array]:
     less damped; without it, noise passes for motion, and the joint looks softer and more damped. The truth lies
     between the two.
     """
+    problem = fit.problem
     effects = problem.model.library.effects
     soft = [t for t in problem.layout.terms if effects[t.effect].gives_way]
     if not soft:
@@ -518,16 +434,7 @@ def smoothing_change(problem: Problem, fit: Fit) -> dict[int, Array]:
     smooth, raw = (
         Regressors(problem.model, motion, fit.prediction) for motion in (problem.motion, problem.motion.unsmoothed)
     )
-    return _torque_change(problem, fit, soft, one=smooth, other=raw)
-
-
-def smoothing_score(problem: Problem, fit: Fit, jacobian: list[Array]) -> Array:
-    """(K',) by which the scores change with `smoothing_change`."""
-    score = np.zeros(len(jacobian[0]))
-    for i, more in smoothing_change(problem, fit).items():
-        use = problem.motion.moving(i)
-        score -= problem.weights[i] ** 2 * (jacobian[i][:, use] @ more[use])
-    return score
+    return _torque_change(fit, soft, one=smooth, other=raw)
 
 
 def estimate(e: Estimate | None) -> str:
