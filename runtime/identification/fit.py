@@ -1,4 +1,4 @@
-"""Uncertainty of a fit: intervals that hold with autocorrelated residuals, and what cannot be separated."""
+"""A fit and its uncertainty: intervals that hold with autocorrelated residuals, and what cannot be separated."""
 
 from __future__ import annotations
 
@@ -84,9 +84,14 @@ class Fit:
         return problem.system(self.shapes, Skew(self.skew, "shared" if self.skew_free else "no"), blocks)
 
     @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """The covariance of all unknowns."""
+        return _uncertainty(self)
+
+    @cached_property
     def inference(self) -> Inference:
         """Every parameter with its interval."""
-        return infer(self)
+        return _inference(self)
 
 
 @dataclass(frozen=True)
@@ -186,7 +191,7 @@ class Uncertainty:
         return found
 
 
-def uncertainty(fit: Fit) -> Uncertainty:
+def _uncertainty(fit: Fit) -> Uncertainty:
     """Covariance that is robust to residuals that hang together within a stretch of time.
 
     Source: Liang & Zeger 1986 for the sandwich.
@@ -219,10 +224,10 @@ def uncertainty(fit: Fit) -> Uncertainty:
     return Uncertainty(names, system, at, covariance, tangled, degrees=len(np.unique(each[0])) - 1)
 
 
-def infer(fit: Fit) -> Inference:
+def _inference(fit: Fit) -> Inference:
     """Every parameter with its interval."""
     problem = fit.problem
-    found, layout = uncertainty(fit), problem.layout
+    found, layout = fit.uncertainty, problem.layout
     covariance, tangled, sigmas = found.covariance, found.tangled, quantile(found.degrees)
     lumps = tuple(
         Estimate(np.nan, None, info.unit)
@@ -320,7 +325,8 @@ def given_shape(fit: Fit, term: Term) -> dict[str, Estimate]:
     Source: a nuisance parameter that is there under the alternative only: Davies 1977, Biometrika 64(2).
     """
     problem = fit.problem
-    found = uncertainty(fit)
+    sure = fit.uncertainty
+    found = replace(sure, covariance=sure.covariance.copy())
     coefficients = problem.layout.slices[term].stop - problem.layout.slices[term].start
     shape = places(fit, term, found.names)[coefficients:]
     own, cross = found.covariance[np.ix_(shape, shape)], found.covariance[:, shape]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification.estimate import Estimate
-from runtime.identification.fit import SKEW, Fit, interval, places, stretches, uncertainty
+from runtime.identification.fit import SKEW, Fit, interval, places, stretches
 from runtime.identification.problem import Problem
 from runtime.identification.regressors import Regressors
 from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LOADED
@@ -259,7 +259,7 @@ def _load_errors(fit: Fit, joint: int) -> Array:
     """(m, M) of the load, from what the fitted model spends before the transmission and from when the torque is taken:
     its principal errors, a standard deviation each."""
     problem = fit.problem
-    found = uncertainty(fit)
+    found = fit.uncertainty
     where = [k for t in _motor_terms(problem, joint) for k in places(fit, t, found.names)]
     where += [found.names.index(SKEW)] if fit.skew_free else []
     told = [k for k in where if np.isfinite(found.covariance[k, k])]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from runtime.identification.estimate import Estimate
-from runtime.identification.fit import Fit, uncertainty
+from runtime.identification.fit import Fit
 from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import prepared
 from runtime.identification.problem import Problem
@@ -46,7 +46,7 @@ def test_a_soft_joint_pushed_from_outside_is_within_its_interval() -> None:
 def test_a_stiffness_is_no_surer_than_the_inertia_behind_it() -> None:
     """A resonance tells k/J: what the fit does not know of J it does not know of k."""
     found, _ = soft(600.0, 50)
-    sure = uncertainty(found)
+    sure = found.uncertainty
     behind = found.coefficients[0] - ARMS[1][0].rotor
     k = sure.names.index("elasticity@1 stiffness")
     spread = np.sqrt(np.diagonal(sure.covariance))
@@ -80,7 +80,7 @@ def test_an_effect_that_reads_the_arm_is_as_sure_whatever_was_predicted_before(c
     other = Problem(model, found.motion, found.problem.layout.terms, before)
     other.weights = found.problem.weights
     place = found.problem.layout.slices[Term("load_friction", 3)].start
-    spreads = [np.sqrt(uncertainty(replace(found, problem=p)).covariance[place, place]) for p in (found.problem, other)]
+    spreads = [np.sqrt(replace(found, problem=p).uncertainty.covariance[place, place]) for p in (found.problem, other)]
     assert spreads[1] == pytest.approx(spreads[0], rel=0.02)
     # The plant's friction reads the rotor's share of the load, too, which the effect's law leaves out.
     assert found.coefficients[place] == pytest.approx(0.1, rel=0.05)
