@@ -10,7 +10,7 @@ motion and judged on the whole.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,7 +48,7 @@ class Candidate:
     gain        fall of the squared error on the excerpt
     edge        distance of the shape from an end of what was searched, part of the stretch
     eff         RMS torque that only it explains, N m (N)
-    parameters  number of unknowns with it      residual  whitened, the rows of all joints that count
+    parameters  number of unknowns with it
     twist       set where a link-side encoder's rows were weighed in the place of the torque's: then eff is 0
     results     of the gates, in their order; none before it was weighed
     """
@@ -61,7 +61,6 @@ class Candidate:
     among: int = 1
     eff: float = 0.0
     parameters: int = 0
-    residual: Array = field(default_factory=lambda: np.zeros(0))
     twist: TwistResidual | None = None
     results: tuple[GateResult, ...] = ()
 

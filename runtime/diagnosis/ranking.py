@@ -154,8 +154,9 @@ class Whitened:
     def white(self) -> LinearSystem:
         return self.system.whitened(self.whitening, self._residual)
 
-    def weighed(self, candidate: Candidate, block: Block) -> Candidate:
-        """A candidate with its block on the system, and what every gate says of it."""
+    def weighed(self, candidate: Candidate, block: Block) -> tuple[Candidate, Array]:
+        """A candidate with its block on the system, and what every gate says of it; (N,) its whitened residual, the
+        rows of all joints that count."""
         weighing = Weighing(self, candidate.term, candidate.searched, block=block, among=candidate.among)
         evidence = weighing.evidence()
         several = self.base.model.library.effects[candidate.term.effect].several
@@ -166,13 +167,9 @@ class Whitened:
             *weighing.of_torque(theta),
             *self._sensors.results(weighing.plain_base, candidate, block, theta),
         )
-        return replace(
-            candidate,
-            eff=evidence.eff,
-            parameters=evidence.white_after.system.rank + candidate.searched,
-            residual=weighing.residual(evidence),
-            results=results,
-        )
+        parameters = evidence.white_after.system.rank + candidate.searched
+        weighed = replace(candidate, eff=evidence.eff, parameters=parameters, results=results)
+        return weighed, weighing.residual(evidence)
 
     def _resolution(self, candidate: Candidate) -> Iterator[GateResult]:
         """Where an encoder does not resolve a gap, its noise says where it is crossed, to which the torque of the
@@ -296,8 +293,8 @@ def weigh(base: FittedBase, candidates: Sequence[Candidate], floors: Sequence[fl
         return Ranking()
     beside = Whitened(base, base.system, floors, blocks[int(np.argmin(held))])
     found = [beside.weighed(c, b) for c, b in zip(finalists, blocks, strict=True)]
-    found.sort(key=lambda c: (not c.passes, -c.delta_bic))
-    return Ranking(tuple(found), _rivals(base.model, found))
+    found.sort(key=lambda one: (not one[0].passes, -one[0].delta_bic))
+    return Ranking(tuple(c for c, _ in found), _rivals(base.model, found))
 
 
 def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
@@ -330,15 +327,15 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
     return list({c.term: c for c in chosen}.values())
 
 
-def _rivals(model: Model, ranked: Sequence[Candidate]) -> tuple[Term, ...]:
+def _rivals(model: Model, ranked: Sequence[tuple[Candidate, Array]]) -> tuple[Term, ...]:
     """Those that pass, too, and that neither Vuong's test nor BIC sets apart from the first; what acts on none of its
     joints explains something else."""
-    first = ranked[0]
+    first, left = ranked[0]
     if not first.passes:
         return ()
     found, own = [], set(joints_of(model, first.term))
-    for other in (c for c in ranked[1:] if c.passes and own & set(joints_of(model, c.term))):
-        apart = vuong(first.residual, other.residual) >= VUONG_APART and first.delta_bic - other.delta_bic >= BIC_APART
-        if not apart:
+    for other, residual in ranked[1:]:
+        alike = vuong(left, residual) < VUONG_APART or first.delta_bic - other.delta_bic < BIC_APART
+        if other.passes and own & set(joints_of(model, other.term)) and alike:
             found.append(other.term)
     return tuple(found)

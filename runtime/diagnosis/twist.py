@@ -83,7 +83,7 @@ def _weighed(
         return None
     before = float(np.sqrt(square))
     system = system.over([replace(rows, weight=1 / before)])
-    evidence, residual = _evidence(system, equation.block, before, _floor(base, joint))
+    evidence = _evidence(system, equation.block, before, _floor(base, joint))
     results = [*evidence.results(_floor(base, joint), np.inf), *_bounds(base.model.library.effects[effect], values)]
     after = before * float(np.sqrt(max(evidence.after.sse, 0.0) / rows.count))
     shape = {name: e.value for name, e in values.items()}
@@ -94,7 +94,6 @@ def _weighed(
         gain=evidence.before.sse - evidence.after.sse,
         edge=np.inf,
         parameters=evidence.white_after.system.rank,
-        residual=residual,
         twist=TwistResidual(before, after, evidence.eff, base.model.joints[joint].position_unit),
         results=tuple(results),
     )
@@ -110,14 +109,14 @@ def _bounds(info: EffectInfo, values: Mapping[str, Estimate]) -> list[GateResult
     return [BOUND.asked(e.interval[0] if np.isfinite(e.interval[1]) else 0.0)]
 
 
-def _evidence(system: LinearSystem, block: Block, rms: float, floor: float) -> tuple[Evidence, Array]:
+def _evidence(system: LinearSystem, block: Block, rms: float, floor: float) -> Evidence:
     rows, after = system.joints[0], system.with_block(block).solution
     by = [rows.whitening(after.residual[0])]
     # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
     own = replace(block, columns={0: Columns(block.columns[0].rows)})
     white = system.without_noise().whitened(by, after.residual)
     white_after = white.with_block(own.whitened(by)).solution
-    found = Evidence(
+    return Evidence(
         system.solution,
         after,
         white.solution,
@@ -129,7 +128,6 @@ def _evidence(system: LinearSystem, block: Block, rms: float, floor: float) -> t
         measured=system.solution.sse,
         count=rows.count,
     )
-    return found, white.joints[0].weight * white_after.residual[0]
 
 
 def _floor(base: FittedBase, joint: int) -> float:
