@@ -20,6 +20,7 @@ import numpy as np
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.experiments import design
+from runtime.identification.identify import fit_document
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
 from runtime.report.diagnosed import document as diagnosed
@@ -211,7 +212,7 @@ def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], expe
 def _covered(made: Made, found: Diagnosis) -> list[coverage.Covered]:
     fit = found.steps[-1].fit
     lumps = coverage.true_lumps(made, fit.model.regressor)
-    return coverage.covered(made, fit.document().to_json(), lumps)
+    return coverage.covered(made, fit_document(fit).to_json(), lumps)
 
 
 def _comparable(made: Made) -> bool:
