@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.identification import grids
+from runtime.identification import grids, jumps
 from runtime.identification.problem import Problem, Skew
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term
@@ -51,7 +51,7 @@ def test_the_same_place_from_whatever_start(drive: Model, seed: int) -> None:
     found = set()
     for start in place + step * np.array([-0.7, -0.1, 0.0, 1e-9, 0.4, 0.8]):
         shapes = {t: {} for t in of.layout.terms} | {SPRING: {**best, shape.name: float(start)}}
-        found.add(grids.least_places(of, shapes, Skew(0.5))[SPRING][shape.name])
+        found.add(jumps.least_places(of, shapes, Skew(0.5))[SPRING][shape.name])
     assert max(found) - min(found) <= step / FINE
     assert all(abs(x - place) < 2 * step / FINE for x in found)
 
