@@ -165,11 +165,14 @@ class AngleSpectrum:
         return float(self.order[best]), float(self.gain[best])
 
     def peaks(self, span: tuple[float, float]) -> Array:
-        """The three highest peaks' orders (P,) in a span; nearer to a stronger one a peak may be its shadow."""
+        """The five highest peaks' orders (P,) in a span; nearer to a stronger one a peak may be its shadow.
+
+        Where a motor stops at even angles, orders that lie such a step apart gain nearly alike.
+        """
         near = maximum_filter1d(self.gain, 2 * round(2 * LEAST_PERIODS) * 4 + 1)
         inside = (self.order >= span[0]) & (self.order <= span[1])
         found = np.flatnonzero((self.gain == near) & (self.gain > 0) & inside)
-        return self.order[found[np.argsort(-self.gain[found])]][:3]
+        return self.order[found[np.argsort(-self.gain[found])]][:5]
 
     def refined(self, peak: float) -> float:
         """The order of a peak, interpolated by a parabola through three orders."""

@@ -9,6 +9,7 @@ import json
 import re
 import shlex
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -499,7 +500,7 @@ def test_a_line_in_the_spectrum_is_pointed_at(unexplained):
     step = unexplained.steps[0]
     motion, fit = step.fit.motion, step.fit
     wave = np.sin(2 * np.pi * 3.7 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
-    ringing = replace(step.fit, fit=replace(fit, residual=[fit.residual[0] + wave]))
+    ringing = replace(step.fit, residual=[step.fit.residual[0] + wave])
     found = changed(unexplained, lambda s: replace(s, fit=ringing))
     text = Reader(fragment(reports.left_over(ResultSummary(found)))).text
     line = re.search(r"Strongest line of its spectrum: ([\d.]+) Hz", text)[1]
@@ -535,7 +536,7 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
     step = improvement.left.last
     motion, fit = step.fit.motion, step.fit
     wave = 0.4 * step.joints[0].rms * np.sin(2 * np.pi * 12.3 * np.arange(len(fit.residual[0])) / motion.row_rate(0))
-    humming = replace(step.fit, fit=replace(fit, residual=[fit.residual[0] + wave]))
+    humming = replace(step.fit, residual=[step.fit.residual[0] + wave])
     clean = changed(improvement.left, lambda s: replace(s, fit=humming))
     summary = ResultSummary(clean)
     (peak,) = summary.document.peaks
@@ -614,7 +615,9 @@ def test_text_of_the_user_stays_text(improvement):
     model = improvement.found.model
 
     def renamed(step: Step) -> Step:
-        return replace(step, fit=replace(step.fit, model=Renamed(model, HOSTILE)))
+        problem = copy(step.fit.problem)
+        problem.model = Renamed(model, HOSTILE)
+        return replace(step, fit=replace(step.fit, problem=problem))
 
     found, left = (changed(diagnosis, renamed) for diagnosis in (improvement.found, improvement.left))
     page = rendered(replace(improvement, found=found, left=left))

@@ -255,7 +255,7 @@ def test_parameters_of_a_long_arm_fit_a_narrow_screen(
     effect = made(FittedEffect, name="coulomb_asymmetric", joint=6, parameters={"positive": positive})
     inertial = InertialEntry(joint=6, name="YY6", fit=-0.0001335, **known)
     joints = [made(JointEntry, joint=6, name="shoulder_lift_joint")]
-    terminal.show(fits.fit(made(JudgedFitDocument, inertial=[inertial], effects=[effect], joints=joints)))
+    terminal.show(fits.identification(made(JudgedFitDocument, inertial=[inertial], effects=[effect], joints=joints)))
     out = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).split("residual")[0]
     out = out[out.index("parameter") :]
     assert max(map(len, out.splitlines())) <= columns
