@@ -254,27 +254,24 @@ def _descended(
 ) -> tuple[Problem, dict[Term, Values]]:
     """From a start, step by step, to parameters that minimise the weighted residual within their ranges.
 
-    A step is the solution of the linearised equations, no longer than the last ones bore out.
+    A step is the solution of the linearised equations, shorter than one that led astray; the last moves next to
+    nothing.
     Source: Gauss and Newton on separable least squares, Kaufman, BIT 15, 1975; the trust region, Conn, Gould & Toint,
     Trust-Region Methods, 2000.
     """
-    solved, reach, least, steps = problem.solve(shapes, skew), 1.0, 1e-4, 12
+    solved, reach, nothing, steps = problem.solve(shapes, skew), 1.0, 1e-6, 12
     error = weighted(solved.residual, problem.weights)
     for _ in range(steps):
-        step = problem.step(shapes, solved, skew, ranges=ranges, reach=reach)
-        longest = max(abs(step[of]) / (high - low) for of, (low, high) in ranges.items())
-        if longest < least:
+        step, square = problem.step(shapes, solved, skew, ranges=ranges, reach=reach)
+        if square < nothing * error:
             break
         there, moved = problem.changed(shapes, step)
         found = there.solve(moved, skew)
         left = weighted(found.residual, problem.weights)
         if left >= error:
-            reach = longest / 4
-            continue
-        ended = error - left < 1e-6 * error
-        problem, shapes, solved, error = there, moved, found, left
-        if ended:
-            break
+            reach = max(abs(step[of]) / (high - low) for of, (low, high) in ranges.items()) / 4
+        else:
+            problem, shapes, solved, error = there, moved, found, left
     return problem, shapes
 
 

@@ -333,17 +333,18 @@ class Problem:
 
     def step(
         self, shapes: Mapping[Term, Values], solved: Solved, skew: Skew, ranges: Mapping[Nonlinear, Range], reach: float
-    ) -> dict[Nonlinear, float]:
+    ) -> tuple[dict[Nonlinear, float], float]:
         """Changes of parameters that the equations ask for, linearised about a solution, within their ranges and no
-        larger than a part `reach` of these."""
+        larger than a part `reach` of these; and the weighted square of the torque that they move."""
         blocks = []
         for of, (low, high) in ranges.items():
             value, most = self.value(shapes, of), reach * (high - low)
             lower, upper = np.array([max(low - value, -most)]), np.array([min(high - value, most)])
             blocks.append(replace(self.derivative(shapes, solved.coefficients, of), lower=lower, upper=upper))
         begin = np.concatenate([solved.coefficients, solved.shifts, np.zeros(len(blocks))])
-        found = self.system(shapes, skew, blocks).towards(begin, self.inertia_cuts)[-len(blocks) :]
-        return dict(zip(ranges, map(float, found), strict=True))
+        system, own = self.system(shapes, skew, blocks), slice(-len(blocks), None)
+        found = system.towards(begin, self.inertia_cuts)[own]
+        return dict(zip(ranges, map(float, found), strict=True)), float(found @ system.normal[own, own] @ found)
 
     def _joint(self, joint: int, at: float) -> JointRows:
         """A joint's rows (0-based), its torque taken `at` samples."""
