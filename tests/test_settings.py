@@ -54,7 +54,6 @@ ELSEWHERE = {
     "experiments/selection.py: WIDER": "factors that stand in words beside themselves",
     "identification/compare.py: _BINS": "bins of a curve that is shown over a signal",
     "identification/fit.py: _term_estimates": "a step for derivatives in closed form",
-    "identification/fit.py: estimate": "digits of a number on a page",
     "identification/jumps.py: _GAP_REACH": "where the width of a gap is sought",
     "identification/jumps.py: _GAP_STEPS": "likewise",
     "identification/fitting.py: _delay_of": "between which times delays of field buses and filters lie",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -31,7 +30,6 @@ from runtime.model.terms import Prediction, Term, Values, joints_of, structure, 
 from runtime.motion.motion import Motion
 from runtime.regression.noise import over_stretches
 from runtime.regression.system import JointAt, LinearSystem
-from runtime.wording import number
 from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]
@@ -441,20 +439,3 @@ def smoothing_change(fit: Fit) -> dict[int, Array]:
         Regressors(problem.model, motion, fit.prediction) for motion in (problem.motion, problem.motion.unsmoothed)
     )
     return _torque_change(fit, soft, one=smooth, other=raw)
-
-
-def estimate(e: Estimate | None) -> str:
-    """Value ± half of its 95 % interval, to the digits that the interval supports."""
-    if e is None:
-        return ""
-    if e.interval is None:
-        together = f" (only together with {', '.join(e.with_others)})" if e.with_others else ""
-        return number(e.value) + together
-    half = (e.interval[1] - e.interval[0]) / 2
-    if half <= 0 or not math.isfinite(half):
-        return number(e.value)
-    places = 1 - math.floor(math.log10(half))
-    if not -6 <= places <= 9:
-        return f"{number(e.value)} ± {number(half, 2)}"
-    shown = max(0, places)
-    return f"{round(e.value, places):.{shown}f} ± {round(half, places):.{shown}f}".replace("-", "−")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf, isfinite
 from typing import NamedTuple
@@ -20,7 +21,6 @@ from runtime.documents.fits import (
 )
 from runtime.documents.parts import BandEntry, DelayEntry, EstimateEntry, SkewEntry, given
 from runtime.identification.estimate import Estimate
-from runtime.identification.fit import estimate
 from runtime.report.sections import Cell, Group, Paragraph, Section, TableColumn, TableSection, table, texts, words
 from runtime.wording import (
     MORE_THAN_NOISE,
@@ -355,3 +355,20 @@ def recordings_alone(document: DiagnosisBase | JudgedFitDocument) -> list[Sectio
         table(("each recording alone", *names, "unit"), rows),
         Paragraph(f"They disagree on {disagree}." if disagree else "They agree."),
     ]
+
+
+def estimate(e: Estimate | None) -> str:
+    """Value ± half of its 95 % interval, to the digits that the interval supports."""
+    if e is None:
+        return ""
+    if e.interval is None:
+        together = f" (only together with {', '.join(e.with_others)})" if e.with_others else ""
+        return number(e.value) + together
+    half = (e.interval[1] - e.interval[0]) / 2
+    if half <= 0 or not isfinite(half):
+        return number(e.value)
+    places = 1 - math.floor(math.log10(half))
+    if not -6 <= places <= 9:
+        return f"{number(e.value)} ± {number(half, 2)}"
+    shown = max(0, places)
+    return f"{round(e.value, places):.{shown}f} ± {round(half, places):.{shown}f}".replace("-", "−")

@@ -14,11 +14,11 @@ from runtime.diagnosis.steps import Trail
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, structure_entries
 from runtime.identification.estimate import Estimate
-from runtime.identification.fit import estimate
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
 from runtime.report import diagnosed
+from runtime.report.fits import estimate
 from runtime.report.page import moving, reports
 from runtime.report.sections import Group, Paragraph, texts
 from runtime.report.summary import ResultSummary, relative_floor

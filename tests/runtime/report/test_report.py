@@ -31,7 +31,6 @@ from runtime.diagnosis.steps import Errors, Step, Trail
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
-from runtime.identification import fit as fits
 from runtime.identification.compare import Comparison, as_written, compare, series, structure_shares
 from runtime.identification.estimate import Estimate
 from runtime.identification.fitting import fit_motion
@@ -41,7 +40,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion import spectra
 from runtime.recordings.recording import Recording
-from runtime.report import diagnosed, findings, loop, terminal
+from runtime.report import diagnosed, findings, fits, loop, terminal
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
