@@ -7,7 +7,7 @@ effect that was found before, in another form than that one's law.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import floor
 
 import numpy as np
@@ -24,8 +24,9 @@ from runtime.diagnosis.settings import (
     LEAST_OF_EXCESS,
     MOST_OF_BOTH,
     PREDICTED,
+    VUONG_APART,
 )
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Errors, Step
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import given_shape
 from runtime.identification.problem import Problem
@@ -41,7 +42,7 @@ from symbolic.described import DescribedParameter
 def is_accepted(before: Step, after: Step, term: Term) -> bool:
     """Whether the error falls, at one of the term's own joints and elsewhere, by values that are significant."""
     own = own_joints(after.fit.model, term)
-    fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after)
+    fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after, term)
     sure = is_significant(after, term) or _predicts_held_out(before, after, term)
     return fallen and sure and not _at_a_bound(after, term) and _is_periodic(after, term)
 
@@ -63,22 +64,18 @@ def error_falls(before: Step, after: Step, joint: int) -> bool:
     return above and now < (1 - LEAST_FALL) * was
 
 
-def _fails_held_out(before: Step, after: Step) -> bool:
-    """Whether recordings that were not fitted, if there are any, are not explained clearly better."""
-    if before.held_out is None or after.held_out is None:
-        return False
-    return after.held_out.squared >= HELD_OUT_FALLS_TO * before.held_out.squared
+def _fails_held_out(before: Step, after: Step, term: Term) -> bool:
+    """Whether recordings that were not fitted, if there are any, are not explained clearly better where a term acts."""
+    return before.held_out is not None and not explains_better(after, before, acting(before.fit.model, term))
 
 
 def _predicts_held_out(before: Step, after: Step, term: Term) -> bool:
     """Whether recordings that were not fitted are explained so much better that a term's size must be near the truth,
     though its shape is uncertain; what was found before and significant stays so."""
-    if before.held_out is None or after.held_out is None:
-        return False
     given = structure(before.fit.model)
     found = [t for t in before.values if t not in given and t in after.values and is_significant(before, t)]
     return (
-        after.held_out.squared < PREDICTED * before.held_out.squared
+        explains_better(after, before, acting(before.fit.model, term), PREDICTED)
         and all(is_significant(after, t) for t in found)
         and _has_size(after, term, given_shape(after.fit, term))
     )
@@ -155,19 +152,35 @@ def redundant(none: Step, alone: Sequence[Step], both: Step, joint: int) -> int 
     return 1 if kept[0] >= kept[1] else 0
 
 
+def acting(model: Model, term: Term) -> list[Collection[int]]:
+    """Groups of joints (0-based) of which one must show a term: each on which it acts, or all of the arm together."""
+    return [joints_of(model, term)] if term.joint is None else [(i,) for i in joints_of(model, term)]
+
+
+def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]], part: float = HELD_OUT_FALLS_TO) -> bool:
+    """Whether a step explains recordings that were not fitted clearly better than another: to a part of the squared
+    error at one group of joints (0-based), and none of the joints worse than chance makes it."""
+    here, there = one.held_out, other.held_out
+    if here is None or there is None:
+        return False
+    fallen = any(here.squared(group) < part * there.squared(group) for group in groups)
+    return fallen and not any(_is_worse(here, there, i) for i in range(len(here.rms)))
+
+
+def _is_worse(here: Errors, there: Errors, joint: int) -> bool:
+    """Whether a joint's error (0-based) is clearly larger than another, by more than stretches of time differ."""
+    change = here.squares[joint] - there.squares[joint]
+    clear = HELD_OUT_FALLS_TO * here.squared((joint,)) > there.squared((joint,))
+    return clear and float(change.sum()) > VUONG_APART * float(np.std(change) * np.sqrt(len(change)))
+
+
 def preferred(other: Step, best: Step, joint: int) -> bool:
-    """Whether a step clearly leaves less than another: of recordings that were not fitted where they decide, else at
-    a joint (0-based) of those that were."""
-    if refuted(other, best):
+    """Whether a step clearly leaves less than another at a joint (0-based): of recordings that were not fitted where
+    they decide, else of those that were."""
+    if explains_better(best, other, [(joint,)]):
         return False
-    return refuted(best, other) or other.fitted.rms[joint] < (1 - CLEARLY_LESS) * best.fitted.rms[joint]
-
-
-def refuted(step: Step, best: Step) -> bool:
-    """Whether another step explains recordings that were not fitted clearly better."""
-    if step.held_out is None or best.held_out is None:
-        return False
-    return best.held_out.squared < HELD_OUT_FALLS_TO * step.held_out.squared
+    less = other.fitted.rms[joint] < (1 - CLEARLY_LESS) * best.fitted.rms[joint]
+    return explains_better(other, best, [(joint,)]) or less
 
 
 def simplest(terms: Sequence[Term], steps: Sequence[Step], best: int) -> int:
@@ -176,7 +189,7 @@ def simplest(terms: Sequence[Term], steps: Sequence[Step], best: int) -> int:
     joint = (terms[best].joint or 1) - 1
     most = steps[best].fitted.rms[joint] / (1 - ERROR.limit)
     for k in _special_cases(steps[best], terms, terms[best]):
-        if steps[k].fitted.rms[joint] <= most and not refuted(steps[k], steps[best]):
+        if steps[k].fitted.rms[joint] <= most and not explains_better(steps[best], steps[k], [(joint,)]):
             return k
     return best
 
@@ -227,12 +240,11 @@ def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
 def clearly_better(one: Step, other: Step, score: float, other_score: float) -> bool:
     """Whether a step explains recordings that were not fitted clearly better than another, or where these do not
     decide, is clearly likelier; scores: of `whitened_bic`."""
-    if one.held_out is not None and other.held_out is not None:
-        here, there = one.held_out.squared, other.held_out.squared
-        if here < HELD_OUT_FALLS_TO * there:
-            return True
-        if there < HELD_OUT_FALLS_TO * here:
-            return False
+    each = [(i,) for i in range(one.fit.model.n)]
+    if explains_better(one, other, each):
+        return True
+    if explains_better(other, one, each):
+        return False
     return score <= other_score - BIC_APART
 
 

@@ -13,15 +13,16 @@ import numpy as np
 
 from runtime.diagnosis.acceptance import (
     above_noise,
+    acting,
     clearly_better,
     error_falls,
+    explains_better,
     is_accepted,
     is_significant,
     less_likely_cases,
     own_joints,
     preferred,
     redundant,
-    refuted,
     ruled_out,
     same_signals,
     simplest,
@@ -151,10 +152,16 @@ def _refitted(trail: Trail, candidate: Candidate, rivals: Sequence[Term]) -> Ste
         if preferred(after, steps[best], joints_of(trail.model, terms[k])[0]):
             best = k
     best = simplest(terms, steps, best)
-    lost = tuple(t for t, after in zip(terms, steps, strict=True) if refuted(after, steps[best]))
+    lost = tuple(t for t, after in zip(terms, steps, strict=True) if _refuted(trail, t, after, by=steps[best]))
     gone = {terms[best], *less_likely_cases(step.base.system, terms, steps, best)}
     alike = tuple(t for t in (candidate.term, *rivals) if t not in gone)
     return replace(steps[best].after(step, tried[best], trail.ranking, alike), refuted=lost)
+
+
+def _refuted(trail: Trail, term: Term, step: Step, by: Step) -> bool:
+    """Whether another step explains recordings that were not fitted clearly better than that with a term, where the
+    term acts."""
+    return explains_better(by, step, acting(trail.model, term))
 
 
 def add_further(trail: Trail, term: Term) -> Trail:
@@ -396,7 +403,8 @@ def _is_worse_with(trail: Trail, candidate: Candidate, instead: Step, without: S
         return True
     if whole.held_out is None or other.held_out is None:
         return False
-    return other.held_out.squared > whole.held_out.squared
+    own = {*joints_of(trail.model, candidate.term), *joints_of(trail.model, instead.term)}
+    return other.held_out.squared(own) > whole.held_out.squared(own)
 
 
 def without_insignificant(trail: Trail) -> Trail:

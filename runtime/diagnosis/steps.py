@@ -5,7 +5,7 @@ A trail leads from the model as given to the last step. Nothing of it changes: a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -26,7 +26,7 @@ from runtime.diagnosis.settings import (
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, errors, series, structure_shares
 from runtime.identification.estimate import Estimate
-from runtime.identification.fit import Fit
+from runtime.identification.fit import Fit, stretches
 from runtime.identification.fitting import fit_motion
 from runtime.identification.problem import Problem
 from runtime.model.catalogue import EffectInfo
@@ -41,15 +41,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Errors:
-    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖."""
+    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖.
+
+    squares   of recordings that were not fitted, by joint (S,): sums of the squared residual over stretches of time
+    """
 
     rms: tuple[float, ...]
     relative: tuple[float, ...]
+    squares: tuple[Array, ...] = ()
 
-    @property
-    def squared(self) -> float:
-        """Sum over the joints of the squared relative errors."""
-        return sum(r * r for r in self.relative)  # a power of what has no end would be an error
+    def squared(self, joints: Collection[int]) -> float:
+        """Sum over some joints (0-based) of the squared relative errors."""
+        return sum(self.relative[i] * self.relative[i] for i in joints)  # a power of what has no end would be an error
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,11 +270,12 @@ def with_witnessed(fit: Fit, witnessed: Mapping[Term, Mapping[str, Estimate]]) -
 
 def errors_elsewhere(fit: Fit, motion: Motion) -> Errors:
     """Error of a fit, all its values as they are, on another motion."""
-    found = []
+    found, squares = [], []
     for i, left in enumerate(residuals_elsewhere(fit, motion)):
-        use = motion.moving(i)
+        use, (_, stretch) = motion.moving(i), np.unique(stretches(motion, i), return_inverse=True)
         found.append(errors(left[use], motion.recorded(i, fit.skew)[use]))
-    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found))
+        squares.append(np.asarray(np.bincount(stretch, weights=left**2), dtype=float))
+    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found), tuple(squares))
 
 
 def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
