@@ -3,9 +3,12 @@ form, and what a held-out recording says; on a plant written apart from the libr
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from runtime.diagnosis.ranking import weigh
 from runtime.diagnosis.search import without_insignificant
@@ -16,9 +19,10 @@ from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import identify
 from runtime.model.loader import Model
 from runtime.model.terms import Term
+from runtime.recordings.recording import Recording
 from runtime.report.diagnosed import finding_entry
 from runtime.workspace.source import Source
-from tests import bank
+from tests import bank, spatial_wrist
 from tests.kept import kept
 from tests.upright import Upright, model, record
 from tests.variants import slow
@@ -81,6 +85,28 @@ def test_a_held_out_recording_chooses_between_rivals(opened) -> None:
     assert small.findings[0].rivals
     assert named(wide) == ["gravity"]
     assert len(wide.findings[0].rivals) < len(small.findings[0].rivals)
+
+
+def test_a_held_out_recording_judges_a_term_where_it_acts(cache: Path, tmp_path: Path) -> None:  # noqa: ARG001
+    """What is not explained at another joint is most of the arm's error, and hides what a wrist's friction takes away."""
+    path = tmp_path / "wrist.toml"
+    path.write_text(spatial_wrist.MODEL, encoding="utf-8")
+    fitted, held = (disturbed_at_the_first_joint(seed) for seed in (3, 4))
+    found = diagnose(Source.read(path, None).compiled.model(), [fitted], [held])
+    assert named(found) == ["load_friction@3"]
+    before, after = (step.held_out.relative for step in found.steps)
+    assert after[2] < 0.7 * before[2]
+    assert sum(e * e for e in after) > 0.98 * sum(e * e for e in before)
+
+
+def disturbed_at_the_first_joint(seed: int) -> Recording:
+    """A wrist with friction that grows with the load, and a slow torque from outside at joint 1."""
+    motor = spatial_wrist.CoupledMotor(dry=0.0, viscous=0.0, inertia=0.0)
+    made = spatial_wrist.record(motor, seed, 20.0, spatial_wrist.Beside(load=0.02))
+    slow_part = lfilter([1.0], [1.0, -0.99], np.random.default_rng(seed).standard_normal(made.tau.shape[1]))
+    tau = made.tau.copy()
+    tau[0] += 0.3 * np.std(tau[0]) * slow_part / np.std(slow_part)
+    return replace(made, tau=tau)
 
 
 def test_what_the_data_no_longer_tell_is_taken_back_and_nothing_else(opened) -> None:
