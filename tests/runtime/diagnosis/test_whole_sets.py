@@ -88,7 +88,7 @@ def test_a_held_out_recording_chooses_between_rivals(opened) -> None:
 
 
 def test_a_held_out_recording_judges_a_term_where_it_acts(cache: Path, tmp_path: Path) -> None:  # noqa: ARG001
-    """What is not explained at another joint is most of the arm's error, and hides what a wrist's friction takes away."""
+    """What another joint leaves is most of the arm's error, and hides what a wrist's friction takes away."""
     path = tmp_path / "wrist.toml"
     path.write_text(spatial_wrist.MODEL, encoding="utf-8")
     fitted, held = (disturbed_at_the_first_joint(seed) for seed in (3, 4))
