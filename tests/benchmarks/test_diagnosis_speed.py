@@ -159,7 +159,7 @@ def measured(case: Case, folder: Path, path: Path) -> dict[str, Any]:
     found, spent = _sampled(lambda: _diagnosed(model, data))
     memory = _memory("VmHWM") - before
     first = found.steps[0].fit
-    columns, torque = stacked(first.problem, first.fit.shapes, first.fit.skew)
+    columns, torque = stacked(first.problem, first.shapes, first.skew)
     fits, start = 0, _processor_time()
     while (fitting := _processor_time() - start) < FITTED:
         np.linalg.lstsq(columns, torque)

@@ -10,6 +10,7 @@ from harness import best, show, sized
 from numpy_reference import NumPyFit, stacked
 
 from runtime.identification import identify
+from runtime.identification.fitting import fit_motion
 from runtime.identification.problem import Problem, Skew
 from runtime.model.terms import structure
 from runtime.simulation import simulate
@@ -27,8 +28,8 @@ def test_linear_fit(name: str, hidden: str) -> None:
     """Equal regressors, and no larger an error than NumPy's solution has; an effect that the model lacks is hidden."""
     model = Source.shipped(name).compiled.model()
     data, _ = simulate.simulate(model, [simulate.parse_hidden(hidden, model)], SimulationSettings(seconds=SECONDS))
-    fit = identify.fit_motion(model, identify.prepared(model, [data]), structure(model))
-    fit, motion = fit, fit.motion.with_standstill
+    fit = fit_motion(model, identify.prepared(model, [data]), structure(model))
+    motion = fit.motion.with_standstill
     terms = tuple(fit.shapes)
     reference = NumPyFit(reader.load(ARMS / f"{name}.toml"), terms)
     prediction = fit.problem.regressors.prediction
