@@ -46,7 +46,7 @@ class Fit:
 
     problem       the equations, with the joints' weights and the torque that effects read as it was predicted last
     prediction    inertial parameters and effects' values
-    coefficients  (K,) linear unknowns in the order of `LinearUnknowns.names`
+    coefficients  (K,) linear unknowns in the order of `LinearUnknowns`
     shapes        shape parameters by term
     skew          samples by which the torque is taken later
     skew_free     whether it was estimated, and is what a hold explains

@@ -328,10 +328,13 @@ def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
     # s: a field bus takes some cycles of 1 to 10 ms to hand a command on, a current filter of 10 to 100 Hz less.
     longest_lag, longest_delay = 0.02, 0.05
     times = step * np.arange(-np.ceil(longest_lag / step), np.ceil(longest_delay / step) + 1)
-    key = ("later torques", joint, skew)
-    if key not in motion.columns:
-        motion.columns[key] = np.array([later(float(time)) for time in times])
-    best = float(times[int(np.argmin(left(motion.columns[key])))])
+    key = ("later torques", joint, NOMINAL_SKEW)
+    torques = motion.columns.get(key) if skew == NOMINAL_SKEW else None
+    if torques is None:
+        torques = np.array([later(float(time)) for time in times])
+        if skew == NOMINAL_SKEW:  # another hardly comes again
+            motion.columns[key] = torques
+    best = float(times[int(np.argmin(left(torques)))])
     from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
 
     bounds, ends = (best - step, best + step), {"xatol": step / 100}

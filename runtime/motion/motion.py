@@ -104,7 +104,7 @@ class Motion:
 
     @cached_property
     def columns(self) -> dict[tuple[Hashable, ...], Array]:
-        """A cache of in-band regressors that depend on the motion alone."""
+        """A cache of what depends on the motion and the model alone: in-band regressors, later torques, cuts of D."""
         return {}
 
     # --- other motions made of it ---
