@@ -118,13 +118,13 @@ def best_single(trail: Trail) -> Step | None:
     alike = [c.term for c in ranking.candidates[:1]] + [*ranking.rivals]
     for candidate in able:
         first = candidate is ranking.candidates[0]
-        found = _refitted(trail, candidate, ranking.rivals if first else ())
-        if is_accepted(step, found, found.term) and not _rest_of_another(trail, (found.term,), found):
-            # Where the first has no significant values, the data do not separate the next from it either.
-            others = tuple(t for t in alike if t != found.term) if found.term in alike else ()
-            return found if first else replace(found, rivals=others)
-        if not any(error_falls(step, found, i) for i in own_joints(trail.model, found.term)):
-            alike = [t for t in alike if t != found.term]
+        for found in _refitted(trail, candidate, ranking.rivals if first else ()):
+            if is_accepted(step, found, found.term) and not _rest_of_another(trail, (found.term,), found):
+                # Where the first has no significant values, the data do not separate the next from it either.
+                others = tuple(t for t in alike if t != found.term) if found.term in alike else ()
+                return found if first else replace(found, rivals=others)
+            if not any(error_falls(step, found, i) for i in own_joints(trail.model, found.term)):
+                alike = [t for t in alike if t != found.term]
     return None
 
 
@@ -133,8 +133,8 @@ def _moves_enough(trail: Trail, term: Term) -> bool:
     return seconds_moving(trail.motion, joints_of(trail.model, term)[0]) >= LEAST_MOVING_S
 
 
-def _refitted(trail: Trail, candidate: Candidate, rivals: Sequence[Term]) -> Step:
-    """The step that adds a candidate; one of its rivals instead, if that clearly leaves less.
+def _refitted(trail: Trail, candidate: Candidate, rivals: Sequence[Term]) -> list[Step]:
+    """Steps that add a candidate: first one of its rivals instead, if that clearly leaves less.
 
     Candidates are ranked beside a base that was fitted without them; what an effect takes from others
     (a bristle from dry friction) shows only when everything is refitted. Recordings that were not fitted decide
@@ -152,10 +152,13 @@ def _refitted(trail: Trail, candidate: Candidate, rivals: Sequence[Term]) -> Ste
         if preferred(after, steps[best], joints_of(trail.model, terms[k])[0]):
             best = k
     best = simplest(terms, steps, best)
-    lost = tuple(t for t, after in zip(terms, steps, strict=True) if _refuted(trail, t, after, by=steps[best]))
-    gone = {terms[best], *less_likely_cases(step.base.system, terms, steps, best)}
-    alike = tuple(t for t in (candidate.term, *rivals) if t not in gone)
-    return replace(steps[best].after(step, tried[best], trail.ranking, alike), refuted=lost)
+    made = []
+    for k in dict.fromkeys((best, 0)):
+        lost = tuple(t for t, after in zip(terms, steps, strict=True) if _refuted(trail, t, after, by=steps[k]))
+        gone = {terms[k], *less_likely_cases(step.base.system, terms, steps, k)}
+        alike = tuple(t for t in (candidate.term, *rivals) if t not in gone)
+        made.append(replace(steps[k].after(step, tried[k], trail.ranking, alike), refuted=lost))
+    return made
 
 
 def _refuted(trail: Trail, term: Term, step: Step, by: Step) -> bool:

@@ -66,8 +66,9 @@ class Repeats:
         """Standard deviation of the part of a residual (M,) that does not repeat, and of the part that does, less two
         standard errors; None with fewer than 100 pairs of rows, whose variance is known to a seventh.
 
-        Between two passes the repeating part cancels in the difference and remains in the mean product. That mean
-        varies by chance, as the means of ten stretches show.
+        Between two passes the repeating part cancels in the difference and remains in the mean product. By chance that
+        varies as the mean product of sum and difference does, which is zero otherwise: ten stretches show how much,
+        also where one of them holds all that repeats.
         """
         both = [(residual[p.first], p.at_recurrence(residual), p.usable(use)) for p in self.pairs]
         a = np.concatenate([x[k] for x, _, k in both]) if both else np.zeros(0)
@@ -75,7 +76,7 @@ class Repeats:
         if len(a) < 100:
             return None
         noise = float(np.mean((a - b) ** 2) / 2)
-        means = [float(stretch.mean()) for stretch in np.array_split(a * b, 10)]
+        means = [float(stretch.mean()) for stretch in np.array_split((a + b) * np.roll(a - b, len(a) // 2) / 2, 10)]
         chance = float(np.std(means, ddof=1)) / len(means) ** 0.5
         repeating = float(np.mean(a * b)) - 2 * chance
         return float(np.sqrt(noise)), float(np.sqrt(max(repeating, 0.0)))

@@ -17,16 +17,20 @@ DT = 1e-3
 CUTOFF = 14.0  # Hz: rows are 28 samples apart
 
 
-@pytest.mark.parametrize("period", [3000, 3008, 3014])
-def test_what_comes_back_between_rows_is_told_from_noise(drive: Model, period: int) -> None:
-    """Three times the same three seconds, a cycle being no whole number of rows; the rest of the motion is another."""
+@pytest.mark.parametrize(("period", "once"), [(3000, False), (3008, False), (3014, False), (3008, True)])
+def test_what_comes_back_between_rows_is_told_from_noise(drive: Model, period: int, once: bool) -> None:
+    """Three times the same three seconds, a cycle being no whole number of rows; the rest of the motion is another.
+    What comes back lasts, or is felt once a cycle, as a stop is that is touched there."""
     rng, count = np.random.default_rng(period), 3 * period
     t = np.arange(count) * DT
     base = 2 * np.pi / (period * DT)
     wave = sum(rng.normal() / k * np.sin(k * base * t + rng.uniform(0, 6)) for k in range(1, 7))
     other = np.arange(8000) * DT
     q = np.concatenate([0.4 * np.sin(1.7 * other) * np.minimum(other, 1.0), 0.3 * wave])
-    back = np.concatenate([np.zeros(8000), 0.05 * np.sin(9 * base * t)])
+    width, cycle = 0.08, period * DT  # s
+    touched = 0.4 * np.exp(-(((t % cycle - cycle / 2) / width) ** 2))
+    back = np.concatenate([np.zeros(8000), touched if once else 0.1 * np.sin(9 * base * t)])
+    size = 0.4 * np.sqrt(width * np.sqrt(np.pi / 2) / cycle) if once else 0.1 / np.sqrt(2)
     tau = 0.2365 * np.gradient(np.gradient(q, DT), DT)
     whole, at = np.zeros(len(q), dtype=np.int64), np.arange(len(q)) * DT
     recording = Recording(Path("run.csv"), at, whole, q[None], tau[None], ("revolute",), (slice(0, len(q)),), (None,))
@@ -41,4 +45,4 @@ def test_what_comes_back_between_rows_is_told_from_noise(drive: Model, period: i
     assert parts is not None
     noise, coming_back = parts
     assert noise == pytest.approx(0.2 * np.sqrt(2 * DT * CUTOFF), rel=0.2)
-    assert coming_back == pytest.approx(0.05 / np.sqrt(2), rel=0.25)
+    assert coming_back == pytest.approx(size, rel=0.25)
