@@ -17,7 +17,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.settings import CONTRADICTS, FAR_ABOVE_NOISE, LEAST_MOVING_S, MATERIAL, ONLY_NOISE
+from runtime.diagnosis.settings import (
+    CONTRADICTS,
+    FAR_ABOVE_NOISE,
+    GROSS,
+    GROSS_TORQUE,
+    LEAST_MOVING_S,
+    MATERIAL,
+    ONLY_NOISE,
+)
 from runtime.diagnosis.steps import seconds_moving
 from runtime.documents.fits import ContradictionEntry, RecordingFit
 from runtime.fit_warnings import Suspicion, suspicions
@@ -26,6 +34,7 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.problem import Problem, Skew
 from runtime.identification.settings import INTERVAL_SIGMAS
+from runtime.model.loader import LumpInfo
 from runtime.motion.motion import Motion
 from runtime.recordings.recording import Recording
 from runtime.wording import times_floor
@@ -177,6 +186,40 @@ def contradict(one: float, other: float, spread: float) -> bool:
     """Whether two values of a parameter cannot both be right; `spread`: standard deviation of their difference."""
     difference = abs(one - other)
     return difference > CONTRADICTS * spread and difference > MATERIAL * max(abs(one), abs(other))
+
+
+@dataclass(frozen=True)
+class WrongInFile:
+    """A base inertial parameter whose value in the model file the data contradict.
+
+    gross   by far, and by much of a joint's torque: then what is found beside it may only stand for it
+    """
+
+    lump: LumpInfo
+    stated: float
+    estimate: Estimate
+    gross: bool
+
+
+def wrong_in_file(fit: Fit) -> list[WrongInFile]:
+    """Parameters of the model file that the data contradict."""
+    found = []
+    for k, (lump, e) in enumerate(zip(fit.model.lumps, fit.inference.lumps, strict=True)):
+        if lump.value is not None and contradict(lump.value, e.value, deviation(e)):
+            far = abs(lump.value - e.value) > GROSS * max(abs(lump.value), abs(e.value))
+            found.append(WrongInFile(lump, lump.value, e, far and _of_torque(fit, k, lump.value) > GROSS_TORQUE))
+    return found
+
+
+def _of_torque(fit: Fit, lump: int, stated: float) -> float:
+    """The torque that a parameter's difference from the file makes, as a part of a joint's, where it is largest."""
+    motion, apart, part = fit.motion, fit.coefficients[lump] - stated, 0.0
+    for i in range(motion.n):
+        use = motion.moving(i)
+        size = float(np.linalg.norm(motion.recorded(i, fit.skew)[use]))
+        if size > 0:
+            part = max(part, abs(apart) * float(np.linalg.norm(fit.problem.regressors.rigid(i)[lump, use])) / size)
+    return part
 
 
 def deviation(e: Estimate) -> float:

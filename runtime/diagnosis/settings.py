@@ -132,6 +132,14 @@ MATERIAL: Final = 0.1
 """part of the larger value; two values that differ by less do not contradict each other, however certain they are;
 development recordings of one arm."""
 
+GROSS: Final = 0.25
+"""part of the larger value; a parameter of the model file that is wrong by more may have made the effects that are
+named beside it, and is said first: URDFs' masses are right to 5 to 20 %; real recordings of whole arms."""
+
+GROSS_TORQUE: Final = 0.1
+"""part of a joint's torque, RMS; what a wrong parameter of the model file must move for that: small moments may be
+wrong by any factor; real recordings of whole arms."""
+
 ONLY_NOISE: Final = 1.5
 """ratio to the instruments' noise; a recording whose residual is below, fitted alone, holds nothing else; development
 recordings of two arms."""

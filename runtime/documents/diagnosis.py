@@ -111,6 +111,9 @@ class FindingEntry(Document, frozen=True, kw_only=True):
     ranking: Annotated[list[RankedCandidate], key("all finalists of this step, the best first")]
     experiment: Annotated[str, key("motion that would bring the effect out")]
     remainder: Annotated[str | None, key("what is left at the joint with the effect; null if only noise")]
+    mounting: Annotated[
+        str | UnsetType, key("how the base is mounted and what to type; absent for effects other than gravity")
+    ] = UNSET
 
 
 class SensorEntry(Document, frozen=True, kw_only=True):

@@ -127,6 +127,7 @@ def finding_entry(diagnosis: Diagnosis, finding: Step) -> FindingEntry:
         ranking=ranking_entries(finding.ranking, diagnosis.model),
         experiment=info.experiment,
         remainder=None if left is None else reasons.left_over(left, info.name),
+        mounting=reasons.of_gravity(finding, diagnosis.last) or UNSET,
     )
 
 

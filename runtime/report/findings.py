@@ -98,7 +98,7 @@ def lead(finding: FindingEntry, context: Context) -> str:
 
 def brief(finding: FindingEntry, context: Context) -> list[Section]:
     """A finding in a few lines: its values and evidence, and the strongest candidates beside it."""
-    items = _held_out(finding) + [valued(name, p) for name, p in finding.parameters.items()]
+    items = _mounting(finding) + _held_out(finding) + [valued(name, p) for name, p in finding.parameters.items()]
     rivals = {key(r) for r in finding.rivals}
     others = [
         e
@@ -128,7 +128,7 @@ def card(finding: FindingEntry, context: Context, info: EffectInfo, figures: Seq
         Paragraph(info.summary),
         Paragraph(f"torque = {info.equation}", "code"),
         Paragraph(lead(finding, context)),
-        *texts(map(sentence, _held_out(finding))),
+        *texts(map(sentence, [*_mounting(finding), *_held_out(finding)])),
         Bullets(values),
         evidence(finding.evidence, context.at(finding)),
         *([Plots(tuple(figures))] if figures else []),
@@ -137,6 +137,11 @@ def card(finding: FindingEntry, context: Context, info: EffectInfo, figures: Seq
         *([Paragraph(f"What remains: {finding.remainder}.", "warning")] if finding.remainder else []),
         Paragraph(f"Literature: {info.source}", "note"),
     ]
+
+
+def _mounting(finding: FindingEntry) -> list[str]:
+    said = given(finding.mounting)
+    return [] if said is None else [said]
 
 
 def _held_out(finding: FindingEntry) -> list[str]:

@@ -4,6 +4,7 @@ and why the verdict is what it is."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
 
 from runtime.diagnosis import credibility, gates
 from runtime.diagnosis.candidates import Candidate
@@ -17,10 +18,13 @@ from runtime.identification.fit import Fit
 from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
+from runtime.report import mounting
 from runtime.wording import numbered, per_turn, quantity, told_apart, whole_apart
 
 _TIMES_SAID = 5
 """number of times; so many bursts are listed: a line on a page."""
+_MOST_IN_FILE = 2
+"""number of parameters; so many that the file has a little wrong are listed: the table has them all."""
 
 
 # a fit ---------------------------------------------------------------------------------------------------------------
@@ -205,14 +209,17 @@ def _disturbance(found: Disturbance) -> str:
 
 
 def reason(diagnosis: Diagnosis) -> str:
-    """Why a diagnosis decided so, with lines of the torque that lie above the band."""
-    return _reason(diagnosis) + _above_band(diagnosis.trail.last)
+    """Why a diagnosis decided so, with lines of the torque that lie above the band, and what the model file has a
+    little wrong."""
+    last = diagnosis.trail.last
+    believed = diagnosis.why not in ("wrong data", "unsound fit", "outdone")
+    return _reason(diagnosis) + _above_band(last) + (_also_in_file(last) if believed else "")
 
 
 def _reason(diagnosis: Diagnosis) -> str:
     trail, compared = diagnosis.trail, diagnosis.recordings
     first, last = trail.first, trail.last
-    differ = _file_contradicted(last)
+    differ = _first_in_file(last)
     apart = f"{_contradictory(compared)}; " if compared.contradictory else ""
     preface, where = apart + differ, "" if diagnosis.joint is None else _called(diagnosis.joint, last)
     match diagnosis.why:
@@ -283,9 +290,22 @@ def _sentence(finding: Step, last: Step) -> str:
         text += f"(error {100 * before:.2f} % to {100 * after:.2f} %)"
     else:
         text += f"(twist unexplained by the skew of the encoders {shown.before:.2g} to {shown.after:.2g} {shown.unit})"
+    if says := of_gravity(finding, last):
+        text += f", {says}"
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
     return text
+
+
+def of_gravity(finding: Step, last: Step) -> str:
+    """How the base is mounted, of a finding that adds gravity to the model file's; empty for others."""
+    model, values = last.fit.model, last.fit.inference.values.get(finding.term, {})
+    info = model.library.effects[finding.term.effect]
+    added = {p.abroad[-1]: values[p.name].value for p in info.parameters if p.abroad.startswith("gravity")}
+    if not added or not all(map(isfinite, added.values())):
+        return ""
+    axes = "xyz" if model.spatial else "xy"
+    return mounting.said(model.gravity[: len(axes)], [added.get(axis, 0.0) for axis in axes])
 
 
 def _called(joint: int, step: Step) -> str:
@@ -302,14 +322,22 @@ def _order(term: Term, last: Step) -> str:
     return f" at {per_turn(last.shapes[term][line.name], model.joints[term.joint - 1].gear_ratio)}"
 
 
-def _file_contradicted(last: Step) -> str:
-    """Inertial parameters of the file that the data contradict, as the beginning of a sentence."""
-    wrong = []
-    found = last.fit
-    for lump, e in zip(found.model.lumps, found.inference.lumps, strict=True):
-        if lump.value is not None and credibility.contradict(lump.value, e.value, credibility.deviation(e)):
-            wrong.append(f"{lump.name} is {lump.value:.4g} {lump.unit} in the model file, {e.value:.4g} in the data")
-    return f"check the model file first: {'; '.join(wrong)}; " if wrong else ""
+def _first_in_file(last: Step) -> str:
+    """Parameters of the file that are grossly wrong, as the beginning of a sentence."""
+    gross = [_in_file_and_data(w) for w in credibility.wrong_in_file(last.fit) if w.gross]
+    return f"check the model file first: {'; '.join(gross)}; " if gross else ""
+
+
+def _also_in_file(last: Step) -> str:
+    """Parameters of the file that are wrong by less, as the end of a sentence."""
+    wrong = [_in_file_and_data(w) for w in credibility.wrong_in_file(last.fit) if not w.gross]
+    more = f", and {len(wrong) - _MOST_IN_FILE} more" if len(wrong) > _MOST_IN_FILE else ""
+    return f"; the model file is a little off, too: {', '.join(wrong[:_MOST_IN_FILE])}{more}" if wrong else ""
+
+
+def _in_file_and_data(wrong: credibility.WrongInFile) -> str:
+    unit = wrong.lump.unit
+    return f"{wrong.lump.name} is {wrong.stated:.4g} {unit} in the model file, {wrong.estimate.value:.4g} in the data"
 
 
 def _above_band(step: Step) -> str:

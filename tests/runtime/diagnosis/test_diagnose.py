@@ -149,6 +149,16 @@ def test_a_contradicted_inertia_is_said_first(drive: Model) -> None:
     assert found.verdict == "clean"
 
 
+def test_a_value_that_is_a_little_wrong_is_said_once_and_last(drive: Model) -> None:
+    text = (ROOT / "symbolic" / "arms" / "drive.toml").read_text()
+    wrong = Source.shipped("drive").with_text(text.replace("mass = 2.0", "mass = 3.0")).compiled.model()
+    assert drive.lump_values[0] * 1.12 < wrong.lump_values[0] < drive.lump_values[0] * 1.25
+    said = reason(kept(diagnose, wrong, [recorded(None, 21)]))
+    assert said.startswith("the residual is noise")
+    assert "; the model file is a little off, too: J1 is " in said
+    assert said.count("J1") == 1
+
+
 def test_repeated_motion_is_found(drive: Model) -> None:
     """The plant makes its motion twice; every stretch pairs with the one a period later."""
     recording = recorded("linear_spring", 3)
