@@ -23,6 +23,7 @@ from runtime.identification.wrong_data import (
     turns,
     wrong_data,
 )
+from runtime.model.terms import joints_of
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import map_option
 from runtime.wording import number, quantity
@@ -218,12 +219,13 @@ def _early_torques(fit: Fit) -> list[str]:
     model = fit.model
     if fit.ahead is None:
         return []
-    delayed = {t.joint for t in fit.shapes if model.library.effects[t.effect].of_kind("lead")}
+    shifting = (t for t in fit.shapes if "torque_rate" in model.library.needs[t.effect])
+    delayed = {joint for t in shifting for joint in joints_of(model, t)}
     return [
         f"joint {joint}: the recorded torque is {quantity(abs(time), 's', 3)} {'ahead of' if time > 0 else 'behind'} "
         "its motion, beyond half a sample of a hold; that is left in the error: tendon diagnose says by which effect"
         for joint, time in enumerate(fit.ahead.times, start=1)
-        if time and joint not in delayed
+        if time and joint - 1 not in delayed
     ]
 
 

@@ -149,6 +149,8 @@ class DescribedEffect(Generic[P]):
                  the end-effector touches (scope "contact"); a controller always compensates it
     several      a joint may have more than one; the second torque_ripple is called torque_ripple_2
     generalises  effects that are special cases of it: adding this one replaces them
+    alike_at_joints  of an effect of the arm: that effect of a joint, with one value for all of them; where only one
+                 joint moves, that one is named
     assumed      imported arms have it at every joint, with unknown values
     gives_way    the transmission is compliant, so that the joint's link affects all joints; follows from the signals
     summary      one sentence
@@ -176,6 +178,7 @@ class DescribedEffect(Generic[P]):
     brought: bool = False
     several: bool = False
     generalises: tuple[str, ...] = ()
+    alike_at_joints: str = ""
     assumed: bool = False
     gives_way: bool = False
     parameters: tuple[P, ...]

@@ -286,6 +286,47 @@ void tendon_stribeck_torque_batch_f64(
     }
 }
 
+/* velocity_strengthening_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_velocity_strengthening_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = (1.0 - tendon_exp_f64(-(qd[k] * qd[k] / (p[1] * p[1])))) *
+        tendon_sgn_f64(qd[k]);
+        }
+    }
+}
+
+/* velocity_strengthening_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_velocity_strengthening_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict qd = s[at].qd;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = tendon_sgn_f64(qd[k]) * (p[0] * (1.0 - tendon_exp_f64(-(qd[k] * qd[k]
+        / (p[1] * p[1])))));
+        }
+    }
+}
+
 /* load_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_load_friction_columns_batch_f64(
     size_t count,
@@ -1156,6 +1197,126 @@ void tendon_torque_delay_columns_batch_f64(
 
 /* torque_delay_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_delay_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * predicted_rate[k];
+        }
+    }
+}
+
+/* command_delay_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_command_delay_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    (void)p;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = predicted_rate[k];
+        }
+    }
+}
+
+/* command_delay_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_command_delay_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * predicted_rate[k];
+        }
+    }
+}
+
+/* torque_lag_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_torque_lag_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    (void)p;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = predicted_rate[k];
+        }
+    }
+}
+
+/* torque_lag_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_torque_lag_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(1U * at + 0U) * count + k] = p[0] * predicted_rate[k];
+        }
+    }
+}
+
+/* command_lag_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_command_lag_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out)
+{
+    (void)dt;
+    (void)p;
+    for (size_t at = 0; at < joints; ++at) {
+        const double *restrict predicted_rate = s[at].predicted_rate;
+        TENDON_INDEPENDENT
+        for (size_t k = 0; k < count; ++k) {
+            out[(2U * at + 0U) * count + k] = 0.0;
+            out[(2U * at + 1U) * count + k] = predicted_rate[k];
+        }
+    }
+}
+
+/* command_lag_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_command_lag_torque_batch_f64(
     size_t count,
     size_t joints,
     const tendon_signals_f64 *s,

@@ -175,6 +175,24 @@ void tendon_stribeck_torque_batch_f64(
     const double *restrict p,
     double *restrict out);
 
+/* velocity_strengthening_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_velocity_strengthening_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* velocity_strengthening_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_velocity_strengthening_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
 /* load_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_load_friction_columns_batch_f64(
     size_t count,
@@ -456,6 +474,60 @@ void tendon_torque_delay_columns_batch_f64(
 
 /* torque_delay_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_delay_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* command_delay_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_command_delay_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* command_delay_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_command_delay_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* torque_lag_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_torque_lag_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* torque_lag_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_torque_lag_torque_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* command_lag_columns along `count` samples, 2 rows a joint in `out`. */
+void tendon_command_lag_columns_batch_f64(
+    size_t count,
+    size_t joints,
+    const tendon_signals_f64 *s,
+    double dt,
+    const double *restrict p,
+    double *restrict out);
+
+/* command_lag_torque along `count` samples, 1 row a joint in `out`. */
+void tendon_command_lag_torque_batch_f64(
     size_t count,
     size_t joints,
     const tendon_signals_f64 *s,

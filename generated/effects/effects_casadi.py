@@ -33,6 +33,10 @@ PARAMETERS = {
         "torque": ("N m", "how much friction at the slowest motion exceeds Coulomb's", None),
         "speed": ("rad/s", "speed within which the excess falls to 1/e", None),
     },
+    "velocity_strengthening": {
+        "torque": ("N m", "rise of the friction from rest to its plateau", None),
+        "speed": ("rad/s", "speed at which all but 1/e of the rise is there", None),
+    },
     "load_friction": {
         "coefficient": ("1", "friction torque per transmitted torque", None),
     },
@@ -92,6 +96,15 @@ PARAMETERS = {
     },
     "torque_delay": {
         "time": ("s", "positive: the recorded torque is ahead of the recorded motion, as a command is that acts only later; negative: it is behind, as a filtered current is", None),
+    },
+    "command_delay": {
+        "time": ("s", "positive: the recorded torque is ahead of the recorded motion, as a command is that acts only later; negative: it is behind, as a filtered current is", None),
+    },
+    "torque_lag": {
+        "time_constant": ("s", "after it, 1/e of a step of the recorded torque is still missing from the acting one", None),
+    },
+    "command_lag": {
+        "time_constant": ("s", "after it, 1/e of a step of the recorded torque is still missing from the acting one", None),
     },
     "elasticity": {
         "stiffness": ("N m/rad", "of the transmission", None),
@@ -383,6 +396,33 @@ def stribeck_torque():
     torque = ca.SX(0.125 * t3)
     inputs, outputs = [qd, p, x, width], [torque]
     return ca.Function("stribeck_torque", inputs, outputs, ["qd", "p", "x", "width"], ["torque"])
+
+
+def velocity_strengthening_torque():
+    """velocity_strengthening_torque: Friction that rises from rest to a plateau at a low speed, the opposite of
+      Stribeck's. F (1 - exp(-(qd/v_s)^2)) sgn(qd)
+    in   qd [rad/s]: joint rate
+    in   p (2) [N m, rad/s]: torque, speed
+    in   x (0): empty: no memory
+    in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
+    out  torque [N m]: added to the motor torque
+    Source: Bar-Sinai, Spatschek, Brener & Bouchbinder 2014, On the velocity-strengthening behavior of dry friction,
+      J. Geophysical Research: Solid Earth 119(3); for the exponential in the speed, Bo & Pavelescu 1982, The
+      friction-speed relation and its influence on the critical velocity of stick-slip motion, Wear 82(3)
+    Operations: 16 operations (1 add, 2 sub, 10 mul, 2 div, 1 neg) and 1 exp and 1 max and 1 min
+    """
+    qd = ca.SX.sym("qd")
+    p = ca.SX.sym("p", 2)
+    (p_torque, p_speed) = ca.vertsplit(p)
+    x = ca.SX.sym("x", 0)
+    width = ca.SX.sym("width", 4)
+    (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
+    t1 = ca.fmax(-1.0, ca.fmin(1.0, qd / width_rate))
+    t2 = t1 * t1
+    t3 = (3.0 * (t2 * t2) + (15.0 - 10.0 * t2)) * (p_torque * (1.0 - ca.exp(-(qd * qd / (p_speed * p_speed)))))
+    torque = ca.SX(0.125 * (t1 * t3))
+    inputs, outputs = [qd, p, x, width], [torque]
+    return ca.Function("velocity_strengthening_torque", inputs, outputs, ["qd", "p", "x", "width"], ["torque"])
 
 
 def load_friction_torque():
@@ -1002,6 +1042,72 @@ def torque_delay_torque():
     torque = ca.SX(p_time * predicted_rate)
     inputs, outputs = [predicted_rate, p, x, width], [torque]
     return ca.Function("torque_delay_torque", inputs, outputs, ["predicted_rate", "p", "x", "width"], ["torque"])
+
+
+def command_delay_torque():
+    """command_delay_torque: All joints' torques are recorded before they act, by the same time: bus, computer, hold of
+      the command. T d(tau)/dt, tau the predicted torque
+    in   predicted_rate [N m/s]: time derivative of the predicted motor torque
+    in   p (1) [s]: time
+    in   x (0): empty: no memory
+    in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
+    out  torque [N m]: added to the motor torque
+    Source: Ljung 1999, System Identification: Theory for the User
+    Operations: 1 operation (1 mul)
+    """
+    predicted_rate = ca.SX.sym("predicted_rate")
+    p = ca.SX.sym("p", 1)
+    (p_time,) = ca.vertsplit(p)
+    x = ca.SX.sym("x", 0)
+    width = ca.SX.sym("width", 4)
+    (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
+    torque = ca.SX(p_time * predicted_rate)
+    inputs, outputs = [predicted_rate, p, x, width], [torque]
+    return ca.Function("command_delay_torque", inputs, outputs, ["predicted_rate", "p", "x", "width"], ["torque"])
+
+
+def torque_lag_torque():
+    """torque_lag_torque: The acting torque follows the recorded one with a first-order lag: winding, current control,
+      filter. T d(tau)/dt, tau the predicted torque: u = tau + T d(tau)/dt is recorded
+    in   predicted_rate [N m/s]: time derivative of the predicted motor torque
+    in   p (1) [s]: time_constant
+    in   x (0): empty: no memory
+    in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
+    out  torque [N m]: added to the motor torque
+    Source: Isermann 2005, Mechatronic Systems: Fundamentals, Springer
+    Operations: 1 operation (1 mul)
+    """
+    predicted_rate = ca.SX.sym("predicted_rate")
+    p = ca.SX.sym("p", 1)
+    (p_time_constant,) = ca.vertsplit(p)
+    x = ca.SX.sym("x", 0)
+    width = ca.SX.sym("width", 4)
+    (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
+    torque = ca.SX(p_time_constant * predicted_rate)
+    inputs, outputs = [predicted_rate, p, x, width], [torque]
+    return ca.Function("torque_lag_torque", inputs, outputs, ["predicted_rate", "p", "x", "width"], ["torque"])
+
+
+def command_lag_torque():
+    """command_lag_torque: All joints' torques follow the recorded ones with the same first-order lag, as equal drives'
+      do. T d(tau)/dt, tau the predicted torque: u = tau + T d(tau)/dt is recorded
+    in   predicted_rate [N m/s]: time derivative of the predicted motor torque
+    in   p (1) [s]: time_constant
+    in   x (0): empty: no memory
+    in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
+    out  torque [N m]: added to the motor torque
+    Source: Isermann 2005, Mechatronic Systems: Fundamentals, Springer
+    Operations: 1 operation (1 mul)
+    """
+    predicted_rate = ca.SX.sym("predicted_rate")
+    p = ca.SX.sym("p", 1)
+    (p_time_constant,) = ca.vertsplit(p)
+    x = ca.SX.sym("x", 0)
+    width = ca.SX.sym("width", 4)
+    (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
+    torque = ca.SX(p_time_constant * predicted_rate)
+    inputs, outputs = [predicted_rate, p, x, width], [torque]
+    return ca.Function("command_lag_torque", inputs, outputs, ["predicted_rate", "p", "x", "width"], ["torque"])
 
 
 def elasticity_torque():

@@ -95,6 +95,21 @@ float tendon_stribeck_torque_f32(float qd, float torque, float speed)
     return tendon_sgn_f32(qd) * (torque * tendon_exp_f32(-(qd * qd / (speed * speed))));
 }
 
+/* velocity_strengthening_torque: Friction that rises from rest to a plateau at a low speed, the opposite of
+ *   Stribeck's. F (1 - exp(-(qd/v_s)^2)) sgn(qd)
+ * in   qd [rad/s]: joint rate
+ * in   torque [N m]: rise of the friction from rest to its plateau
+ * in   speed [rad/s]: speed at which all but 1/e of the rise is there
+ * out  torque [N m]: added to the motor torque
+ * Source: Bar-Sinai, Spatschek, Brener & Bouchbinder 2014, On the velocity-strengthening behavior of dry friction,
+ *   J. Geophysical Research: Solid Earth 119(3); for the exponential in the speed, Bo & Pavelescu 1982, The
+ *   friction-speed relation and its influence on the critical velocity of stick-slip motion, Wear 82(3)
+ * Operations: 7 operations (1 sub, 4 mul, 1 div, 1 neg) and 1 exp and 1 sgn */
+float tendon_velocity_strengthening_torque_f32(float qd, float torque, float speed)
+{
+    return tendon_sgn_f32(qd) * (torque * (1.0f - tendon_exp_f32(-(qd * qd / (speed * speed)))));
+}
+
 /* load_friction_torque: Gear friction in proportion to the torque that the gear transmits. mu |load| sgn(qd)
  * in   qd [rad/s]: joint rate
  * in   load [N m]: predicted torque transmitted to the link: D qdd + C qd + g without the own rotor, and what else
@@ -431,6 +446,43 @@ float tendon_torque_scale_torque_f32(float predicted, float factor)
 float tendon_torque_delay_torque_f32(float predicted_rate, float time)
 {
     return time * predicted_rate;
+}
+
+/* command_delay_torque: All joints' torques are recorded before they act, by the same time: bus, computer, hold of
+ *   the command. T d(tau)/dt, tau the predicted torque
+ * in   predicted_rate [N m/s]: time derivative of the predicted motor torque
+ * in   time [s]: positive: the recorded torque is ahead of the recorded motion, as a command is that acts only
+ *   later; negative: it is behind, as a filtered current is
+ * out  torque [N m]: added to the motor torque
+ * Source: Ljung 1999, System Identification: Theory for the User
+ * Operations: 1 operation (1 mul) */
+float tendon_command_delay_torque_f32(float predicted_rate, float time)
+{
+    return time * predicted_rate;
+}
+
+/* torque_lag_torque: The acting torque follows the recorded one with a first-order lag: winding, current control,
+ *   filter. T d(tau)/dt, tau the predicted torque: u = tau + T d(tau)/dt is recorded
+ * in   predicted_rate [N m/s]: time derivative of the predicted motor torque
+ * in   time_constant [s]: after it, 1/e of a step of the recorded torque is still missing from the acting one
+ * out  torque [N m]: added to the motor torque
+ * Source: Isermann 2005, Mechatronic Systems: Fundamentals, Springer
+ * Operations: 1 operation (1 mul) */
+float tendon_torque_lag_torque_f32(float predicted_rate, float time_constant)
+{
+    return time_constant * predicted_rate;
+}
+
+/* command_lag_torque: All joints' torques follow the recorded ones with the same first-order lag, as equal drives'
+ *   do. T d(tau)/dt, tau the predicted torque: u = tau + T d(tau)/dt is recorded
+ * in   predicted_rate [N m/s]: time derivative of the predicted motor torque
+ * in   time_constant [s]: after it, 1/e of a step of the recorded torque is still missing from the acting one
+ * out  torque [N m]: added to the motor torque
+ * Source: Isermann 2005, Mechatronic Systems: Fundamentals, Springer
+ * Operations: 1 operation (1 mul) */
+float tendon_command_lag_torque_f32(float predicted_rate, float time_constant)
+{
+    return time_constant * predicted_rate;
 }
 
 /* elasticity_torque: The link hangs on the motor by a spring: the transmission gives way and resonates. -(J

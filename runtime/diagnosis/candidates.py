@@ -132,7 +132,10 @@ class FittedBase:
         return term
 
     def _possible(self, term: Term) -> bool:
-        if not any(self.motion.moving(i).any() for i in joints_of(self.model, term)[:1]):
+        moving = [i for i in joints_of(self.model, term) if self.motion.moving(i).any()]
+        if joints_of(self.model, term)[0] not in moving:
+            return False
+        if self.model.library.effects[term.effect].alike_at_joints and len(moving) < 2:
             return False
         if "torque_rate" in self.model.library.needs[term.effect] and self.fit.skew_free:
             # A hold explains the shift between torque and motion, the same at all joints: nothing is left to find.

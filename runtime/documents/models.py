@@ -187,6 +187,7 @@ class EffectDocument(Document, frozen=True, kw_only=True):
     brought: Annotated[bool, key("whether a planned trajectory brings it")]
     several: Annotated[bool, key("whether a joint may have more than one")]
     generalises: Annotated[list[str], key("effects that are special cases of it and that it replaces")]
+    alike_at_joints: Annotated[str, key("effect of a joint that it is at all joints alike; empty for none")]
     assumed: Annotated[bool, key("whether imported arms are given it, its values unknown")]
     gives_way: Annotated[bool, key("whether the transmission gives way: all joints feel it")]
     parameters: Annotated[list[EffectParameter], key("its parameters")]

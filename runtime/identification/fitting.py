@@ -146,15 +146,15 @@ def _settles(before: Fit, after: Fit) -> bool:
 
 
 def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:
-    """Where delays are exact, moved to the delays that were found."""
+    """Where delays are exact, moved to the delays that were found: of a joint's own and of the arm's together."""
     if fit.ahead is None:
         return None
-    times = list(fit.ahead.times)
+    found: dict[int, float] = {}
     for term, values in fit.prediction.values.items():
-        lead = model.library.effects[term.effect].of_kind("lead")
-        if lead is not None and term.joint is not None:
-            times[term.joint - 1] = values[lead.name]
-    return _large_delays(motion, fit.skew, times)
+        if lead := model.library.effects[term.effect].of_kind("lead"):
+            for joint in joints_of(model, term):
+                found[joint] = found.get(joint, 0.0) + values[lead.name]
+    return _large_delays(motion, fit.skew, [found.get(i, time) for i, time in enumerate(fit.ahead.times)])
 
 
 def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:

@@ -261,7 +261,7 @@ def _leads(model: Model, inference: Inference, joint: int) -> list[Estimate]:
     found = []
     for term, values in inference.values.items():
         lead = model.library.effects[term.effect].of_kind("lead")
-        if lead is not None and term.joint == joint:
+        if lead is not None and joint - 1 in joints_of(model, term):
             found.append(values[lead.name])
     return found
 

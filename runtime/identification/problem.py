@@ -214,7 +214,7 @@ class Problem:
     ) -> None:
         self.model, self.motion = model, motion
         self.layout = LinearUnknowns.of(model, terms, motion.rigid_given)
-        self.regressors = Regressors(model, motion, prediction, ahead)
+        self.regressors = Regressors(model, motion, prediction, ahead and ahead.of(model, terms))
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
         self._last: LinearSystem | None = None

@@ -221,10 +221,31 @@ class Ahead:
 
     At that time the column of a delay is exact: to first order, a delay of a sample would be one of a small angle at
     every frequency, and of three samples at none.
+
+    first   of every joint (n,) the first of a structure's delays, which has the part without free coefficient: further
+            ones add their times alone; empty: no structure is known
     """
 
     skew: float
     times: Array
+    first: tuple[Term | None, ...] = ()
+
+    def of(self, model: Model, terms: Iterable[Term]) -> Ahead:
+        """The same for a structure."""
+        found: list[Term | None] = [None] * model.n
+        for term in terms:
+            for joint in joints_of(model, term) if is_delay(model, term) else ():
+                found[joint] = found[joint] or term
+        return replace(self, first=tuple(found))
+
+    def begins(self, term: Term, joint: int) -> bool:
+        """Whether no other delay has the part without free coefficient at a joint (0-based)."""
+        return not self.first or self.first[joint] in (None, term)
+
+
+def is_delay(model: Model, term: Term) -> bool:
+    """Whether a term's only coefficient is the time by which the recorded torque is ahead."""
+    return [p.kind for p in model.library.effects[term.effect].parameters] == ["lead"]
 
 
 @dataclass
@@ -326,8 +347,11 @@ class Regressors:
         self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
     ) -> dict[int, Array]:
         """(S, 1 + k, M) at the joint, and at all that feel the same and share its band: it is simulated once."""
-        if self.ahead is not None and self._delays(term) and self.ahead.times[joint]:
-            return {joint: np.array([self._late(joint, self.ahead)] * len(shapes))}
+        if self.ahead is not None and is_delay(self.model, term) and self.ahead.times[joint]:
+            late = self._late(joint, self.ahead)
+            if not self.ahead.begins(term, joint):
+                late[0] = 0.0
+            return {joint: np.array([late] * len(shapes))}
         library, felt = self.model.library, joints_of(self.model, term)
         joints = [i for i in self.motion.view(joint).joints if i in felt] if joint in felt else [joint]
         parts, told = [], self._told(term)
@@ -355,11 +379,6 @@ class Regressors:
         """(1 + k, N) at full rate along one piece."""
         library = self.model.library
         return library.columns(term.effect, signals.of(term, joint), shape, signals.piece.dt)
-
-    def _delays(self, term: Term) -> bool:
-        """Whether a term's only coefficient is the time by which the recorded torque is ahead."""
-        info = self.model.library.effects[term.effect]
-        return [p.kind for p in info.parameters] == ["lead"]
 
     def _late(self, joint: int, ahead: Ahead) -> Array:
         """(2, M) as `columns`: what the recorded torque has beside what it is a time later, to first order about the

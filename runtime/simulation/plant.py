@@ -224,7 +224,7 @@ class PlantEquations:
         """
         signals = _Signals(self, at)
         found = ca.SX(command)
-        for joint in {(term.joint or 1) - 1 for term in self.drive}:
+        for joint in {joint for term in self.drive for joint in joints_of(self.model, term)}:
             torque = ca.SX.sym("acting")
             driven = _Driven(signals, torque, (torque - before[joint]) / dt)
             terms = [term for term in self.drive if joint in joints_of(self.model, term)]

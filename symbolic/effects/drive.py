@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from math import inf
 
@@ -15,6 +16,8 @@ PREDICTED, PREDICTED_RATE = SIGNAL["predicted"].symbol, SIGNAL["predicted_rate"]
 
 _ANGLE = parameter("order") * RATIO * Q
 
+NOT_NEGATIVE = (0.0, inf)
+
 _drive = partial(Effect, scope="joint", family="drive")
 
 TORQUE_RIPPLE = _drive(
@@ -27,10 +30,10 @@ TORQUE_RIPPLE = _drive(
             "periods per revolution of the motor, k / N for k periods per revolution of the joint; 2 is the wave "
             "generator of a harmonic drive",
             role="shape",
-            bounds=(0.0, inf),
+            bounds=NOT_NEGATIVE,
             grid=Grid(-1.0, 1.0, 3, of="line", spacing="linear"),
         ),
-        Parameter("amplitude", u.FORCE, "at the joint", bounds=(0.0, inf)),
+        Parameter("amplitude", u.FORCE, "at the joint", bounds=NOT_NEGATIVE),
         Parameter("phase", u.ONE, "at q = 0, in rad", bounds=(-float(sp.pi), float(sp.pi))),
     ),
     form=LinearForm(
@@ -63,7 +66,7 @@ TORQUE_SATURATION = _drive(
     torque=parameter("coefficient") * PREDICTED**3,
     parameters=(
         Parameter(
-            "coefficient", u.ONE / u.FORCE**2, "excess of the recorded torque per cubed torque", bounds=(0.0, inf)
+            "coefficient", u.ONE / u.FORCE**2, "excess of the recorded torque per cubed torque", bounds=NOT_NEGATIVE
         ),
     ),
     summary="The motor's torque constant falls at large current, so that the current overstates the torque.",
@@ -77,7 +80,7 @@ TORQUE_SATURATION = _drive(
 TORQUE_SCALE = _drive(
     name="torque_scale",
     torque=(parameter("factor") - 1) * PREDICTED,
-    parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=(0.0, inf), neutral=1.0),),
+    parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=NOT_NEGATIVE, neutral=1.0),),
     summary="The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.",
     equation="(factor - 1) tau, tau the predicted torque",
     trace="The residual is proportional to the torque; if all parameters are fitted, they absorb it.",
@@ -108,4 +111,52 @@ TORQUE_DELAY = _drive(
     sits_at="motor",
 )
 
-EFFECTS = (TORQUE_RIPPLE, TORQUE_SATURATION, TORQUE_SCALE, TORQUE_DELAY)
+COMMAND_DELAY = replace(
+    TORQUE_DELAY,
+    name="command_delay",
+    scope="arm",
+    summary="All joints' torques are recorded before they act, by the same time: bus, computer, hold of the command.",
+    trace="At every joint, the residual is proportional to the torque's time derivative, with the same factor.",
+    experiment="All joints at once over two decades of frequency; a joint that is alone tells its own time only.",
+    alike_at_joints="torque_delay",
+)
+
+TORQUE_LAG = _drive(
+    name="torque_lag",
+    # u = tau + T d(tau)/dt: exact, whatever the time.
+    torque=parameter("time_constant") * PREDICTED_RATE,
+    parameters=(
+        Parameter(
+            "time_constant",
+            u.SECOND,
+            "after it, 1/e of a step of the recorded torque is still missing from the acting one",
+            bounds=NOT_NEGATIVE,
+        ),
+    ),
+    summary="The acting torque follows the recorded one with a first-order lag: winding, current control, filter.",
+    equation="T d(tau)/dt, tau the predicted torque: u = tau + T d(tau)/dt is recorded",
+    trace="At low frequency that of torque_delay; near 1/T, the recorded torque is larger than the acting one.",
+    experiment="Motion up to the frequency 1/(2 pi T); below a tenth of it, a lag cannot be told from a delay.",
+    source="Isermann 2005, Mechatronic Systems: Fundamentals, Springer",
+    sits_at="motor",
+)
+
+COMMAND_LAG = replace(
+    TORQUE_LAG,
+    name="command_lag",
+    scope="arm",
+    summary="All joints' torques follow the recorded ones with the same first-order lag, as equal drives' do.",
+    trace="At every joint that of torque_lag, with the same time constant.",
+    experiment="All joints at once up to the frequency 1/(2 pi T); below a tenth of it, a lag looks like a delay.",
+    alike_at_joints="torque_lag",
+)
+
+EFFECTS = (
+    TORQUE_RIPPLE,
+    TORQUE_SATURATION,
+    TORQUE_SCALE,
+    TORQUE_DELAY,
+    COMMAND_DELAY,
+    TORQUE_LAG,
+    COMMAND_LAG,
+)

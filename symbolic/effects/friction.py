@@ -138,9 +138,12 @@ VISCOUS_POWER = _friction(
     dissipates=True,
 )
 
+# What is left of the friction at rest, of two opposite effects: a film lowers it, shear of the contacts raises it.
+_CREEPING = sp.exp(-((QD / parameter("speed")) ** 2))
+
 STRIBECK = _friction(
     name="stribeck",
-    torque=parameter("torque") * sp.exp(-((QD / parameter("speed")) ** 2)) * SIGN,
+    torque=parameter("torque") * _CREEPING * SIGN,
     parameters=(
         Parameter("torque", u.FORCE, "how much friction at the slowest motion exceeds Coulomb's", bounds=NOT_NEGATIVE),
         Parameter(
@@ -159,6 +162,32 @@ STRIBECK = _friction(
     source=SURVEY,
     dissipates=True,
     dry=True,
+)
+
+VELOCITY_STRENGTHENING = _friction(
+    name="velocity_strengthening",
+    torque=parameter("torque") * (1 - _CREEPING) * SIGN,
+    parameters=(
+        Parameter("torque", u.FORCE, "rise of the friction from rest to its plateau", bounds=NOT_NEGATIVE),
+        Parameter(
+            "speed",
+            u.RATE,
+            "speed at which all but 1/e of the rise is there",
+            role="shape",
+            bounds=(0.0, inf),
+            grid=Grid(0.003, 0.6, 18, "rate"),
+        ),
+    ),
+    summary="Friction that rises from rest to a plateau at a low speed, the opposite of Stribeck's.",
+    equation="F (1 - exp(-(qd/v_s)^2)) sgn(qd)",
+    trace="Over the rate, a notch on both sides of zero with opposite signs; a constant at higher speed.",
+    experiment="Constant speeds from a tenth of v_s to three times v_s in both directions, and some fast ones.",
+    source="Bar-Sinai, Spatschek, Brener & Bouchbinder 2014, On the velocity-strengthening behavior of dry friction, "
+    "J. Geophysical Research: Solid Earth 119(3); for the exponential in the speed, Bo & Pavelescu 1982, The "
+    "friction-speed relation and its influence on the critical velocity of stick-slip motion, Wear 82(3)",
+    dissipates=True,
+    dry=True,
+    one_form=True,
 )
 
 LOAD_FRICTION = _friction(
@@ -291,6 +320,7 @@ EFFECTS = (
     VISCOUS_CUBIC,
     VISCOUS_POWER,
     STRIBECK,
+    VELOCITY_STRENGTHENING,
     LOAD_FRICTION,
     FRICTION_PATCH,
     LUGRE,

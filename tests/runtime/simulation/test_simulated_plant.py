@@ -144,6 +144,9 @@ STATED: dict[str, dict[str, float]] = {
     "plate": {"stiffness": 600.0, "pretension": 4.0, "friction": 1.0, "position": 0.05},
     "payload": {"mass": 0.3, "time": 0.1},
     "torque_delay": {"time": 0.003},
+    "command_delay": {"time": 0.003},
+    "torque_lag": {"time_constant": 0.003},
+    "command_lag": {"time_constant": 0.003},
     "end_stop": {"position": 0.1, "stiffness": 100.0, "damping": 0.5, "side": 1.0},
     "parallel_spring": {"stiffness": 2.0, "radius": 1.0, "offset": 0.1, "pretension": 0.3},
     "friction_patch": {"torque": 0.5, "start": 0.02, "end": 0.2},
@@ -153,6 +156,7 @@ STATED: dict[str, dict[str, float]] = {
     "viscous_power": {"torque": 0.5, "exponent": 0.6},
     "coulomb": {"torque": 1.0},
     "stribeck": {"torque": 0.4, "speed": 0.2},
+    "velocity_strengthening": {"torque": 0.4, "speed": 0.2},
     "thermal_friction": {"coulomb": -0.1, "viscous": 0.3, "time_constant": 0.3},
     "coulomb_asymmetric": {"positive": 0.9, "negative": 0.6},
     "coupled_friction": {"torque": 0.2},
@@ -160,7 +164,12 @@ STATED: dict[str, dict[str, float]] = {
     "torque_ripple": {"order": 2.0, "amplitude": 0.3, "phase": 0.5},
 }
 # Backwards, a transmission guesses its load ahead and a gap's impacts are means over a sample; a bristle is a kink.
-LOOSE = {"backlash": 5e-3, "elasticity": 5e-4, "lugre": 3e-3, "torque_delay": 3e-4}
+LOOSE = {
+    "backlash": 5e-3,
+    "elasticity": 5e-4,
+    "lugre": 3e-3,
+    **dict.fromkeys(("torque_delay", "command_delay", "torque_lag", "command_lag"), 3e-4),
+}
 NAMES = sorted(LIBRARY)
 
 
