@@ -89,7 +89,7 @@ def _drafted(
     from runtime.report import diagnosed, drafts, terminal
     from symbolic.effects.source import python_source
 
-    if result.verdict != "unexplained":
+    if not result.unexplained:
         return {"draft_reason": drafts.needless(result)}
     with terminal.working("trying guesses at what is missing"):
         wider = source.compiled.with_guesses()

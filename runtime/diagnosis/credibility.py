@@ -23,6 +23,7 @@ from runtime.diagnosis.settings import (
     GROSS,
     GROSS_TORQUE,
     LEAST_MOVING_S,
+    LEAST_PASSES,
     MATERIAL,
     ONLY_NOISE,
 )
@@ -299,17 +300,47 @@ def moving_times(motion: Motion) -> list[float]:
 
 def inseparable(fit: Fit) -> list[str]:
     """Parameters that the motion of the joints that move does not separate from others."""
-    inference, able = fit.inference, [s >= LEAST_MOVING_S for s in moving_times(fit.motion)]
-    tangled = [
+    able = [s >= LEAST_MOVING_S for s in moving_times(fit.motion)]
+    joints = [None, *(i + 1 for i, moves in enumerate(able) if moves)]
+    return [name for joint in joints for name in _inseparable_effects(fit, joint)] + inseparable_inertia(fit)
+
+
+def _inseparable_effects(fit: Fit, joint: int | None) -> list[str]:
+    """Parameters of the effects of a joint (from 1), or of the arm, that the motion does not separate from others."""
+    return [
         f"{term} {name}"
-        for term, values in inference.values.items()
+        for term, values in fit.inference.values.items()
         for name, e in values.items()
-        if e.with_others and (term.joint is None or able[term.joint - 1]) and not _by_a_rotor(e)
+        if term.joint == joint and e.with_others and not _by_a_rotor(e)
     ]
-    # With a joint held, inertias of the others are seen as sums only, and stay divided as in the file.
-    return tangled + [
-        lump.name for lump, e in zip(fit.model.lumps, inference.lumps, strict=True) if e.with_others and all(able)
-    ]
+
+
+def inseparable_inertia(fit: Fit) -> list[str]:
+    """Base inertial parameters that the motion does not separate; none where a joint is held: inertias of the others
+    are seen as sums only, and stay divided as in the file."""
+    if min(moving_times(fit.motion)) < LEAST_MOVING_S:
+        return []
+    return [lump.name for lump, e in zip(fit.model.lumps, fit.inference.lumps, strict=True) if e.with_others]
+
+
+def tangled(fit: Fit, joint: int) -> list[str]:
+    """Why the motion of a joint (0-based) that moves cannot tell one law from another, as names of what it does not
+    separate: its effects' parameters, or position and speed, which a single pass ties to each other."""
+    found = _inseparable_effects(fit, joint + 1)
+    return [*found, "position from speed"] if passes(fit, joint) < LEAST_PASSES else found
+
+
+def passes(fit: Fit, joint: int) -> float:
+    """How often a joint (0-based) passes each position of its range, on average; of a turn where it turns further."""
+    motion = fit.motion
+    use = motion.moving(joint)
+    if not use.any():
+        return 0.0
+    q, qd = motion.rows("q", joint)[joint, use], motion.rows("qd", joint)[joint, use]
+    reach = float(np.ptp(q))
+    if fit.model.joints[joint].type == "revolute":
+        reach = min(reach, 2 * np.pi)
+    return float(np.sum(np.abs(qd))) / motion.row_rate(joint) / reach if reach else np.inf
 
 
 def _by_a_rotor(e: Estimate) -> bool:

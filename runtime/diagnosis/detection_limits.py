@@ -36,13 +36,18 @@ _OF_A_SPRING = ("stiffness", "damping")
 
 @dataclass(frozen=True)
 class Limit:
-    """A parameter above (or below) which the effect would have been seen, its other parameters as assumed."""
+    """A parameter above (or below) which the effect would have been seen, its other parameters as assumed.
+
+    joint   (0-based) at which it acts first      rms   of its torque there at the limit, N m (N)
+    """
 
     term: Term
     parameter: str
     side: Literal["above", "below"]
     value: float
     unit: str
+    joint: int
+    rms: float
     assumed: Values = field(default_factory=dict)
 
     def document(self) -> LimitEntry:
@@ -126,10 +131,17 @@ def _of_amount(beside: Whitened, term: Term, shape: Values, choices: int, neutra
     least = _least(lambda amount: _seen(weighing, (amount - max(held, 0.0)) * one), start)
     if least is None:
         return None
-    values = library.recover(term.effect, neutral + (least + LIMIT_SIGMAS * spread) * np.abs(one[1:]), shape)
+    amount = least + LIMIT_SIGMAS * spread
+    values = library.recover(term.effect, neutral + amount * np.abs(one[1:]), shape)
     name = library.effects[term.effect].linear[0].name
     rest = {k: v for k, v in values.items() if k != name and np.isfinite(v)}
-    return Limit(term, name, "above", value=values[name], unit=unit_of(base.model, term, name), assumed=rest)
+    joint, unit = joints_of(base.model, term)[0], unit_of(base.model, term, name)
+    rms = _rms(amount * (one @ block.columns[joint].rows))
+    return Limit(term, name, "above", value=values[name], unit=unit, joint=joint, rms=rms, assumed=rest)
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def _least(seen: Callable[[float], bool], start: float) -> float | None:
@@ -195,7 +207,9 @@ def _of_shape(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Limit |
     shape = _softened(base.model.library.effects[term.effect], shape, freed)
     rest = {k: v for k, v in shape.items() if k != name}
     side: Literal["above", "below"] = "above" if rising else "below"
-    return Limit(term, name, side, value=shape[name], unit=unit_of(base.model, term, name), assumed=rest)
+    joint, unit = joints_of(base.model, term)[0], unit_of(base.model, term, name)
+    rms = _rms(base.unread(term, [shape]).choice(0).columns[joint].rows[0])
+    return Limit(term, name, side, value=shape[name], unit=unit, joint=joint, rms=rms, assumed=rest)
 
 
 def _first(count: int, seen: Callable[[int], bool]) -> int | None:

@@ -58,6 +58,10 @@ compensate; a choice."""
 LEAST_MOVING_S: Final = 2.0
 """s; a joint that moves for less says nothing of an effect; development recordings."""
 
+LEAST_PASSES: Final = 2.0
+"""number of passes, on average, of each position; in a single one position is a function of speed, and any law of the
+one is a law of the other; by construction."""
+
 LEAST_FALL: Final = 0.005
 """part of the error, RMS; refitted as a whole, the error at the effect's joint must fall by more; development
 recordings."""
@@ -167,6 +171,10 @@ library lacks."""
 LIMIT_SIGMAS: Final = 1.645
 """standard deviations; with noise of another draw 95 % of recordings would still show the effect; normal distribution,
 on one side."""
+
+LIMIT_PART: Final = 0.5
+"""part of a joint's torque, RMS; where the effect in the middle of all limits could be larger, unseen, nothing is said
+of the joint; a choice."""
 
 LIMIT_OF_ITS_OWN: Final = 1.5
 """ratio of torque to that with the parameter at its weakest; below, others of the shape make it, as the flanks of a gap

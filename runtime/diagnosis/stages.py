@@ -114,10 +114,11 @@ def advanced(trail: Trail) -> Trail:
 
 def conclude(trail: Trail, wider: Wider | None = None) -> Diagnosis:
     """Decide, and say how large each effect would have had to be; wider as for `diagnose`."""
+    found = decide(trail, wider)
+    if trail.suspicions:
+        return found
     able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
-    last = trail.last
-    seen = () if trail.suspicions else tuple(detection_limits.of(last.base, last.floors, able))
-    return replace(decide(trail, wider), seen=seen)
+    return found.within(detection_limits.of(found.last.base, found.last.floors, able))
 
 
 def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:

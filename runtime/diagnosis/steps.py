@@ -24,7 +24,7 @@ from runtime.diagnosis.settings import (
     SLOW_DENSITY,
 )
 from runtime.fit_warnings import Suspicion
-from runtime.identification.compare import JointSeries, errors, series, structure_shares
+from runtime.identification.compare import JointSeries, errors, series, series_on, structure_shares
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit, stretches
 from runtime.identification.fitting import fit_motion
@@ -290,6 +290,12 @@ def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
             left = motion.torque(i, fit.skew) - (fixed + fit.coefficients @ x)
         found.append(np.where(motion.moving(i), left, 0.0))
     return found
+
+
+def series_elsewhere(fit: Fit, motion: Motion) -> tuple[JointSeries, ...]:
+    """Every joint's torque and prediction of a fit, all its values as they are, on another motion."""
+    problem = Problem(fit.model, motion, tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
+    return series_on(fit, problem, residuals_elsewhere(fit, motion))
 
 
 def seconds_moving(motion: Motion, joint: int) -> float:

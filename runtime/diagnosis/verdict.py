@@ -1,100 +1,178 @@
-"""The decision at the end of a trail: what is missing, or why nothing can be named."""
+"""The decision at the end of a trail, joint by joint: what is missing, or why nothing can be named.
+
+The arm's verdict is made of its joints': an effect where any is named, else unexplained, refused or clean. Only data
+that look wrong and recordings of different arms refuse the arm as a whole.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Final, Literal
 
 from runtime.diagnosis import credibility, detection_limits
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
 from runtime.diagnosis.ranking import Ranking
-from runtime.diagnosis.search import undecided
-from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED
-from runtime.diagnosis.steps import Step, Trail, after_effect, physics, remainder
+from runtime.diagnosis.search import undecided, with_rivals
+from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S, LIMIT_PART, ONLY_NOISE
+from runtime.diagnosis.steps import (
+    Step,
+    Trail,
+    after_effect,
+    physics,
+    remainder,
+    seconds_moving,
+    series_elsewhere,
+)
+from runtime.identification.compare import JointSeries
 from runtime.identification.identify import unsound
 from runtime.model.loader import Model
 
 Verdict = Literal["effect", "clean", "unexplained", "refused"]
 Why = Literal[
     "wrong data",
-    "unsound fit",
     "contradiction",
+    "standstill",
+    "unsound fit",
+    "excitation",
     "comes nearest",
     "outdone",
     "found",
-    "excitation",
     "nothing explains",
+    "above the floor",
+    "held out",
+    "blind",
     "noise",
 ]
+
+VERDICTS: Final[Mapping[Why, Verdict]] = {
+    "wrong data": "refused",
+    "contradiction": "refused",
+    "standstill": "refused",
+    "unsound fit": "refused",
+    "excitation": "refused",
+    "comes nearest": "unexplained",
+    "outdone": "unexplained",
+    "found": "effect",
+    "nothing explains": "unexplained",
+    "above the floor": "unexplained",
+    "held out": "unexplained",
+    "blind": "refused",
+    "noise": "clean",
+}
+"""The verdict that each reason makes."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointVerdict:
+    """What is said of a joint (0-based), and what decided.
+
+    withdrawn  findings that showed there and are not named      draft  a guess that explains far more than these
+    undecided  what a second recording would decide
+    """
+
+    joint: int
+    why: Why
+    withdrawn: tuple[Step, ...] = ()
+    draft: Draft | None = None
+    undecided: Candidate | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        return VERDICTS[self.why]
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The verdict on a model and recordings.
 
-    why         what decided           joint  (0-based) of which that is said, where it is one
-    trail       the model as given, then every step           findings  its steps that added something, where named
+    joints      what is said of each joint               found  the model as given, then every step that is named
+    searched    the trail with what was withdrawn        elsewhere  joints' series on held-out recordings, if any
     ranking     the last comparison of candidates, with what was withheld
-    recordings  the parameters of each recording alone
-    draft       a guess that explains far more than the findings        undecided  what a second recording would decide
-    seen        how large each effect would have had to be
+    recordings  the parameters of each recording alone   seen   how large each effect would have had to be
     """
 
-    verdict: Verdict
-    why: Why
-    trail: Trail
-    findings: tuple[Step, ...]
+    joints: tuple[JointVerdict, ...]
+    found: Trail
+    searched: Trail
     ranking: Ranking
     recordings: credibility.Tables
-    joint: int | None = None
-    draft: Draft | None = None
-    undecided: Candidate | None = None
+    elsewhere: tuple[JointSeries, ...] = ()
     seen: tuple[detection_limits.Limit, ...] = ()
+
+    @property
+    def decisive(self) -> JointVerdict:
+        """The joint that decides for the arm: the first with an effect, else unexplained, refused or clean; of joints
+        that move, where there are any."""
+        order: tuple[Verdict, ...] = ("effect", "unexplained", "refused", "clean")
+        moving = [v for v in self.joints if v.why != "standstill"] or self.joints
+        return min(moving, key=lambda v: order.index(v.verdict))
+
+    @property
+    def verdict(self) -> Verdict:
+        return self.decisive.verdict
+
+    @property
+    def unexplained(self) -> tuple[int, ...]:
+        """Joints (0-based) at which something is left that nothing explains."""
+        return tuple(v.joint for v in self.joints if v.verdict == "unexplained")
+
+    @property
+    def findings(self) -> tuple[Step, ...]:
+        return self.found.findings
 
     @property
     def steps(self) -> tuple[Step, ...]:
         """The model as given, then with each finding added."""
-        return (self.trail.first, *self.findings)
+        return self.found.steps
 
     @property
     def last(self) -> Step:
-        return self.steps[-1]
+        return self.found.last
 
     @property
     def model(self) -> Model:
-        return self.trail.first.fit.model
+        return self.found.model
+
+    def within(self, seen: Sequence[detection_limits.Limit]) -> Diagnosis:
+        """The same with detection limits; no joint is clean where most effects could be as large as its torque."""
+        blind = {v.joint for v in self.joints if v.why == "noise" and _is_blind(self.last, v.joint, seen)}
+        joints = tuple(replace(v, why="blind") if v.joint in blind else v for v in self.joints)
+        return replace(self, joints=joints, seen=tuple(seen))
 
 
 def decide(trail: Trail, wider: Wider | None = None) -> Diagnosis:
-    """The verdict, once nothing more passes the gates; wider as for `stages.diagnose`. What would have been seen is
-    left out."""
-    last = trail.last
-    compared = credibility.compare(last.fit, trail.names, [s.floor.spectrum for s in last.joints])
-    verdict, why, joint = _decided(trail, compared)
-    draft = None
-    if verdict == "effect" and wider is not None:
-        draft = _outdone(trail, wider)
-        if draft is not None:
-            verdict, why, joint = "unexplained", "outdone", draft.step.joint_index
-    named = {f.term for f in trail.findings}
-    found = Diagnosis(verdict, why, trail, (), _withheld(trail, verdict, compared), compared, joint, draft)
-    if verdict == "effect":
-        before, findings = trail.first, []
-        for finding in trail.findings:
-            rivals = tuple(t for t in finding.rivals if t not in named)
-            before = replace(finding, before=before, rivals=rivals)
-            findings.append(before)
-        return replace(found, findings=tuple(findings))
-    if why == "nothing explains" and joint is not None:
-        return replace(found, undecided=undecided(trail, joint))
-    return found
+    """The verdict, once nothing more passes the gates; wider as for `stages.diagnose`. Detection limits are left
+    out."""
+    compared = credibility.compare(trail.last.fit, trail.names, [s.floor.spectrum for s in trail.last.joints])
+    whole = _refused(trail, compared)
+    if whole is not None:
+        joints = tuple(JointVerdict(i, whole) for i in range(trail.model.n))
+        return Diagnosis(joints, trail.to(trail.first), trail, _withheld(trail, compared), compared)
+    kept, withdrawn = _named(trail, wider)
+    last = kept.last
+    elsewhere = () if trail.held_out is None else series_elsewhere(last.fit, trail.held_out)
+    joints = tuple(withdrawn.get(i) or _judged(kept, i, elsewhere) for i in range(trail.model.n))
+    return Diagnosis(joints, kept, trail, trail.ranking, compared, elsewhere)
 
 
-def _withheld(trail: Trail, verdict: Verdict, compared: credibility.Tables) -> Ranking:
+def _refused(trail: Trail, compared: credibility.Tables) -> Why | None:
+    """Why nothing can be said of any joint."""
+    if trail.suspicions:
+        return "wrong data"
+    physical = any(physics(trail.last, i) for i in range(trail.model.n))
+    if compared.contradictory and (compared.each_is_noise or not physical):
+        return "contradiction"
+    if credibility.poor_excitation(trail.first.fit) == "short motion":
+        return "excitation"
+    return None
+
+
+def _withheld(trail: Trail, compared: credibility.Tables) -> Ranking:
     """The last comparison; findings that recordings of different arms made are in it as ruled out."""
-    if verdict != "refused" or not trail.findings:
+    if not trail.findings:
         return trail.ranking
     named = {f.term for f in trail.findings}
     closed = RECORDINGS.asked(max(1.0, float(len(compared.inertial) + len(compared.effects))))
@@ -102,44 +180,88 @@ def _withheld(trail: Trail, verdict: Verdict, compared: credibility.Tables) -> R
     return Ranking((*mine, *(c for c in trail.ranking.candidates if c.term not in named)))
 
 
-def _decided(trail: Trail, compared: credibility.Tables) -> tuple[Verdict, Why, int | None]:
-    first, last, joints = trail.first, trail.last, range(trail.model.n)
-    if trail.suspicions:
-        return "refused", "wrong data", None
-    if any(unsound(s.fit) is not None for s in trail.steps):
-        return "refused", "unsound fit", None
-    if compared.contradictory and (compared.each_is_noise or not any(physics(last, i) for i in joints)):
-        return "refused", "contradiction", None
-    for i in {f.joint_index for f in trail.findings if f.candidate.twist is None}:
-        if physics(last, i) and explained(first, last, i) < LEAST_EXPLAINED:
-            return "unexplained", "comes nearest", i
-    if trail.findings:
-        return "effect", "found", None
-    if credibility.poor_excitation(first.fit) is not None:
-        return "refused", "excitation", None
-    left = next((i for i in joints if remainder(first, i)), None)
-    if left is not None:
-        return "unexplained", "nothing explains", left
-    return "clean", "noise", None
+# what is named -------------------------------------------------------------------------------------------------------
 
 
-def _outdone(trail: Trail, wider: Wider) -> Draft | None:
-    """A guess that explains far more than the findings at its joint, which leave something; None if none does."""
-    first, last = trail.first, trail.last
+def _named(trail: Trail, wider: Wider | None) -> tuple[Trail, dict[int, JointVerdict]]:
+    """The trail without the findings of joints (0-based) at which they do not hold, and what is said of these."""
+    withdrawn: dict[int, JointVerdict] = {}
     for i in sorted({f.joint_index for f in trail.findings}):
-        here = [f for f in trail.findings if f.joint_index == i]
-        if not after_effect(last, i, trail.model.library.effects[here[-1].term.effect]):
-            continue
-        found = best(first, *wider(), (i,))
-        named = sum(f.candidate.delta_bic for f in here)
-        if found is None or found.step.candidate.delta_bic < FAR_MORE * named:
-            continue
-        if found.step.fitted.rms[i] < last.fitted.rms[i]:
-            return found
-    return None
+        said = _withdrawn(trail, i, wider)
+        if said is not None:
+            withdrawn[i] = said
+            trail = trail.rebuilt([f for f in trail.findings if f.joint_index != i], {}, ())
+    named = {f.term for f in trail.findings}
+    return with_rivals(trail, {f: tuple(t for t in f.rivals if t not in named) for f in trail.findings}), withdrawn
+
+
+def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | None:
+    """Why the findings of a joint (0-based) are not named; None where they are."""
+    first, last = trail.first, trail.last
+    here = tuple(f for f in trail.findings if f.joint_index == joint)
+    if joint in unsound(last.fit):
+        return JointVerdict(joint, "unsound fit", here)
+    if credibility.tangled(first.fit, joint):
+        return JointVerdict(joint, "excitation", here)
+    by_torque = any(f.candidate.twist is None for f in here)
+    if by_torque and physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED:
+        return JointVerdict(joint, "comes nearest", here)
+    draft = None if wider is None else _outdone(trail, here, joint, wider)
+    return None if draft is None else JointVerdict(joint, "outdone", here, draft)
+
+
+def _outdone(trail: Trail, here: Sequence[Step], joint: int, wider: Wider) -> Draft | None:
+    """A guess that explains far more than the findings of a joint (0-based), which leave something; None if none
+    does."""
+    first, last = trail.first, trail.last
+    if not after_effect(last, joint, trail.model.library.effects[here[-1].term.effect]):
+        return None
+    found = best(first, *wider(), (joint,))
+    named = sum(f.candidate.delta_bic for f in here)
+    if found is None or found.step.candidate.delta_bic < FAR_MORE * named:
+        return None
+    return found if found.step.fitted.rms[joint] < last.fitted.rms[joint] else None
 
 
 def explained(first: Step, last: Step, joint: int) -> float:
     """Part of a joint's squared error (0-based) above the noise floor that is gone."""
     before, after, floor = first.fitted.rms[joint], last.fitted.rms[joint], first.joints[joint].floor.value
     return (before**2 - after**2) / max(before**2 - floor**2, before**2 - after**2, 1e-300)
+
+
+# what is said of a joint at which nothing was withdrawn --------------------------------------------------------------
+
+
+def _judged(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -> JointVerdict:
+    """What is said of a joint (0-based) beside all that is named; elsewhere: its series on held-out recordings."""
+    why = _why(trail, joint, elsewhere)
+    return JointVerdict(joint, why, undecided=undecided(trail, joint) if why == "nothing explains" else None)
+
+
+def _why(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -> Why:
+    last = trail.last
+    if seconds_moving(trail.motion, joint) < LEAST_MOVING_S:
+        return "standstill"
+    if any(f.joint_index == joint for f in trail.findings):
+        return "found"
+    if joint in unsound(last.fit):
+        return "unsound fit"
+    if credibility.tangled(trail.first.fit, joint) or credibility.inseparable_inertia(trail.first.fit):
+        return "excitation"
+    if remainder(last, joint):
+        return "nothing explains"
+    if _is_far_above(last.joints[joint]):
+        return "above the floor"
+    return "held out" if elsewhere and _is_far_above(elsewhere[joint]) else "noise"
+
+
+def _is_far_above(series: JointSeries) -> bool:
+    """Whether a joint's error is too far above its noise floor to be noise, though it is as white."""
+    return series.rms > ONLY_NOISE * series.floor.value
+
+
+def _is_blind(step: Step, joint: int, seen: Sequence[detection_limits.Limit]) -> bool:
+    """Whether half of the effects of a joint (0-based) that have a limit could be as large as its torque, unseen."""
+    series = step.joints[joint]
+    parts = sorted(limit.rms for limit in seen if limit.joint == joint)
+    return bool(parts) and parts[len(parts) // 2] * series.relative > LIMIT_PART * series.rms

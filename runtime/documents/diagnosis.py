@@ -31,6 +31,14 @@ from runtime.documents.parts import (
     key,
 )
 
+Verdict = Annotated[
+    Literal["effect", "clean", "unexplained", "refused"],
+    key(
+        "effect: a finding passed every gate; clean: nothing but noise is left; unexplained: more is left and no "
+        "effect explains it; refused: the data cannot decide"
+    ),
+]
+
 
 class LineAboveBand(Document, frozen=True, kw_only=True):
     """A line in the torque's spectrum over the motor's angle that lies above a joint's band."""
@@ -47,8 +55,10 @@ class DiagnosisBand(BandEntry, frozen=True, kw_only=True):
 
 
 class DiagnosedJoint(JointEntry, frozen=True, kw_only=True):
-    """Residual torque of a joint with the structure of the model file."""
+    """Residual torque of a joint with the structure of the model file, and what is said of the joint."""
 
+    verdict: Verdict
+    reason: Annotated[str, key("one sentence for a person")]
     structure: Annotated[
         list[StructureShare] | UnsetType, key("signals that an unexplained residual follows; absent at other joints")
     ] = UNSET
@@ -197,13 +207,7 @@ HeldOutFloors = Annotated[
 class DiagnosisBase(Document, frozen=True, kw_only=True):
     """Verdict on a model and recordings."""
 
-    verdict: Annotated[
-        Literal["effect", "clean", "unexplained", "refused"],
-        key(
-            "effect: a finding passed every gate; clean: nothing but noise is left; unexplained: more is left and no "
-            "effect explains it; refused: the data cannot decide"
-        ),
-    ]
+    verdict: Verdict
     reason: Annotated[str, key("the verdict in one sentence")]
     band: Annotated[DiagnosisBand, key("frequency band of the comparison")]
     skew: Skew

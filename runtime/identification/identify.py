@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, product
@@ -287,20 +287,24 @@ def _compensated(model: Model, motion: Motion) -> float:
     return float(np.max(np.divide(noise, power, out=np.zeros_like(power), where=power > 0), initial=0.0))
 
 
-def unsound(fit: Fit) -> Unsound | None:
-    return _worse_than_none(fit) or _mostly_noise(fit) or _worse_than_plain(fit)
+def unsound(fit: Fit) -> dict[int, Unsound]:
+    """Joints (0-based) whose fit contradicts itself, and by what."""
+    found: dict[int, Unsound] = {}
+    for check in (_worse_than_none, _mostly_noise, _worse_than_plain):
+        for unsound_one in check(fit):
+            found.setdefault(unsound_one.joint, unsound_one)
+    return found
 
 
-def _worse_than_none(fit: Fit) -> Unsound | None:
+def _worse_than_none(fit: Fit) -> Iterator[Unsound]:
     for i, left in enumerate(fit.residual):
         use = fit.motion.moving(i)
         torque = float(np.sum(fit.motion.torque(i, fit.skew)[use] ** 2))
         if (rest := float(left[use] @ left[use])) > torque:
-            return Unsound("worse than none", i, float(np.sqrt(rest / max(torque, 1e-300))))
-    return None
+            yield Unsound("worse than none", i, float(np.sqrt(rest / max(torque, 1e-300))))
 
 
-def _mostly_noise(fit: Fit) -> Unsound | None:
+def _mostly_noise(fit: Fit) -> Iterator[Unsound]:
     """What another reading of the encoders would change in a joint's predicted torque, against that torque."""
     for i in range(fit.model.n):
         use = fit.motion.moving(i)
@@ -309,16 +313,14 @@ def _mostly_noise(fit: Fit) -> Unsound | None:
         torque = fit.motion.torque(i, fit.skew)[use]
         part = float(read @ read) / max(float(torque @ torque), 1e-300)
         if part > MOST_COMPENSATED:
-            return Unsound("mostly noise", i, part)
-    return None
+            yield Unsound("mostly noise", i, part)
 
 
-def _worse_than_plain(fit: Fit) -> Unsound | None:
+def _worse_than_plain(fit: Fit) -> Iterator[Unsound]:
     for i, (mine, theirs) in enumerate(zip(_squares(fit.problem, fit.residual), _plain(fit), strict=True)):
         # Noise that is that part of a column makes plain least squares leave so much of what the truth does.
         if MOST_COMPENSATED * mine > theirs:
-            return Unsound("worse than plain", i, float(np.sqrt(mine / max(theirs, 1e-300))))
-    return None
+            yield Unsound("worse than plain", i, float(np.sqrt(mine / max(theirs, 1e-300))))
 
 
 def _squares(problem: Problem, residual: Sequence[Array]) -> list[float]:

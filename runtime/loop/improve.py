@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.grammar_search import Draft, best
 from runtime.diagnosis.stages import begin, complete, conclude
-from runtime.diagnosis.steps import Step, remainder, residuals_elsewhere
+from runtime.diagnosis.steps import Step, residuals_elsewhere
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.fits import FitDocument
 from runtime.identification.compare import JointSeries, series_on
@@ -152,15 +152,9 @@ def floors(fit: Fit, recordings: Sequence[Recording]) -> tuple[Floor, ...]:
     return tuple(joint.floor for joint in left(fit, recordings).joints) if recordings else ()
 
 
-def unexplained(step: Step) -> tuple[int, ...]:
-    """Joints (from 0) whose residual is more than noise."""
-    return tuple(i for i in range(len(step.joints)) if remainder(step, i) is not None)
-
-
 def propose(diagnosis: Diagnosis, model: Model, guesses: Collection[str]) -> Draft | None:
     """The simplest draft that explains nearly as much as any; None if none passes the gates.
 
     model   arm of the diagnosis, its library extended by the effects named in `guesses`
     """
-    step = diagnosis.last
-    return best(step, model, guesses, unexplained(step))
+    return best(diagnosis.last, model, guesses, diagnosis.unexplained)

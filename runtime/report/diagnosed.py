@@ -35,7 +35,7 @@ from runtime.identification.compare import structure_entries
 from runtime.identification.identify import delay_entries, fit_document
 from runtime.identification.twist import fit_twist
 from runtime.inspection.inspection import Inspection
-from runtime.loop.improve import Improvement, unexplained
+from runtime.loop.improve import Improvement
 from runtime.model.loader import Model
 from runtime.report import reasons, sensors
 
@@ -64,17 +64,15 @@ def judged(found: credibility.JudgedFit) -> JudgedFitDocument:
 def document(diagnosis: Diagnosis) -> DiagnosisBase:
     """As `tendon diagnose --json`, but for what follows from it: with the signals that the residual follows at each
     unexplained joint."""
-    found, step = _plain(diagnosis), diagnosis.last
-    if diagnosis.verdict != "unexplained":
-        return found
+    found = _plain(diagnosis)
     joints = list(found.joints)
-    for k in unexplained(step):
-        joints[k] = replace(joints[k], structure=structure_entries(step.joints[k]))
+    for k in diagnosis.unexplained:
+        joints[k] = replace(joints[k], structure=structure_entries(diagnosis.last.joints[k]))
     return replace(found, joints=joints)
 
 
 def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
-    first, last = diagnosis.trail.first, diagnosis.last.fit
+    first, last = diagnosis.found.first, diagnosis.last.fit
     band = first.fit.motion.band
     above = [LineAboveBand(joint=x.joint + 1, order=x.order, frequency_hz=x.frequency) for x in band.above]
     return DiagnosisBase(
@@ -83,7 +81,10 @@ def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
         band=band.document().as_part_of(DiagnosisBand, above=above),
         skew=last.inference.skew_entry(),
         delay=delay_entries(last),
-        joints=[s.document().as_part_of(DiagnosedJoint) for s in first.joints],
+        joints=[
+            s.document().as_part_of(DiagnosedJoint, verdict=v.verdict, reason=reasons.of_joint(diagnosis, v))
+            for s, v in zip(first.joints, diagnosis.joints, strict=True)
+        ],
         parameters=last.inference.inertial_entries(diagnosis.model),
         rotors=last.inference.rotor_entries(),
         encoder_skew=_encoder_skew(diagnosis.last),

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from runtime.diagnosis.grammar_search import Draft
 from runtime.diagnosis.verdict import Diagnosis
-from runtime.loop.improve import unexplained
 from runtime.report.diagnosed import drafted
 
 
@@ -24,7 +23,7 @@ def needless(diagnosis: Diagnosis) -> str:
 def none_found(diagnosis: Diagnosis) -> str:
     """Why an unexplained residual gets no draft."""
     step = diagnosis.last
-    outside = [i + 1 for i in unexplained(step) if step.joints[i].floor.repeatable(step.joints[i].rms) is False]
+    outside = [i + 1 for i in diagnosis.unexplained if step.joints[i].floor.repeatable(step.joints[i].rms) is False]
     text = "No draft: no term of the model's signals explains the residual"
     if outside:
         text += (

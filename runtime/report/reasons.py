@@ -10,8 +10,17 @@ from runtime.diagnosis import credibility, gates
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import GateResult
 from runtime.diagnosis.settings import LEAST_MOVING_S
-from runtime.diagnosis.steps import Disturbance, Remainder, RepeatingResidual, Step, lines_above, physics, remainder
-from runtime.diagnosis.verdict import Diagnosis, explained
+from runtime.diagnosis.steps import (
+    Disturbance,
+    Remainder,
+    RepeatingResidual,
+    Step,
+    lines_above,
+    physics,
+    remainder,
+    seconds_moving,
+)
+from runtime.diagnosis.verdict import Diagnosis, JointVerdict, explained
 from runtime.fit_warnings import Suspicion, improper_inertia
 from runtime.identification.compare import JointSeries
 from runtime.identification.fit import Fit
@@ -19,7 +28,9 @@ from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.report import mounting
-from runtime.wording import numbered, per_turn, quantity, told_apart, whole_apart
+from runtime.wording import numbered, per_turn, percent, quantity, told_apart, whole_apart
+
+_MOVE_MORE = "move over more speeds, accelerations and positions"
 
 _TIMES_SAID = 5
 """number of times; so many bursts are listed: a line on a page."""
@@ -55,7 +66,7 @@ def unreliable(why: credibility.Unreliable | None, fit: Fit, joints: Sequence[Jo
             return f"the joints move for {longest:.1f} s only; record at least {LEAST_MOVING_S:g} s of motion"
         case "inseparable":
             names = ", ".join(credibility.inseparable(fit))
-            return f"the motion does not separate {names}; move over more speeds, accelerations and positions"
+            return f"the motion does not separate {names}; {_MOVE_MORE}"
         case "worse than zero":
             at = " and ".join(f"joint {s.joint} {100 * s.relative:.3g} %" for s in joints if s.relative >= 1)
             return f"the fit is worse than no torque at all (it misses at {at} of it): the model or the data is wrong"
@@ -92,17 +103,17 @@ def _contradiction(found: credibility.Contradiction) -> str:
 
 
 def _unsound(found: Unsound) -> str:
-    joint, cure = f"joint {found.joint + 1}:", "record faster motion, or with a finer encoder"
+    cure = "record faster motion, or with a finer encoder"
     match found.check:
         case "worse than none":
             worse = f"the fit is worse than no model (error {100 * found.value:.0f} %)"
-            return f"{joint} {worse}: these recordings do not tell its parameters; {cure}"
+            return f"{worse}: these recordings do not tell its parameters; {cure}"
         case "mostly noise":
             part = f"{100 * min(found.value, 1.0):.0f} % of the power of its torque"
-            return f"{joint} {part} would be the encoder's noise, differentiated twice; {cure}"
+            return f"{part} would be the encoder's noise, differentiated twice; {cure}"
         case "worse than plain":
             return (
-                f"{joint} compensated for the encoder's noise, the fit leaves {found.value:.1f} times what plain least "
+                f"compensated for the encoder's noise, the fit leaves {found.value:.1f} times what plain least "
                 f"squares leave of the torque: the noise is too much of what the model reads; {cure}"
             )
 
@@ -209,59 +220,130 @@ def _disturbance(found: Disturbance) -> str:
 
 
 def reason(diagnosis: Diagnosis) -> str:
-    """Why a diagnosis decided so, with lines of the torque that lie above the band, and what the model file has a
-    little wrong."""
-    last = diagnosis.trail.last
-    believed = diagnosis.why not in ("wrong data", "unsound fit", "outdone")
-    return _reason(diagnosis) + _above_band(last) + (_also_in_file(last) if believed else "")
+    """Why a diagnosis decided so: what is missing at which joints, what is said of the others, lines of the torque that
+    lie above the band, and what the model file has a little wrong."""
+    why, last, compared = diagnosis.decisive.why, diagnosis.searched.last, diagnosis.recordings
+    believed = why not in ("wrong data", "unsound fit", "outdone")
+    apart = f"{_contradictory(compared)}; " if compared.contradictory and why != "contradiction" else ""
+    before = f"{apart}{_first_in_file(last) if believed else ''}"
+    return f"{before}{_arm(diagnosis)}{_above_band(last)}{_also_in_file(last) if believed else ''}"
 
 
-def _reason(diagnosis: Diagnosis) -> str:
-    trail, compared = diagnosis.trail, diagnosis.recordings
-    first, last = trail.first, trail.last
-    differ = _first_in_file(last)
-    apart = f"{_contradictory(compared)}; " if compared.contradictory else ""
-    preface, where = apart + differ, "" if diagnosis.joint is None else _called(diagnosis.joint, last)
-    match diagnosis.why:
-        case "wrong data":
-            return _wrong_data(trail.suspicions)
-        case "unsound fit":
-            return apart + next((_unsound(u) for s in trail.steps if (u := unsound(s.fit))), "")
-        case "contradiction":
-            return differ + _contradictory(compared)
-        case "comes nearest":
-            return f"{preface}joint {where}: {_comes_nearest(diagnosis)}"
-        case "outdone":
-            return f"{apart}joint {where}: {_outdone(diagnosis)}"
+def _arm(diagnosis: Diagnosis) -> str:
+    """What decides for the arm, then what is said of the other joints that move."""
+    first, last = diagnosis.decisive, diagnosis.last
+    others = [v for v in diagnosis.joints if v.why not in (first.why, "standstill")]
+    match first.why:
+        case "wrong data" | "contradiction":
+            return of_joint(diagnosis, first)
         case "found":
-            named = [_sentence(f, last) for f in diagnosis.findings]
-            return f"{preface}the model lacks {'; '.join(named)}"
-        case "excitation":
-            why = credibility.poor_excitation(first.fit)
-            return preface + unreliable(why, first.fit, first.joints)
-        case "nothing explains":
-            found = remainder(first, diagnosis.joint or 0)
-            rest = "" if found is None else left_over(found)
-            return (
-                f"{preface}joint {where}: no effect of the library explains the residual: {rest}{_undecided(diagnosis)}"
-            )
+            said = f"the model lacks {'; '.join(_sentence(f, last) for f in diagnosis.findings)}"
         case "noise":
-            rms = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in last.joints)
-            return f"{preface}the residual is noise ({rms}): the recordings show no missing effect"
+            noise = (last.joints[v.joint] for v in diagnosis.joints if v.why == "noise")
+            rms = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in noise)
+            said = f"the residual is noise ({rms}): the recordings show no missing effect"
+        case _:
+            others = [v for v in diagnosis.joints if v is not first and v.why != "standstill"]
+            said = of_joint(diagnosis, first)
+            whole = first.why == "excitation" and not credibility.tangled(diagnosis.found.first.fit, first.joint)
+            if not whole:
+                said = f"joint {_called(first.joint, last)}: {said}"
+    return "; ".join([said, *_others(diagnosis, others, of_joint(diagnosis, first))])
 
 
-def _comes_nearest(diagnosis: Diagnosis) -> str:
-    trail, joint = diagnosis.trail, diagnosis.joint or 0
-    near = ", ".join(str(f.term) for f in trail.findings if f.joint_index == joint)
-    share = 100 * explained(trail.first, trail.last, joint)
-    rest = physics(trail.last, joint) or RepeatingResidual(0.0)
+def _others(diagnosis: Diagnosis, joints: Sequence[JointVerdict], known: str) -> list[str]:
+    """The verdicts of some joints: of those that are unexplained what is left, of those refused why, if that is not
+    known."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for v in joints:
+        why = of_joint(diagnosis, v) if v.verdict == "refused" else ""
+        if v.verdict != "refused" or why != known:
+            groups.setdefault((v.verdict, why), []).append(v.joint)
+    said = []
+    for (verdict, why), numbers in groups.items():
+        text = f"{joints_said([i + 1 for i in numbers])} {verdict}"
+        if verdict == "unexplained":
+            text += f", which miss{'es' if len(numbers) == 1 else ''} {_missed(diagnosis, numbers)} of the torque"
+        said.append(f"{text}: {why}" if why else text)
+    return said
+
+
+def _missed(diagnosis: Diagnosis, joints: Sequence[int]) -> str:
+    return ", ".join(percent(diagnosis.last.joints[i].relative, 1) for i in joints)
+
+
+def joints_said(numbers: Sequence[int]) -> str:
+    """Joints by number, neighbours together: "joints 1, 4 to 6"."""
+    runs: list[list[int]] = []
+    for k in numbers:
+        if runs and runs[-1][-1] == k - 1:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    parts = [f"{r[0]} to {r[-1]}" if len(r) > 2 else ", ".join(map(str, r)) for r in runs]
+    return f"joint{'s' if len(numbers) > 1 else ''} {', '.join(parts)}"
+
+
+def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
+    """Why this is said of a joint."""
+    i, first, last = said.joint, diagnosis.found.first, diagnosis.last
+    here = last.joints[i]
+    match said.why:
+        case "wrong data":
+            return _wrong_data(diagnosis.searched.suspicions)
+        case "contradiction":
+            return _contradictory(diagnosis.recordings)
+        case "standstill":
+            return f"it moves for {seconds_moving(first.fit.motion, i):.1f} s only; {LEAST_MOVING_S:g} s are needed"
+        case "unsound fit":
+            return _unsound(unsound(diagnosis.searched.last.fit)[i])
+        case "excitation":
+            return _excitation(first.fit, i)
+        case "comes nearest":
+            return _comes_nearest(diagnosis, said)
+        case "outdone":
+            return _outdone(said)
+        case "found":
+            return f"{'; '.join(_sentence(f, last) for f in diagnosis.findings if f.joint_index == i)} missing"
+        case "nothing explains":
+            found = remainder(last, i)
+            rest = "" if found is None else left_over(found)
+            return f"no effect of the library explains the residual: {rest}{_undecided(said)}"
+        case "above the floor":
+            return f"what is left is as even as noise, but {_above(here)}: repeat the motion, and it says what this is"
+        case "held out":
+            return f"what is left of the fitted recordings is noise; of those held out {_above(diagnosis.elsewhere[i])}"
+        case "blind":
+            half = quantity(here.rms / here.relative / 2, here.force_unit, 2)
+            return f"an effect of half its torque, {half}, could be there unseen; record more speeds and positions"
+        case "noise":
+            return f"the residual is noise ({here.rms:.3g} {here.force_unit})"
+
+
+def _above(series: JointSeries) -> str:
+    rms = quantity(series.rms, series.force_unit, 3)
+    return f"{rms} are left, {series.rms / series.floor.value:.2g} times the noise floor"
+
+
+def _excitation(fit: Fit, joint: int) -> str:
+    """Why the motion of a joint (0-based) does not determine its parameters."""
+    names = credibility.tangled(fit, joint)
+    if names:
+        return f"the motion does not separate {', '.join(names)}; {_MOVE_MORE}"
+    return unreliable(credibility.poor_excitation(fit), fit, ())
+
+
+def _comes_nearest(diagnosis: Diagnosis, said: JointVerdict) -> str:
+    searched, near = diagnosis.searched, ", ".join(str(f.term) for f in said.withdrawn)
+    share = 100 * explained(searched.first, searched.last, said.joint)
+    rest = physics(searched.last, said.joint) or RepeatingResidual(0.0)
     return f"{near} comes nearest, but explains only {share:.0f} % of what is above the noise: {left_over(rest)}"
 
 
-def _outdone(diagnosis: Diagnosis) -> str:
-    assert diagnosis.draft is not None
-    step = diagnosis.draft.step
-    near = ", ".join(str(f.term) for f in diagnosis.trail.findings if f.joint_index == diagnosis.joint)
+def _outdone(said: JointVerdict) -> str:
+    assert said.draft is not None
+    step = said.draft.step
+    near = ", ".join(str(f.term) for f in said.withdrawn)
     info = step.fit.model.library.effects[step.term.effect]
     return (
         f"{near} came nearest, but a term that no effect of the library has explains far more, {info.equation}: "
@@ -269,9 +351,9 @@ def _outdone(diagnosis: Diagnosis) -> str:
     )
 
 
-def _undecided(diagnosis: Diagnosis) -> str:
+def _undecided(said: JointVerdict) -> str:
     """What a second recording would decide, as the end of a sentence."""
-    near = diagnosis.undecided
+    near = said.undecided
     if near is None:
         return ""
     return (

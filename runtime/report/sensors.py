@@ -85,7 +85,7 @@ def worth(diagnosis: Diagnosis) -> tuple[SensorWorth, ...]:
     """Of every kind of further sensor that all recordings have, what it was worth to a diagnosis."""
     rankings = [*(f.ranking for f in diagnosis.findings), diagnosis.ranking]
     weighed = [c for ranking in rankings for c in ranking.candidates]
-    motion = diagnosis.trail.first.fit.motion
+    motion = diagnosis.found.first.fit.motion
     return of(motion, weighed, [f.candidate for f in diagnosis.findings])
 
 
@@ -142,5 +142,5 @@ def _telling(model: Model, motion: Motion, one: Term, other: Term) -> list[tuple
 
 def absent(diagnosis: Diagnosis, finding: Step) -> tuple[Missing, ...]:
     """The signals that are not in the recordings and would tell a finding from its rivals."""
-    motion = diagnosis.trail.first.fit.motion
+    motion = diagnosis.found.first.fit.motion
     return missing(diagnosis.model, motion, finding.term, finding.rivals)

@@ -185,7 +185,7 @@ class ResultSummary:
         if self.diagnosis is None or self.diagnosis.verdict != "effect":
             return False
         if isinstance(self.result, Improvement):
-            return self.result.left.verdict == "unexplained"
+            return bool(self.result.left.unexplained)
         effects = self.diagnosis.model.library.effects
         named = any(after_effect(self.last, f.joint_index, effects[f.term.effect]) for f in self.findings)
         return named or any(physics(self.last, i) for i in range(len(self.last.joints)))
@@ -273,7 +273,7 @@ class ResultSummary:
 
     def drafting(self) -> list[CommandEntry]:
         """What helps further where nothing in the library explains what is left."""
-        if self.drafted or self.left is None or self.left.verdict != "unexplained":
+        if self.drafted or self.left is None or not self.left.unexplained:
             return []
         return [
             _command("drafts an effect for what is left, as a guess", self.invocation.draft()),

@@ -149,7 +149,7 @@ def _facts(summary: ResultSummary) -> list[tuple[str, str]]:
     facts = [("error", fall(first.fitted.relative[0], last.fitted.relative[0]))]
     facts.append(("noise floor", percent(summary.floor(0))))
     floor = last.joints[0].floor
-    unexplained = summary.left is not None and summary.left.verdict == "unexplained"
+    unexplained = summary.left is not None and bool(summary.left.unexplained)
     if unexplained and floor.value > MORE_THAN_NOISE * floor.spectrum:
         facts.append(("noise of the instruments alone", percent(summary.floor(0) * floor.spectrum / floor.value)))
     if first.held_out is not None and last.held_out is not None:
@@ -347,27 +347,23 @@ def experiments(summary: ResultSummary) -> list[Section]:
 
 def left_over(summary: ResultSummary) -> list[Section]:
     """What is known of the residual of every joint where nothing explains it."""
-    if summary.left is None or summary.left.verdict != "unexplained":
+    if summary.left is None:
         return []
     made: list[Section] = []
     step = summary.left.last
-    for i, series in enumerate(step.joints):
-        what = remainder(step, i)
-        if what is None:
-            continue
+    for i in summary.left.unexplained:
+        series, what = step.joints[i], remainder(step, i)
         follows = fits.structure(series.document(), structure_entries(series))
         none = "The residual follows none of the signals that were recorded."
-        inside = tuple(texts([sentence(reasons.left_over(what)), follows or none, _line(step, i)]))
+        said = reasons.of_joint(summary.left, summary.left.joints[i]) if what is None else reasons.left_over(what)
+        inside = tuple(texts([sentence(said), follows or none, _line(step, i)]))
         made += [Group(f"Joint {summary.called(i)}", inside)] if len(step.joints) > 1 else inside
     return made
 
 
 def unexplained_joints(summary: ResultSummary) -> list[int]:
     """Joints (from 1) whose residual nothing explains."""
-    if summary.left is None or summary.left.verdict != "unexplained":
-        return []
-    step = summary.left.last
-    return [i + 1 for i in range(len(step.joints)) if remainder(step, i) is not None]
+    return [] if summary.left is None else [i + 1 for i in summary.left.unexplained]
 
 
 def _line(step: Step, joint: int) -> str:

@@ -28,7 +28,7 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import BIC, EDGE, ERROR, LIKELIHOOD, SHARE, GateResult
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
 from runtime.diagnosis.steps import Errors, Step, Trail
-from runtime.diagnosis.verdict import Diagnosis
+from runtime.diagnosis.verdict import Diagnosis, JointVerdict
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
 from runtime.identification.compare import Comparison, as_written, compare, series, structure_shares
@@ -53,6 +53,7 @@ from tests.runtime.planning import planning_cases
 
 pytestmark = pytest.mark.xdist_group("report")  # its fixtures are made once
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
+NOTHING_EXPLAINS = (JointVerdict(0, "nothing explains"),)
 STRIBECK, ELASTICITY = Term("stribeck", 1), Term("elasticity", 1)
 SECTIONS = [
     "Error against the noise floor",
@@ -102,11 +103,12 @@ def improvement(drive, one) -> Improvement:
         steps.append(Step(fit, joints, errors, held_out))
     named = replace(steps[1].after(steps[0], evidence(STRIBECK), NOT_RANKED), rivals=(ELASTICITY,))
     last = Ranking((evidence(ELASTICITY, EDGE.asked(0.0)),))
-    seen = (detection_limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad"),)
+    seen = (detection_limits.Limit(ELASTICITY, "stiffness", "below", 41800.0, "N m/rad", 0, 0.1),)
     trail = Trail(drive, motion, None, ("run.csv",), (), named, last)
     alone = credibility.Tables(named.fit)
-    found = Diagnosis("effect", "found", trail, (named,), last, alone, seen=seen)
-    left = Diagnosis("clean", "noise", trail.to(steps[1]), (), last, alone, seen=seen)
+    found = Diagnosis((JointVerdict(0, "found"),), trail, trail, last, alone, seen=seen)
+    end = trail.to(steps[1])
+    left = Diagnosis((JointVerdict(0, "noise"),), end, end, last, alone, seen=seen)
     return Improvement("", found, left)
 
 
@@ -180,18 +182,17 @@ def story_text(summary) -> str:
 @pytest.fixture(scope="module")
 def unexplained(improvement) -> Diagnosis:
     """The same data, had no candidate passed."""
-    trail = improvement.found.trail.to(improvement.steps[0])
-    return replace(improvement.found, verdict="unexplained", why="nothing explains", joint=0, findings=(), trail=trail)
+    trail = improvement.found.found.to(improvement.steps[0])
+    return replace(improvement.found, joints=NOTHING_EXPLAINS, found=trail, searched=trail)
 
 
 def changed(diagnosis: Diagnosis, change: Callable[[Step], Step]) -> Diagnosis:
     """A diagnosis with every step changed."""
-    made: dict[Step, Step] = {}
     last: Step | None = None
-    for step in diagnosis.trail.steps:
-        last = made[step] = replace(change(step), before=last)
+    for step in diagnosis.found.steps:
+        last = replace(change(step), before=last)
     assert last is not None
-    return replace(diagnosis, trail=diagnosis.trail.to(last), findings=tuple(made[f] for f in diagnosis.findings))
+    return replace(diagnosis, found=diagnosis.found.to(last), searched=diagnosis.searched.to(last))
 
 
 def test_page_needs_nothing_beside_it(page):
@@ -447,7 +448,7 @@ def test_why_a_candidate_was_not_named(summary):
 def card_of(improvement: Improvement, ranking: Ranking, rivals: tuple[Term, ...]) -> Reader:
     """The page's card of the finding, had its search ended so."""
     finding = replace(improvement.findings[0], ranking=ranking, rivals=rivals)
-    summary = ResultSummary(replace(improvement.found, findings=(finding,)))
+    summary = ResultSummary(replace(improvement.found, found=improvement.found.found.to(finding)))
     return Reader(fragment(reports.finding_card(summary, 0)))
 
 
@@ -544,7 +545,7 @@ def test_peaks_are_named_beside_clean_and_what_is_left_in_the_badge(improvement,
     assert re.search(r"Peaks in the spectrum of the residual, with little of its power: joint 1 at .*12\.\d+ Hz", page)
     terminal.show(loop.sections(summary.document))
     assert "Peaks in the spectrum of the residual" in capsys.readouterr().out
-    more = replace(improvement, left=replace(improvement.left, verdict="unexplained", why="nothing explains", joint=0))
+    more = replace(improvement, left=replace(improvement.left, joints=NOTHING_EXPLAINS))
     assert "effect found, more is left" in Reader(worded(more)).text
     assert "more is left" not in Reader(worded(improvement)).text
 
@@ -559,7 +560,7 @@ def test_all_of_a_recording_shows_measurement_and_prediction_apart(improvement):
 
 def test_refused_says_what_to_record(unexplained, monkeypatch):
     monkeypatch.setattr(credibility, "poor_excitation", lambda _: "short motion")
-    text = Reader(worded(replace(unexplained, verdict="refused", why="excitation"))).text
+    text = Reader(worded(replace(unexplained, joints=(JointVerdict(0, "excitation"),)))).text
     assert re.search(r"The joints move for [0-9.]+ s only; record at least", text)
     assert "What to record" in text
     assert "Several constant speeds" in text  # viscous friction, in the model

@@ -157,7 +157,7 @@ def test_a_limit_never_reads_as_what_changes_nothing(
     drive: Model, near: float, side: Literal["above", "below"]
 ) -> None:
     """A factor of 1 is no effect: "factor more than 1" would be any."""
-    limit = Limit(Term("torque_scale", 1), "factor", side, 1 + near, "1")
+    limit = Limit(Term("torque_scale", 1), "factor", side, 1 + near, "1", 0, 1.0)
     words = findings.limit_words(limit, drive)
     assert float(words.split()[-1]) != 1.0
     assert (float(words.split()[-1]) > 1) == (near > 0)
