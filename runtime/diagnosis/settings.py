@@ -58,9 +58,9 @@ compensate; a choice."""
 LEAST_MOVING_S: Final = 2.0
 """s; a joint that moves for less says nothing of an effect; development recordings."""
 
-LEAST_PASSES: Final = 2.0
-"""number of passes, on average, of each position; in a single one position is a function of speed, and any law of the
-one is a law of the other; by construction."""
+LEAST_PASSES: Final = 1.25
+"""number of passes, on average, of each position; in a single one speed is a function of position, and any law of the
+one is a law of the other; a choice: a quarter of the range is passed again."""
 
 LEAST_FALL: Final = 0.005
 """part of the error, RMS; refitted as a whole, the error at the effect's joint must fall by more; development

@@ -201,10 +201,11 @@ def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | 
     here = tuple(f for f in trail.findings if f.joint_index == joint)
     if joint in unsound(last.fit):
         return JointVerdict(joint, "unsound fit", here)
+    if not any(f.candidate.twist is None for f in here):
+        return None  # an encoder on either side shows it, whatever the torque says
     if credibility.tangled(first.fit, joint):
         return JointVerdict(joint, "excitation", here)
-    by_torque = any(f.candidate.twist is None for f in here)
-    if by_torque and physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED:
+    if physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED:
         return JointVerdict(joint, "comes nearest", here)
     draft = None if wider is None else _outdone(trail, here, joint, wider)
     return None if draft is None else JointVerdict(joint, "outdone", here, draft)
