@@ -18,11 +18,14 @@ from runtime.report import findings, fits
 from runtime.report.findings import Context
 from runtime.report.fits import place
 from runtime.report.sections import Commands, Group, Paragraph, Section, texts
-from runtime.wording import milliseconds, number, quantity
+from runtime.wording import milliseconds, number, percent, quantity
 from symbolic.model_file.checks import at_joint
 
 LoopDocument = CompareDocument | DiagnosisDocument | ImprovementDocument
 Judged = DiagnosisDocument | ImprovementDocument
+
+_FALLEN = 0.98
+"""ratio; an error that falls by less is not said to fall: two digits would hardly show it."""
 
 _MOST_LINES = 6
 """Joints and findings of a result in a few lines."""
@@ -78,12 +81,35 @@ def improvement(document: ImprovementDocument) -> list[Section]:
         *texts(sensors(document)),
         *fits.delays(document.delay),
         fits.parameters(after, before, around.names),
-        *texts([f"What is left: {document.verdict.upper()}: {document.reason}", ""]),
+        *texts([*balance(document), f"What is left: {document.verdict.upper()}: {document.reason}", ""]),
         *findings.closest(document, around),
         *texts(peaks(document)),
         *findings.limits_table(document),
         *texts(document.warnings, "warning"),
         *follow_up(document),
+    ]
+
+
+def balance(document: ImprovementDocument) -> list[str]:
+    """By how much the error fell at which joints, and how large what nothing explains is there."""
+    first, last, names = document.history[0], document.history[-1], fits.names_of(document.joints)
+    gained = []
+    for k, joint in enumerate(document.joints):
+        if last.relative[k] < _FALLEN * first.relative[k]:
+            text = f"joint {place(joint.joint, names)} {percent(first.relative[k])} → {percent(last.relative[k])}"
+            if first.held_out_relative and last.held_out_relative:
+                before, after = first.held_out_relative[k], last.held_out_relative[k]
+                text += f" (held out {percent(before)} → {percent(after)})"
+            gained.append(text)
+    left = [
+        f"joint {place(joint.joint, names)} {percent(joint.relative)} of its torque, "
+        f"{quantity(joint.rms, joint.unit, 2)}, {number(joint.rms / joint.floor, 2)} times its noise floor"
+        for joint in document.joints
+        if joint.verdict == "unexplained" and joint.floor
+    ]
+    return [
+        *([f"Gained, error of the torque: {'; '.join(gained)}."] if gained else []),
+        *([f"Unexplained: {'; '.join(left)}."] if left else []),
     ]
 
 

@@ -583,6 +583,8 @@ def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
     out = capsys.readouterr().out
     assert "stribeck at joint 1" in out
     assert "What is left: CLEAN: the residual is noise" in out
+    assert re.search(r"Gained, error of the torque: joint 1 [\d.]+ % -> [\d.]+ % \(held out [\d.]+ %", out)
+    assert "Unexplained:" not in out
     assert re.search(r"held out: joint 1 [\d.]+ \((repeats|spectrum)\)", out)
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in out
     assert "stiffness < 41800 N m/rad" in out

@@ -1,0 +1,133 @@
+"""A verdict for each joint, and the arm's of these: what is missing at one joint is named, whatever stands at another.
+
+Two links by equations written apart from the library's (tests/wrist.py); what is hidden is added to the torque of the
+prescribed motion, by its own equation here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.verdict import Diagnosis
+from runtime.recordings.recording import Recording
+from runtime.report import diagnosed
+from runtime.report.reasons import reason
+from tests import bank, wrist
+from tests.kept import kept
+
+Array = NDArray[np.float64]
+
+
+def rates(recording: Recording) -> Array:
+    return np.gradient(recording.q, recording.t, axis=1)
+
+
+def with_torque(recording: Recording, joint: int, torque: Array) -> Recording:
+    """The recording, had the joint (0-based) needed so much more."""
+    tau = recording.tau.copy()
+    tau[joint] += torque
+    return replace(recording, tau=tau)
+
+
+def stribeck(recording: Recording, joint: int) -> Recording:
+    v = rates(recording)[joint]
+    return with_torque(recording, joint, 0.4 * np.exp(-((v / 0.15) ** 2)) * np.sign(v))
+
+
+def wandering(recording: Recording, joint: int) -> Recording:
+    """A torque of which no signal of the recording knows."""
+    slow = np.convolve(np.random.default_rng(5).standard_normal(len(recording.t)), np.ones(700) / 26, "same")
+    return with_torque(recording, joint, 0.3 * slow)
+
+
+@cache
+def found(*hidden: str) -> Diagnosis:
+    laws = {"stribeck": stribeck, "wandering": wandering}
+    recording = kept(wrist.record, bank.NONE, 7)
+    for joint, name in enumerate(hidden):
+        recording = laws[name](recording, joint) if name else recording
+    return kept(diagnose, bank.model("wrist"), [recording])
+
+
+def test_an_effect_is_named_beside_a_joint_that_nothing_explains() -> None:
+    diagnosis = found("wandering", "stribeck")
+    assert [v.verdict for v in diagnosis.joints] == ["unexplained", "effect"]
+    assert diagnosis.verdict == "effect"
+    assert [str(f.term) for f in diagnosis.findings] == ["stribeck@2"]
+    assert "; joint 1 unexplained, which misses " in reason(diagnosis)
+    joints = diagnosed.document(diagnosis).joints
+    assert [j.verdict for j in joints] == ["unexplained", "effect"]
+    assert "no effect of the library explains the residual" in joints[0].reason
+    assert joints[1].reason.startswith("stribeck at joint 2")
+
+
+def test_the_other_joint_is_clean() -> None:
+    diagnosis = found("", "stribeck")
+    assert [v.verdict for v in diagnosis.joints] == ["clean", "effect"]
+    assert reason(diagnosis).endswith("; joint 1 clean")
+
+
+def test_an_arm_is_as_unexplained_as_its_worst_joint() -> None:
+    diagnosis = found("wandering", "")
+    assert [v.verdict for v in diagnosis.joints] == ["unexplained", "clean"]
+    assert (diagnosis.verdict, diagnosis.unexplained) == ("unexplained", (0,))
+    assert reason(diagnosis).startswith("joint 1: no effect of the library explains the residual")
+
+
+def test_what_recordings_held_out_miss_is_not_clean() -> None:
+    """Noise in what is fitted, and another friction in what is not: the fit is not of this arm as it is."""
+    run = kept(wrist.record, bank.NONE, 7)
+    other = kept(wrist.record, bank.NONE, 8)
+    v = rates(other)[0]
+    changed = with_torque(other, 0, 0.2 * np.sign(v))
+    same = kept(diagnose, bank.model("wrist"), [run], [other])
+    assert [v.why for v in same.joints] == ["noise", "noise"]
+    apart = kept(diagnose, bank.model("wrist"), [run], [changed])
+    assert [v.why for v in apart.joints] == ["held out", "noise"]
+    assert "of those held out" in reason(apart)
+
+
+def test_a_single_pass_names_nothing() -> None:
+    """Out and never back: position is a function of speed, so that a law of the one is a law of the other."""
+    t = np.arange(6500) / wrist.RATE
+    s = np.clip((t - 0.3) / 5.9, 0.0, 1.0)
+    run = kept(wrist.record, bank.NONE, 7)
+    way = 3.0 * (10 * s**3 - 15 * s**4 + 6 * s**5)
+    q = np.array([way, 0 * way])
+    v, a = np.gradient(way, t), np.gradient(np.gradient(way, t), t)
+    torque = 0.2365 * a + wrist.VISCOUS[0] * v + wrist.DRY[0] * np.sign(v) + 0.5 * np.cos(30 * way) * (v > 0)
+    tau = np.array([torque, 0 * torque]) + wrist.NOISE * np.random.default_rng(1).standard_normal(q.shape)
+    short = {"t": t, "run": np.zeros(len(t), dtype=np.int64), "q": q, "tau": tau, "segments": (slice(0, len(t)),)}
+    diagnosis = diagnose(bank.model("wrist"), [replace(run, **short)])
+    assert (diagnosis.joints[0].why, diagnosis.findings) == ("excitation", ())
+    assert "position from speed" in reason(diagnosis)
+    assert diagnosis.joints[1].why == "standstill"
+
+
+def test_white_is_not_noise_far_above_the_floor() -> None:
+    """What is left looks as even as noise, but a torque of its size was never measured as noise."""
+    run = kept(wrist.record, bank.NONE, 7)
+    rng = np.random.default_rng(3)
+    v = rates(run)[0]
+    step = 60  # samples: as even as noise up to the band's end, and quiet where the noise is measured
+    held = np.repeat(rng.standard_normal(len(run.t) // step + 1), step)[: len(run.t)]
+    smooth = np.convolve(held, np.hanning(step) / np.hanning(step).sum(), "same")
+    diagnosis = kept(diagnose, bank.model("wrist"), [with_torque(run, 0, 0.3 * smooth * (np.abs(v) > 0))])
+    assert diagnosis.joints[0].verdict == "unexplained"
+    assert diagnosis.verdict != "clean"
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [([2], "joint 2"), ([1, 2], "joints 1, 2"), ([1, 4, 5, 6], "joints 1, 4 to 6")],
+)
+def test_joints_are_said_together(numbers: list[int], said: str) -> None:
+    from runtime.report.reasons import joints_said
+
+    assert joints_said(numbers) == said
