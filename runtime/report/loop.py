@@ -97,9 +97,8 @@ def balance(document: ImprovementDocument) -> list[str]:
     for k, joint in enumerate(document.joints):
         if last.relative[k] < _FALLEN * first.relative[k]:
             text = f"joint {place(joint.joint, names)} {percent(first.relative[k])} → {percent(last.relative[k])}"
-            if first.held_out_relative and last.held_out_relative:
-                before, after = first.held_out_relative[k], last.held_out_relative[k]
-                text += f" (held out {percent(before)} → {percent(after)})"
+            if (before := first.held_out_relative) and (after := last.held_out_relative):
+                text += f" (held out {fits.percent_or_dash(before[k])} → {fits.percent_or_dash(after[k])})"
             gained.append(text)
     left = [
         f"joint {place(joint.joint, names)} {percent(joint.relative)} of its torque, "

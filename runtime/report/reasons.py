@@ -304,7 +304,8 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
         case "outdone":
             return _outdone(said)
         case "found":
-            return f"{'; '.join(_sentence(f, last) for f in diagnosis.findings if f.joint_index == i)} missing"
+            named = (_sentence(f, last) for f in diagnosis.findings if f.joint_index == i)
+            return f"the model lacks {'; '.join(named)}"
         case "nothing explains":
             found = remainder(last, i)
             rest = "" if found is None else left_over(found)

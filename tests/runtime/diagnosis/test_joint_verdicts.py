@@ -64,7 +64,7 @@ def test_an_effect_is_named_beside_a_joint_that_nothing_explains() -> None:
     joints = diagnosed.document(diagnosis).joints
     assert [j.verdict for j in joints] == ["unexplained", "effect"]
     assert "no effect of the library explains the residual" in joints[0].reason
-    assert joints[1].reason.startswith("stribeck at joint 2")
+    assert joints[1].reason.startswith("the model lacks stribeck at joint 2")
 
 
 def test_the_other_joint_is_clean() -> None:
