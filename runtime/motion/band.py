@@ -63,6 +63,7 @@ class Band:
     rates             how measured rates are used, by joint; None where there are none
     above             lines of the torque over the motor's angle above a joint's band
     held              torques at uneven instants are commands, each held until the next
+    filtered          by joint, whether the torque was low-passed before it was recorded: its noise is then not known
     jittered          the instants at which positions were read are uncertain, in every recording
     """
 
@@ -75,6 +76,7 @@ class Band:
     above: tuple[LineAbove, ...] = ()
     held: bool = False
     jittered: bool = False
+    filtered: tuple[bool, ...] = ()
 
     @property
     def cutoff(self) -> float:
@@ -129,7 +131,8 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     cutoffs, reason = _cutoffs(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling)
     jittered = all(d.jittered(r.q) for r, d in zip(recordings, noise, strict=True))
     rates = tuple(measured_rate(i, recordings, grids, float(cutoffs[i]), float(position[i])) for i in range(n))
-    band = Band(cutoffs, reason, torque, position_density=position, resolution=step, rates=rates, jittered=jittered)
+    filtered = tuple(all(d.filtered(r.tau[i]) for r, d in zip(recordings, noise, strict=True)) for i in range(n))
+    band = Band(cutoffs, reason, torque, position, resolution=step, rates=rates, jittered=jittered, filtered=filtered)
     quiet = np.array([band.rate_noise(i) for i in range(n)], dtype=float)
     if np.isnan(quiet).all():
         return band

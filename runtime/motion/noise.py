@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from runtime.motion.clock import EvenGrid, Stretch, interpolated
 from runtime.motion.filters import differentiator, welch
-from runtime.motion.settings import FOLLOWS_RATE, LOWEST_CUTOFF, WHITE_BAND
+from runtime.motion.settings import FILTERED, FOLLOWS_RATE, LOWEST_CUTOFF, WHITE_BAND
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -57,31 +57,46 @@ def resolution(q: Array) -> float:
 @dataclass(frozen=True)
 class SampleNoise:
     """White noise of a stretch's samples, measured on its even grid (rate in Hz); `passed` is the part of its density
-    that the interpolation leaves."""
+    that the interpolation leaves, `fall` the ratio by which it then falls towards half the rate."""
 
     stretch: Stretch
     rate: float
     passed: float
+    fall: float
 
     @classmethod
     def on(cls, stretch: Stretch, rate: float) -> SampleNoise:
         """For a stretch; what interpolation leaves is measured on simulated noise."""
         if stretch.places is None:
-            return cls(stretch, rate, 1.0)
+            return cls(stretch, rate, 1.0, 1.0)
         samples = stretch.samples.stop - stretch.samples.start
         white = np.random.default_rng(samples).standard_normal(samples)
         left = interpolated(stretch.places, white, np.arange(stretch.size))
-        return cls(stretch, rate, white_density(left, rate) * rate / 2)
+        return cls(stretch, rate, white_density(left, rate) * rate / 2, _fall(left))
 
     def density(self, x: Array) -> float:
         """One-sided density of the white noise in a signal x of the whole recording."""
         return white_density(self.stretch.on_grid(x), self.rate) / self.passed
+
+    def filtered(self, x: Array) -> bool:
+        """Whether a signal x of the whole recording was low-passed before it was recorded: what stands near half the
+        sampling rate is then no measure of its noise below."""
+        return _fall(self.stretch.on_grid(x)) > FILTERED * self.fall
 
     def jittered(self, q: Array) -> bool:
         """Whether the instants at which positions q (n, N) were read are uncertain: their noise then follows the rate,
         as an error of the instant times the rate. An encoder's own error is the same at all rates."""
         read = self.stretch.on_grid(q)[:, :ENOUGH_FOR_NOISE]
         return float(np.median([_follows_rate(x) for x in read])) > FOLLOWS_RATE
+
+
+def _fall(x: Array) -> float:
+    """Ratio of the density of x (N,) at the lower to that at the upper end of the band of its white noise."""
+    (low, high), (f, density) = WHITE_BAND, _density(x[:ENOUGH_FOR_NOISE], 1.0)
+    third = (high - low) / 3
+    lower = np.median(density[(f > low) & (f < low + third)])
+    upper = np.median(density[(f > high - third) & (f < high)])
+    return float(lower / upper) if upper > 0 else 1.0
 
 
 def _follows_rate(x: Array) -> float:

@@ -15,6 +15,7 @@ from runtime.motion.filters import convolved
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.motion.settings import REPEAT_ALIKE, REPEAT_ALIKE_RATE, REPEAT_WINDOW_S, REPEATABLE_SHARE
+from runtime.motion.spectra import in_band_white_density
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -184,7 +185,10 @@ def floor(motion: Motion, repeats: Repeats, joint: int, residual: Array, read: A
     """Floor of a residual (M,), zero where rows do not count; read (M,): change of the predicted torque by another
     realisation of the encoders' errors."""
     use = motion.moving(joint)
-    torque = motion.band.torque_density[joint] * motion.cutoff(joint)
+    band, cutoff = motion.band, motion.cutoff(joint)
+    torque = band.torque_density[joint] * cutoff
+    if band.filtered and band.filtered[joint] and use.any():
+        torque = in_band_white_density(residual, motion.row_rate(joint), cutoff) * cutoff / np.mean(use)
     left = float(np.mean(motion.noise_left(joint)[use])) if use.any() else 1.0
     spectrum = float(np.sqrt(torque * left + np.mean(read[use] ** 2))) if use.any() else float(np.sqrt(torque))
     parts = repeats.pure_error(residual, use)

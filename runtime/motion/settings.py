@@ -52,6 +52,10 @@ WHITE_BAND: Final = (0.3, 0.45)
 """parts of the sampling rate; between them a joint does not move and filters of the instruments pass: what is there is
 noise; development recordings."""
 
+FILTERED: Final = 6.0
+"""ratio of densities, lower to upper end of the band of white noise; a torque that falls by more was filtered
+before it was recorded; real recordings: below 3.5, and 11 where one was filtered."""
+
 FOLLOWS_RATE: Final = 0.7
 """number; the correlation of noise and squared rate over blocks, from which on instants are uncertain; simulated
 recordings: below 0.45 with even stamps, coarse encoders too, above 0.85 with stamps of whole milliseconds."""
