@@ -2,7 +2,7 @@
 
 A planar pair of links, as in any textbook, and a motor at the rate q̇₁ + r q̇₂ with dry and viscous friction and an
 inertia: what the motor takes acts on joint 1 as it is, on joint 2 times r. The motion is prescribed, with its exact
-derivatives, so that the torque is exact but for the noise.
+derivatives, so that the torque is exact but for the noise. In the motor's place a fluid may resist the links.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from runtime.recordings.recording import Recording
 Array = NDArray[np.float64]
 
 RATE, SECONDS = 1000.0, 24.0
-LENGTH = 0.30  # m, of the first link
+LENGTH, SECOND_LENGTH = 0.30, 0.2  # m, of the links
 FIRST, SECOND = (2.0, 0.16, 0.03), (1.2, 0.12, 0.012)  # mass kg, centre of mass m, inertia about it kg m^2
 ROTORS = (0.08, 0.05)  # kg m^2, each of its own joint
 DRY, VISCOUS = (1.1, 0.8), (0.9, 0.6)  # N m, N m s/rad, each of its own joint
@@ -34,6 +34,13 @@ class CoupledMotor:
     viscous: float = 0.0
     inertia: float = 0.0
     ratio: float = 1.0
+
+
+@dataclass(frozen=True)
+class Resistance:
+    """What no motor makes: drag of a fluid, N s²/m² a metre of either link."""
+
+    fluid: float = 0.0
 
 
 MODEL = f"""\
@@ -55,7 +62,7 @@ type = "revolute"
 rotor_inertia = {ROTORS[1]}
 gear_ratio = 100
 [joint.link]
-length = 0.2
+length = {SECOND_LENGTH}
 mass = {SECOND[0]}
 com = [{SECOND[1]}, 0.0]
 inertia = {SECOND[2]}
@@ -65,15 +72,17 @@ inertia = {SECOND[2]}
 """What its user believes: everything but the coupled motor."""
 
 
-def record(motor: CoupledMotor, seed: int) -> Recording:
+def record(motor: CoupledMotor, seed: int, beside: Resistance = Resistance(), alike: float = 0.0) -> Recording:
+    """A recording; alike: how much of the second joint's motion is the first's."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(SECONDS * RATE)) / RATE
-    q, v, a = (np.array(rows) for rows in zip(_sines(rng, t), _sines(rng, t), strict=True))
+    first, second = np.array(_sines(rng, t)), np.array(_sines(rng, t))
+    q, v, a = np.stack([first, alike * first + (1 - alike**2) ** 0.5 * second], axis=1)
     tau = _links(q, v, a) + np.array(ROTORS)[:, None] * a
     tau += np.array(DRY)[:, None] * np.sign(v) + np.array(VISCOUS)[:, None] * v
     rate, acceleration = v[0] + motor.ratio * v[1], a[0] + motor.ratio * a[1]
     taken = motor.dry * np.sign(rate) + motor.viscous * rate + motor.inertia * acceleration
-    tau += np.array([taken, motor.ratio * taken])
+    tau += np.array([taken, motor.ratio * taken]) + _drag(q, v, beside.fluid)
     tau += NOISE * rng.standard_normal(tau.shape)
     run = np.zeros(len(t), dtype=np.int64)
     read = np.round(q / COUNTS) * COUNTS
@@ -107,3 +116,15 @@ def _links(q: Array, v: Array, a: Array) -> Array:
     first = d11 * a[0] + d12 * a[1] + h * (2 * v[0] * v[1] + v[1] ** 2)
     second = d12 * a[0] + d22 * a[1] - h * v[0] ** 2
     return np.array([first, second])
+
+
+def _drag(q: Array, v: Array, density: float) -> Array:
+    """(2, N) torque of a fluid that resists each strip of both links by the square of its speed across the link."""
+    torque, elbow, strips = np.zeros_like(v), LENGTH * np.cos(q[1]), 12
+    for part in (np.arange(strips) + 0.5) / strips:
+        at, across = part * LENGTH, part * LENGTH * v[0]
+        torque[0] += density * LENGTH / strips * np.abs(across) * across * at
+        at, across = part * SECOND_LENGTH, elbow * v[0] + part * SECOND_LENGTH * (v[0] + v[1])
+        force = density * SECOND_LENGTH / strips * np.abs(across) * across
+        torque += np.array([force * (at + elbow), force * at])
+    return torque

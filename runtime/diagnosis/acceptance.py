@@ -8,7 +8,7 @@ effect that was found before, in another form than that one's law.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from math import floor
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,20 +18,19 @@ from runtime.diagnosis.settings import (
     AT_THE_FLOOR,
     BIC_APART,
     CLEARLY_LESS,
-    CONTRADICTS,
     HELD_OUT_FALLS_TO,
     LEAST_FALL,
     LEAST_OF_EXCESS,
     MOST_OF_BOTH,
     PREDICTED,
     VUONG_APART,
+    WIDEST_ORDER,
 )
 from runtime.diagnosis.steps import Errors, Step
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import given_shape
-from runtime.identification.problem import Problem
+from runtime.identification.problem import Problem, Skew
 from runtime.identification.regressors import Regressors
-from runtime.identification.settings import INTERVAL_SIGMAS
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of, structure
@@ -44,7 +43,7 @@ def is_accepted(before: Step, after: Step, term: Term) -> bool:
     own = own_joints(after.fit.model, term)
     fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after, term)
     sure = is_significant(after, term) or _predicts_held_out(before, after, term)
-    return fallen and sure and not _at_a_bound(after, term) and _is_periodic(after, term)
+    return fallen and sure and not _at_a_bound(after, term) and _comes_back(before, after, term)
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:
@@ -113,23 +112,34 @@ def _excludes(e: Estimate, neutral: float) -> bool:
     return e.interval is not None and not e.interval[0] <= neutral <= e.interval[1]
 
 
-def _is_periodic(step: Step, term: Term) -> bool:
-    """Whether a line over the motor's angle can come back after a turn of the motor or of the joint.
+def _comes_back(before: Step, after: Step, term: Term) -> bool:
+    """Whether a line over the motor's angle comes back after a turn of the motor or of the joint: the nearest whole
+    order of one of them is not clearly less likely than the line's own. True of a term that is no line.
 
-    Its order counts whole periods of one of them, as far as its interval separates one order from the next. Any other
-    line is one over time, or chance. A whole number must lie well outside the interval to be ruled out.
+    Any other line is one over time, a law over the position, or chance. An interval that is wide beside the distance
+    of whole orders holds one wherever the line is, and shows nothing.
     """
-    model = step.fit.model
+    model = after.fit.model
     line = model.library.effects[term.effect].line
     if line is None or term.joint is None:
         return True
-    order, ratio = step.fit.inference.values[term][line.name], model.joints[term.joint - 1].gear_ratio
-    # An interval that is wider holds a whole number by chance as often as not.
-    if order.interval is None or max(1.0, ratio) * (order.interval[1] - order.interval[0]) > 0.5:
-        return True
-    middle, half = (order.interval[1] + order.interval[0]) / 2, (order.interval[1] - order.interval[0]) / 2
-    beyond = half * CONTRADICTS / INTERVAL_SIGMAS
-    return any(floor((middle + beyond) * n) >= (middle - beyond) * n for n in (1.0, ratio))
+    order = after.fit.inference.values[term][line.name]
+    if order.interval is None:
+        return False
+    width = order.interval[1] - order.interval[0]
+    counts = sorted({1.0, model.joints[term.joint - 1].gear_ratio})
+    whole = [round(order.value * count) / count for count in counts if width * count < WIDEST_ORDER]
+    others = (_with_shape(after, term, {line.name: value}) for value in whole if value)
+    scores = (whitened_bic(before.base.system, [after, other]) for other in others)
+    return any(other - own < BIC_APART for own, other in scores)
+
+
+def _with_shape(step: Step, term: Term, shape: Values) -> Step:
+    """A step with another shape of one of its terms, all that is linear refitted."""
+    fit = step.fit
+    shapes = {**fit.shapes, term: {**fit.shapes[term], **shape}}
+    solved = fit.problem.solve(shapes, Skew(fit.skew))
+    return replace(step, fit=replace(fit, shapes=shapes, coefficients=solved.coefficients, residual=solved.residual))
 
 
 # one effect beside another -------------------------------------------------------------------------------------------

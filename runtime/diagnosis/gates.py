@@ -212,6 +212,34 @@ BOUND: Final = Gate(
     "an interval that holds none does not show the effect",
     "by construction",
 )
+BOTH_JOINTS: Final = Gate(
+    "both joints",
+    "fall of BIC on whitened rows by a torque of two joints over its part at one of them, the lesser",
+    "above",
+    BIC.limit,
+    BIC.unit,
+    "a torque on the rate of two joints shows at either, beside what explains most there alone; one law at one joint, "
+    "seen over two rates that are alike, does not: of a viscous torque from the other joint's rate it rises by 500",
+    "development recordings with two joints: 300 and more where a motor turns with both",
+)
+EACH_SHARE: Final = Gate(
+    "share at each joint",
+    "part of the variance above the noise floor that a torque of two joints explains, at the joint with the lesser",
+    "above",
+    SHARE.limit,
+    SHARE.unit,
+    "what is missing at two joints because a motor turns with both is so at either",
+    "simulated drag of a fluid, which acts on both joints: 0.1 and 0.6",
+)
+PROPORTION: Final = Gate(
+    "proportion",
+    "part of what separate torques at two joints explain that is lost where one motor makes both, whitened",
+    "below",
+    0.2,
+    "part",
+    "a motor works on both joints in proportion: 0.02 at most is lost then, half and more of a torque that acts on one",
+    "development recordings with two joints",
+)
 RECORDINGS: Final = Gate(
     "recordings",
     "number of parameters on which the recordings contradict each other",
@@ -224,7 +252,8 @@ RECORDINGS: Final = Gate(
 
 GATES: Final = (
     *(BIC, TORQUE, SHARE, EDGE, LIKELIHOOD, ERROR, RESOLUTION, MODEL, ENCODERS),
-    *(LAG, RIGID, MORE_PLAY, LESS_PLAY, ON_LINK, ON_MOTOR, BOUND, RECORDINGS),
+    *(LAG, RIGID, MORE_PLAY, LESS_PLAY, ON_LINK, ON_MOTOR, BOUND),
+    *(EACH_SHARE, BOTH_JOINTS, PROPORTION, RECORDINGS),
 )
 """In the order in which their failures are listed."""
 

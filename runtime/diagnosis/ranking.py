@@ -6,13 +6,14 @@ gates are asked, and BIC ranks.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.diagnosis import coupling
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors
 from runtime.diagnosis.gates import (
@@ -171,6 +172,16 @@ class Whitened:
         weighed = replace(candidate, eff=evidence.eff, parameters=parameters, results=results)
         return weighed, weighing.residual(evidence)
 
+    def at_both(self, candidate: Candidate, block: Block, singles: Mapping[int, Block]) -> Candidate:
+        """A candidate of two joints, and what the gates say of its torque at either; singles: by joint (0-based), what
+        explains most there by itself."""
+        replaced = self.base.replaced(candidate.term)
+        plain, white = self.base.without(self.system, replaced), self.base.without(self.white, replaced)
+        for single in (singles[i] for i in block.columns if i in singles):
+            white = white.with_block(single.whitened(self.whitening))
+        found = coupling.results(plain, white, block, block.whitened(self.whitening), self.floors)
+        return replace(candidate, results=(*candidate.results, *found))
+
     def _resolution(self, candidate: Candidate) -> Iterator[GateResult]:
         """Where an encoder does not resolve a gap, its noise says where it is crossed, to which the torque of the
         flanks does not answer in proportion: it cannot be compensated for."""
@@ -293,8 +304,27 @@ def weigh(base: FittedBase, candidates: Sequence[Candidate], floors: Sequence[fl
         return Ranking()
     beside = Whitened(base, base.system, floors, blocks[int(np.argmin(held))])
     found = [beside.weighed(c, b) for c, b in zip(finalists, blocks, strict=True)]
+    found = _at_both_joints(beside, found, blocks)
     found.sort(key=lambda one: (not one[0].passes, -one[0].delta_bic))
     return Ranking(tuple(c for c, _ in found), _rivals(base.model, found))
+
+
+def _at_both_joints(
+    beside: Whitened, weighed: Sequence[tuple[Candidate, Array]], blocks: Sequence[Block]
+) -> list[tuple[Candidate, Array]]:
+    """Weighed candidates; those of two joints that pass are asked for their torque at either, beside the best
+    candidate there that is of one joint."""
+    effects = beside.base.model.library.effects
+    singles: dict[int, tuple[float, Block]] = {}
+    for (c, _), block in zip(weighed, blocks, strict=True):
+        joint = (c.term.joint or 0) - 1
+        if effects[c.term.effect].scope == "joint" and c.delta_bic > singles.get(joint, (0.0, block))[0]:
+            singles[joint] = c.delta_bic, block
+    alone = {joint: block for joint, (_, block) in singles.items()}
+    return [
+        (beside.at_both(c, block, alone) if c.passes and effects[c.term.effect].scope == "joints" else c, left)
+        for (c, left), block in zip(weighed, blocks, strict=True)
+    ]
 
 
 def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:

@@ -81,6 +81,11 @@ much, the other is what its law lacks: a law that comes within a sixth of an eff
 another form; a pair without it must reach as much on the excerpt to be fitted; development recordings with forms that
 are not the library's, and with two effects."""
 
+WIDEST_ORDER: Final = 0.5
+"""part of the distance between whole orders a turn; where the 95 % interval of a line's order is wider, a whole order
+lies near enough by chance more often than not, and nothing says that the line comes back after a turn; half, by
+construction; intervals of ripples of half a noise floor and more are 0.07 to 0.4 wide on development recordings."""
+
 HELD_OUT_FALLS_TO: Final = 0.93
 """part of the squared error on held-out recordings; an effect must bring it below, which chance does not; two effects
 whose errors there differ by as much are told apart; development recordings, and real ones, on which a twentieth was

@@ -172,6 +172,17 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
         f"the torque sensor at the output feels it, as it would not on the motor: {_part(r)}"
     ),
     gates.BOUND.name: lambda r, *_: f"it may be none: its 95 % interval begins at {r.value:.3g}",
+    gates.BOTH_JOINTS.name: lambda r, *_: (
+        f"its torque at one of its two joints lowers whitened BIC by {whole_apart(r.value, r.limit)}, "
+        f"not by {r.limit:g}"
+    ),
+    gates.EACH_SHARE.name: lambda r, *_: (
+        f"it explains {whole_apart(100 * r.value, 100 * r.limit)} % of what is left at one of its two joints, "
+        f"not {100 * r.limit:.0f} %"
+    ),
+    gates.PROPORTION.name: lambda r, *_: (
+        f"its torques at two joints are not in proportion: {100 * r.value:.0f} % of what they explain is lost for that"
+    ),
     gates.RECORDINGS.name: lambda *_: (
         "the recordings contradict each other, so that what is missing in which of them is not known"
     ),

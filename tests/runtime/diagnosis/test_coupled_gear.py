@@ -6,7 +6,8 @@ import pytest
 
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.verdict import Diagnosis
-from tests import bank, spatial_wrist
+from tests import bank, spatial_wrist, wrist
+from tests.judge.cases import Case, Setting
 from tests.kept import kept
 from tests.variants import slow
 
@@ -37,6 +38,25 @@ def test_dry_friction_of_a_coupled_motor_alone_needs_no_gear() -> None:
 
 def test_without_a_coupled_motor_nothing_is_named() -> None:
     assert bank.diagnosed("pair clean").verdict == "clean"
+
+
+@pytest.mark.parametrize("fluid", [10.0, slow(40.0)])
+def test_drag_of_a_fluid_at_both_joints_is_no_coupled_motor(fluid: float) -> None:
+    """It acts on both links, by the square of speeds that depend on both rates."""
+    recording = kept(wrist.record, bank.NONE, 4, wrist.Resistance(fluid))
+    found = kept(diagnose, bank.model("wrist"), [recording])
+    assert not [name for name in named(found) if name.startswith("coupled")]
+
+
+@pytest.mark.parametrize("seed", [3400, slow(3401), slow(3402)])
+def test_a_torque_at_one_joint_by_the_other_s_rate_is_no_coupled_motor(seed: int) -> None:
+    case = Case("drag_across", "unknown", ("drag_across",), Setting(joints=2), 0.7, seed, ("unexplained",))
+    assert "coupled" not in kept(bank.judged, case).named
+
+
+def test_a_coupled_motor_is_found_where_the_rates_are_alike() -> None:
+    recording = kept(wrist.record, wrist.CoupledMotor(0.2, 0.16, 0.012), 3, wrist.Resistance(), 0.95)
+    assert named(kept(diagnose, bank.model("wrist"), [recording])) == ["coupled_gear@1"]
 
 
 @pytest.mark.parametrize("seed", [4, slow(3), slow(5), slow(6)])

@@ -147,6 +147,17 @@ def test_a_wave_over_the_time_is_no_ripple(tmp_path: Path) -> None:
     assert not [f for f in found.findings if f.term.effect == "torque_ripple"]
 
 
+@pytest.mark.parametrize(
+    ("order", "amplitude"), [(45.0, 0.015), (45.5, 0.015), pytest.param(45.5, 0.009, marks=pytest.mark.slow)]
+)
+def test_a_line_that_comes_back_after_no_turn_is_no_ripple(tmp_path: Path, order: float, amplitude: float) -> None:
+    """A direct drive over a third of a turn: its order is known to some tenths, and a whole one is never far away."""
+    motor = Motor(ratio=1.0, inertia=0.24, coulomb=1.0, viscous=1.0, noise=0.02, counts=800_000)
+    arm, recording = source(tmp_path, motor), kept(record, motor, sines(0.25, 20.0, 3), ((order, amplitude, 0.7),))
+    found = kept(diagnose, arm.compiled.model(), [recording])
+    assert [f.term.effect for f in found.findings] == (["torque_ripple"] if order == 45.0 else [])
+
+
 def test_a_line_above_the_band_raises_it_or_is_reported(tmp_path: Path) -> None:
     fine, coarse = Motor(noise=0.002, counts=2e4), Motor(noise=0.002, counts=3000)
     desired = steps((5.0, 6.0, 5.5), 8.0)
