@@ -8,25 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from runtime.identification.compare import driving_speed, has_proper_inertia
+from runtime.identification.factors import CURRENT, MILLI, RATIO, TWICE, WHOLE
 from runtime.identification.fit import Fit
+from runtime.identification.readings import DEGREES, MOTOR, POSITION, TORQUE, turns
 from runtime.identification.regressors import OF_MASSES, arm_functions_read
-from runtime.identification.wrong_data import (
-    CURRENT,
-    DEGREES,
-    MILLI,
-    MOTOR,
-    POSITION,
-    RATIO,
-    TORQUE,
-    WrongData,
-    doubtful_data,
-    turns,
-    wrong_data,
-)
+from runtime.identification.wrong_data import WrongData, doubtful_data, wrong_data
 from runtime.model.terms import joints_of
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import map_option
 from runtime.wording import number, quantity
+from symbolic.model_file.arm import WEIGHTLESS
 
 
 @dataclass(frozen=True)
@@ -63,11 +54,12 @@ class _Words:
     """
 
     def __init__(self, fit: Fit, wrong: WrongData) -> None:
-        self.motion, self.joints = fit.motion, fit.model.joints
+        self.motion, self.joints, self.space = fit.motion, fit.model.joints, fit.model.spatial
         self.wrong, self.reading = wrong, wrong.reading
         self.degrees = {*wrong.reading.joints_in(DEGREES), *self._by_factor(DEGREES)}
         self.motors = {*wrong.reading.joints_in(MOTOR), *self._by_factor(MOTOR)}
-        self.unit = {i: self._torque_unit(i) for i in {*self._by_factor(MILLI), *self._by_factor(CURRENT)}}
+        kinds = (MILLI, CURRENT, WHOLE)
+        self.unit = {i: self._torque_unit(i) for i in {i for kind in kinds for i in self._by_factor(kind)}}
         read = min(self.reading.signs) < 0, self.reading.joints_in(DEGREES, MOTOR), self.reading.exchanges()
         self.alone = sum(map(bool, read)) == 1
 
@@ -79,6 +71,8 @@ class _Words:
             *(self._exchanged(*pair, what) for pair, what in self.reading.exchanges()),
             *(self._in_unit(i) for i in sorted(self.unit)),
             *(self._without_ratio(i) for i in self._by_factor(RATIO)),
+            *(self._twice(i) for i in self._by_factor(TWICE)),
+            *self._weightless(),
         )
 
     def _by_factor(self, kind: str) -> list[int]:
@@ -115,17 +109,48 @@ class _Words:
         return Suspicion(a, "exchanged", said, cure=f"{expected} {' '.join(maps)}", maps=maps)
 
     def _in_unit(self, joint: int) -> Suspicion:
-        cure, kind = self._torque(joint), MILLI if MILLI in self.wrong.factors[joint].kinds else CURRENT
-        what = "torque" if self.unit[joint] == "mN m" else "motor's current, for the torque_constant to multiply,"
-        said = f"if its {what} is in {self.unit[joint]}, pass {cure}"
-        return Suspicion(joint + 1, kind, self._inertia(joint), cure=said, maps=(cure,))
+        cure, kinds = self._torque(joint), self.wrong.factors[joint].kinds
+        kind = next(k for k in (MILLI, WHOLE, CURRENT) if k in kinds)
+        unknown = self.unit[joint] == "mA" and self.joints[joint].torque_constant is None
+        what = "torque" if "N" in self.unit[joint] else "motor's current, for the torque_constant to multiply,"
+        state = " and state the joint's torque_constant in the model file" if unknown else ""
+        others = "".join(f"; if it is {self._by_ratio(joint, k)}" for k in self._instead(joint) if k in (RATIO, TWICE))
+        said = f"if its {what} is in {self.unit[joint]}, pass {cure}{state}{others}"
+        return Suspicion(joint + 1, kind, self._apart(joint), cure=said, maps=(cure,))
 
     def _without_ratio(self, joint: int) -> Suspicion:
-        cure = (
-            f"expected the motor's torque times the gear ratio of {self.joints[joint].gear_ratio:g}: multiply "
-            f"tau{joint + 1}, or the joint's torque_constant, by it"
-        )
-        return Suspicion(joint + 1, "ratio", self._inertia(joint), cure)
+        return Suspicion(joint + 1, RATIO, self._apart(joint), f"expected {self._by_ratio(joint, RATIO)}")
+
+    def _twice(self, joint: int) -> Suspicion:
+        others = ""
+        if MILLI in self._instead(joint):
+            others = "; if it is in mN m, or a current in mA, state its unit with --map"
+        return Suspicion(joint + 1, TWICE, self._apart(joint), f"expected {self._by_ratio(joint, TWICE)}{others}")
+
+    def _by_ratio(self, joint: int, kind: str) -> str:
+        """What to do about a gear ratio that a torque lacks, or has once too often."""
+        known = self.joints[joint].gear_ratio > 1
+        ratio = f"the gear ratio of {self.joints[joint].gear_ratio:g}" if known else "its gear ratio"
+        stated = "" if known else f" (near {number(self._factor(joint), 2)}), and state it in the model file"
+        do = "multiply" if kind == RATIO else "divide"
+        once = "" if kind == RATIO else "once "
+        what = f"{do} tau{joint + 1}, or the joint's torque_constant, by it"
+        return f"the motor's torque {once}times {ratio}: {what}{stated}"
+
+    def _weightless(self) -> list[Suspicion]:
+        """Gravity that the torques lack."""
+        found = self.wrong.weightless
+        if found is None:
+            return []
+        unit = self.joints[found.joint].force_unit
+        said = "its torque has no gravity: the arm's inertia fits it far better without its weight"
+        if found.missing is not None:
+            weight = f"{quantity(found.missing, unit, 3)} rms"
+            said = f"its torque has no gravity: the weight of the masses in the model file, {weight}, is missing"
+        option = f"--torque {WEIGHTLESS}"
+        cure = f'if the driver takes gravity out of the torque, pass {option}, or state torque = "{WEIGHTLESS}" in the '
+        horizontal = "" if self.space else "; if the arm moves in a horizontal plane, state gravity = [0.0, 0.0]"
+        return [Suspicion(found.joint + 1, "gravity", said, f"{cure}model file{horizontal}", maps=(option,))]
 
     def _position(self, joint: int) -> str:
         """The option that reads a joint's position as it should be."""
@@ -140,9 +165,28 @@ class _Words:
     def _torque_unit(self, joint: int) -> str:
         """The unit with which a joint's torque would be right."""
         kinds, stated = self.wrong.factors[joint].kinds, self.motion.units.get(f"tau{self.reading.torques[joint] + 1}")
-        if CURRENT in kinds or (stated and UNITS[normal_unit(stated)][0] == "current"):
-            return "mA" if MILLI in kinds else "A"
-        return "mN m" if self.joints[joint].type == "revolute" else "mN"
+        milli = "m" if MILLI in kinds else ""
+        if kinds == (WHOLE,) and not stated:
+            milli = "k"
+        if CURRENT in kinds or (stated and UNITS[normal_unit(stated)][0] == "current") or self._rather_current(joint):
+            return f"{milli}A"
+        return f"{milli}N m" if self.joints[joint].type == "revolute" else f"{milli}N"
+
+    def _rather_current(self, joint: int) -> bool:
+        """Whether a torque that is too large is a current in mA: where the motor is unknown, any factor but 1000."""
+        if MILLI not in self.wrong.factors[joint].kinds or self.joints[joint].torque_constant is not None:
+            return False
+        sure = [i for i, factor in self.wrong.factors.items() if factor.of != "limit"] or [joint]
+        return 2 * float(np.median([self._factor(i) for i in sure])) < 1 / UNITS["mA"][1]
+
+    def _factor(self, joint: int) -> float:
+        """Between what was fitted and what is stated, 1 or more."""
+        ratio = self.wrong.factors[joint].fitted / self.wrong.factors[joint].stated
+        return max(ratio, 1 / ratio)
+
+    def _instead(self, joint: int) -> tuple[str, ...]:
+        """What explains a joint's torque as well."""
+        return self.wrong.factors[joint].alternatives
 
     def _alternatives(self, joint: int, kind: str) -> tuple[str, ...]:
         """What else may be wrong in the place of a mistake with a joint's position."""
@@ -172,11 +216,30 @@ class _Words:
         return f"its position covers {turns(self.motion, self.reading.positions[joint]):.3g} turns, and {said}"
 
     def _inertia(self, joint: int) -> str:
-        fitted, stated = self.wrong.factors[joint].fitted, self.wrong.factors[joint].stated
-        comes, file = f"its inertia comes to {number(fitted, 3)}", f"the {number(stated, 3)} in the model file"
-        if fitted > stated:
-            return f"{comes}, {number(fitted / stated, 4)} times {file}"
-        return f"{comes}, 1/{number(stated / fitted, 3)} of {file}"
+        factor = self.wrong.factors[joint]
+        stated = f"the {number(factor.stated, 3)} in the model file"
+        return f"its inertia comes to {number(factor.fitted, 3)}, {self._times(joint)} {stated}"
+
+    def _apart(self, joint: int) -> str:
+        """What was found beside what the model file states."""
+        factor, unit = self.wrong.factors[joint], self.joints[joint].force_unit
+        match factor.of:
+            case "inertia":
+                return self._inertia(joint)
+            case "limit":
+                limit = f"{self._times(joint)} the limit of {quantity(factor.stated, unit, 3)} in the model file"
+                return f"its torque reaches {number(factor.fitted, 3)}, {limit}"
+            case of:
+                what = "the masses and inertias" if of == "stated values" else "the rotor"
+                values = f"{number(factor.fitted, 3)} for {quantity(factor.stated, unit, 3)} rms"
+                return f"its torque moves {what} of the model file with {self._times(joint)} what they need, {values}"
+
+    def _times(self, joint: int) -> str:
+        """What was fitted as a multiple or a part of what is stated."""
+        factor = self.wrong.factors[joint]
+        if factor.fitted > factor.stated:
+            return f"{number(factor.fitted / factor.stated, 4)} times"
+        return f"1/{number(factor.stated / factor.fitted, 3)} of"
 
     def _errors(self, joint: int) -> tuple[str, str]:
         """Relative errors as recorded and put right, in percent."""

@@ -55,7 +55,10 @@ def improve(
     invocation = typed.invocation(source, model if write else out)
     result, summary = _improved(source, data[: len(recordings)], data[len(recordings) :], invocation)
     emit(json, summary.document, terminal.printer(loop.sections))
-    if write:
+    if result.found.trail.suspicions:
+        if (write or out) and json != "-":
+            terminal.say("Nothing written.")
+    elif write:
         replace(source.edits, text=result.model_text).write()
     elif out:
         files.replace(out, result.model_text.encode())

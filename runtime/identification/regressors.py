@@ -26,6 +26,12 @@ OF_MASSES = "moment_jacobian"
 NOTHING_GIVEN: Final[Mapping[str, float]] = {}
 
 
+def weight_regressor(model: Model, q: Array) -> Array:
+    """(n, p, N) the regressor of the torque that holds the arm still at q (n, N): gravity's."""
+    still = np.zeros_like(q)
+    return model.regressor(q, still, still)
+
+
 @dataclass
 class Signals(SignalContext):
     """The signals that effects read, along one piece, computed when first asked for.
@@ -287,6 +293,14 @@ class Regressors:
             return p.equations_in_blocks(lambda at: self.model.regressor(p.q[:, at], p.qd[:, at], p.qdd[:, at]), joints)
 
         return self._of_all("rigid", joint, lambda s, joints: rows(s.piece, joints))
+
+    def weights(self, joint: int) -> Array:
+        """(p, M) the part of `rigid` that gravity makes: what holds the arm at rest."""
+
+        def rows(p: Piece, joints: tuple[int, ...]) -> dict[int, Array]:
+            return p.equations_in_blocks(lambda at: weight_regressor(self.model, p.q[:, at]), joints)
+
+        return self._of_all("weights", joint, lambda s, joints: rows(s.piece, joints))
 
     def measured(self, joint: int) -> Array:
         """(M,) the part of the joint's torque (0-based) that measured signals give, whatever the parameters."""

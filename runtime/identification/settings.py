@@ -119,3 +119,42 @@ wrong by factors of 2 to 5; real recordings."""
 DOUBTED_RATIO: Final = 8.0
 """ratio of an inertia to the file's; from it a mistake is mentioned without a verdict, as guesses are wrong by factors
 of 2 to 5; real recordings."""
+
+TOLD_APART: Final = 0.1
+"""part of a stated torque's size; so much of it no open value may imitate before its part in a recorded torque counts:
+less is told by what the model lacks; simulated arms with open inertias."""
+
+FAR_FROM_CHANCE: Final = 3.0
+"""ratio of a part to its spread; from there on a stated torque is in the recorded one, however small the part:
+residuals of a tenth of the torque leave ten; simulated and real recordings of whole arms."""
+
+TAKEN_OUT: Final = 0.25
+"""part of the stated weight; a recorded torque that has less of it had gravity taken out: masses of URDFs are right
+to a third; real recordings of whole arms."""
+
+EXCERPT: Final = 20_000
+"""samples; enough of a motion for mistakes that concern most of the torque; a choice."""
+
+USUAL_RATIOS: Final = (30.0, 200.0)
+"""ratios of motor turns to joint turns; gears of arms whose file states 1, as URDFs do not state them: strain wave
+gears have 30 to 160, and a belt may precede them; catalogues."""
+
+USUAL_CONSTANTS: Final = (1.0, 50.0)
+"""ratios of torque at the joint's output to current, N m/A; of motors that the model file does not know: 0.05 to 0.3 at
+the motor, times the gear; catalogues."""
+
+BEYOND_LIMIT: Final = 5.0
+"""ratio of the largest torque to the limit in the model file; drives give two to three times the continuous torque for
+seconds; catalogues."""
+
+AS_STATED: Final = 1.1
+"""ratio; a factor this near to one that the model file knows is that one, whatever is likelier otherwise: masses of a
+weighed arm; a choice."""
+
+WEIGHTLESS_FALLS_TO: Final = 0.4
+"""part of an error, RMS; to less it must fall without gravity before that is said of an arm of unknown masses: with
+gravity in the torque it rises several times; simulated arms."""
+
+WEIGHTLESS_LEAVES: Final = 0.2
+"""part of a joint's torque; more left without gravity is another mistake, such as gravity along another axis; simulated
+arms on walls."""

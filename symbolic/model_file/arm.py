@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Final, Literal
 
 ROTOR = "rotor_inertia"
 """The model file's key for a rotor's inertia."""
+
+Torque = Literal["motor", "link", "command", "gravity_compensated"]
+"""What the recorded torque of an arm is: the motor's times the gear ratio; measured behind the gear, without the
+motor's inertia; what the controller asked of the drives; without gravity, which the driver took out."""
+WEIGHTLESS: Final = "gravity_compensated"
 
 Vector = tuple[float, float, float]
 
