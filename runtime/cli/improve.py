@@ -55,7 +55,7 @@ def improve(
     invocation = typed.invocation(source, model if write else out)
     result, summary = _improved(source, data[: len(recordings)], data[len(recordings) :], invocation)
     emit(json, summary.document, terminal.printer(loop.sections))
-    if result.found.trail.suspicions:
+    if result.found.searched.suspicions:
         if (write or out) and json != "-":
             terminal.say("Nothing written.")
     elif write:
