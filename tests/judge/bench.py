@@ -45,6 +45,7 @@ class Setting:
     gear_ratio: float = 100.0
     gravity: tuple[float, ...] = (0.0, 0.0)  # m/s^2, in the plant; the model file has it, too, unless it is hidden
     logger: Logger = field(default_factory=Logger)
+    simulator: str = ""  # "mujoco", or the judge's own plant
 
     def __str__(self) -> str:
         parts = [self.excitation, self.noise, f"x{self.coarse:g}"]
@@ -54,6 +55,7 @@ class Setting:
         parts += [f"noise {self.level:g}"] if self.level != LEVEL else []
         parts += [f"N {self.gear_ratio:g}"] if self.gear_ratio != 100.0 else []
         parts += [f"g {','.join(f'{x:g}' for x in self.gravity)}"] if any(self.gravity) else []
+        parts += [self.simulator] if self.simulator else []
         return " ".join([*parts, str(self.logger)]).strip()
 
     @property
@@ -122,6 +124,10 @@ class Bench:
         arm["SUBSTEPS"] = substeps
         return simulate(rows, self.motion, arm, self.forward, pushes, self.warm, self.period)
 
+    def part(self, _what: Hidden) -> Bench:
+        """The bench with as much of the motion as tells an effect's size: all of it."""
+        return self
+
     def recording(self, run: Run) -> Recording:
         temperature = [row if self.setting.temperature else None for row in self.warmth]
         logger, coarse = self.setting.logger, self.setting.coarse
@@ -144,12 +150,16 @@ def bandwidth_of(coarse: float) -> float:
 
 
 def bench(setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool, rows: Rows) -> Bench:
+    """A bench with the judge's own arm; as `built`."""
+    return built(ARMS[setting.joints], setting, wanted, rng, warms, rows)
+
+
+def built(bodies: Bodies, setting: Setting, wanted: Array, rng: np.random.Generator, warms: bool, rows: Rows) -> Bench:
     """A bench for one recording of the motion wanted (3, n, N); rows: the plant's parameters without its controller.
 
     Gains are for the inertia at rest in the middle; in space, where a joint feels a tenth of it in another posture, for
     the least along the motion: with larger ones the controller oscillates there, as none is let.
     """
-    bodies = ARMS[setting.joints]
     n, count = wanted.shape[1:]
     coarse = 1.0 if setting.fine_control else setting.coarse
     bandwidth = bandwidth_of(coarse)

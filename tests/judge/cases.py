@@ -12,7 +12,7 @@ from runtime.recordings.recording import Recording
 
 from . import forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
 from .bench import NOISE, Bench, Setting, bench, specimen
-from .bodies import ARMS, BELIEVED, in_space, model_text
+from .bodies import BELIEVED, Bodies, in_space
 from .hidden import ENTRIES, PAIRS, Entry, Hidden, Rows, Setup
 from .limits import AMOUNTS
 from .plant import PERIOD, RanAwayError
@@ -20,6 +20,7 @@ from .situations import SITUATIONS
 from .size import orthogonal
 from .space import DOWN, HOME
 from .truth import Parameters, true_parameters
+from .world import World, world_of
 
 __all__ = [
     "CLEAN",
@@ -75,6 +76,8 @@ class Made:
     plant: Rows  # with what is hidden in it
     arm: dict[str, float]  # of the plant
     parameters: Parameters | None  # what a fit must find, where the model's own parameters can take all of it
+    bodies: Bodies
+    knows: bool  # whether true values are known of the parameters that a fit finds
 
 
 def _grown(measure: Callable[[float], float], hidden: Hidden, target: float) -> tuple[float, float]:
@@ -111,12 +114,13 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
 
     amounts   of the hidden effects; without them they are grown to the case's size, if it has one
     """
-    setting, bodies = case.setting, ARMS[case.setting.joints]
+    setting, world = case.setting, world_of(case.setting)
+    bodies = world.arms(setting.joints)
     (plant_rng, motion_rng, other_rng), wanted, hidden, joints = _drawn(case)
     believed = next((h.believed for h in hidden if h.believed != BELIEVED), BELIEVED)
     warms = any(h.warms for h in hidden)
-    rows = specimen(bodies, believed, plant_rng)
-    main = bench(setting, wanted, motion_rng, warms, rows)
+    rows = world.specimen(bodies, believed, plant_rng)
+    main = world.bench(setting, wanted, motion_rng, warms, rows)
     found = []
     for k, (what, joint) in enumerate(zip(hidden, joints, strict=True)):
         if amounts is not None:
@@ -125,7 +129,8 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
             found.append(_sized(main, what, joint, case.size, believed) if case.size else (what.amount, 0.0))
     inside_it = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
     elsewhere = _wanted(other_rng, setting)
-    other = bench(setting, elsewhere, other_rng, warms, rows)
+    elsewhere = elsewhere[..., : round(world.held_out * elsewhere.shape[-1])]
+    other = world.bench(setting, elsewhere, other_rng, warms, rows)
     together, apart = main.run(inside_it), other.run(inside_it)
     known = _known_gravity(setting, hidden)
     left = orthogonal(together, bodies, believed, main.background, known, True, setting.band) / main.floor()
@@ -134,7 +139,7 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
     return Made(
         case,
         known,
-        model_text(bodies, believed, known, setting.gear_ratio),
+        world.model_text(setting, case.seed, believed, known),
         main.recording(together),
         held_out,
         tuple(hidden),
@@ -147,7 +152,9 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
         rows,
         plant,
         arm,
-        true_parameters(plant, arm, bodies, believed) if case.kind == "inside" else None,
+        true_parameters(plant, arm, bodies, believed) if case.kind == "inside" and world.knows else None,
+        bodies,
+        world.knows,
     )
 
 
@@ -165,13 +172,14 @@ def places(case: Case) -> tuple[int | None, ...]:
 def _drawn(case: Case) -> tuple[list[np.random.Generator], Array, list[Hidden], list[int]]:
     """What chance decides first: generators for the rest, the wanted motion, the effects and their joints (0-based)."""
     rng = np.random.default_rng([case.seed, case.setting.joints, *map(ord, case.label)])
-    bodies = ARMS[case.setting.joints]
+    world = world_of(case.setting)
+    bodies = world.arms(case.setting.joints)
     *others, shape_rng = rng.spawn(4)
-    joints = [_place(name, len(bodies), shape_rng) for name in case.names]
+    joints = [_place(world.entries[name], len(bodies), shape_rng) for name in case.names]
     wanted = _wanted(others[1], case.setting)
     step = PERIOD * case.setting.logger.every
     setups = [Setup(bodies, joint, wanted, shape_rng, case.setting.gear_ratio, step) for joint in joints]
-    return others, wanted, [ENTRIES[name].draw(s) for name, s in zip(case.names, setups, strict=True)], joints
+    return others, wanted, [world.entries[name].draw(s) for name, s in zip(case.names, setups, strict=True)], joints
 
 
 def _wanted(rng: np.random.Generator, setting: Setting) -> Array:
@@ -186,15 +194,16 @@ def _sized(main: Bench, what: Hidden, joint: int, size: float, believed: Sequenc
 
 
 def _size(main: Bench, what: Hidden, joint: int, amount: float, believed: Sequence[str]) -> float:
-    known, run = _known_gravity(main.setting, [what]), main.run([(what, joint, amount)])
-    left = orthogonal(run, main.bodies, believed, main.background, known, band=main.setting.band)
+    part = main.part(what)
+    known, run = _known_gravity(main.setting, [what]), part.run([(what, joint, amount)])
+    left = orthogonal(run, main.bodies, believed, part.background, known, band=main.setting.band)
     relative = left / main.floor()
     return float(np.max(relative) if what.of_arm else relative[joint])
 
 
-def _place(name: str, n: int, rng: np.random.Generator) -> int:
+def _place(entry: Entry, n: int, rng: np.random.Generator) -> int:
     """The joint (0-based) of a hidden effect."""
-    last = n - 1 if ENTRIES[name].not_last else n
+    last = n - 1 if entry.not_last else n
     return int(rng.integers(0, last))
 
 
@@ -224,49 +233,49 @@ def cases(
     wanted: Sequence[str], joints: Sequence[int], sizes: Sequence[float], seeds: Sequence[int], setting: Setting
 ) -> Iterator[Case]:
     """Cases by class (KINDS) or by name, for arms of these numbers of joints. ValueError for an unknown name."""
+    world = world_of(setting)
     for n in joints:
-        base = replace(setting, joints=n, gravity=DOWN if in_space(ARMS[n]) else setting.gravity)
+        arm = world.arms(n)
+        base = replace(setting, joints=n, gravity=DOWN if in_space(arm) else setting.gravity)
         for word in wanted:
-            names = _named(word, n)
+            names = _named(word, arm, world)
             for seed in seeds:
                 for name in names:
-                    yield from _of(name, base, sizes, seed)
+                    yield from _of(name, base, sizes, seed, world)
 
 
-def _named(word: str, n: int) -> list[str]:
+def _named(word: str, arm: Bodies, world: World) -> list[str]:
+    entries = world.entries
     if word == "clean":
         return list(CLEAN)
     if word == "limits":
-        return [_LIMIT + name for name in AMOUNTS if ENTRIES[name].least_joints <= n]
+        return [_LIMIT + name for name in AMOUNTS if ENTRIES[name].least_joints <= len(arm)]
     if word == "pairs":
-        return [x for x in PAIR_NAMES if all(_fits(ENTRIES[part], n) for part in x.split("+"))]
+        pairs = ["+".join(pair) for pair in world.pairs]
+        return [x for x in pairs if all(entries[part].fits(arm) for part in x.split("+"))]
     if word in KINDS:
-        return [k for k, e in ENTRIES.items() if e.kind == word and e.least_joints <= n and _fits(e, n)]
-    if word in CLEAN or word.removeprefix(_LIMIT) in AMOUNTS or all(part in ENTRIES for part in word.split("+")):
+        return [k for k, e in entries.items() if e.kind == word and e.fits(arm)]
+    if word in CLEAN or word.removeprefix(_LIMIT) in AMOUNTS or all(part in entries for part in word.split("+")):
         return [word]
-    raise ValueError(f"unknown case {word}; expected one of {', '.join((*KINDS, *CLEAN, *ENTRIES))}")
+    raise ValueError(f"unknown case {word}; expected one of {', '.join((*KINDS, *CLEAN, *entries))}")
 
 
-def _fits(entry: Entry, n: int) -> bool:
-    """Whether an arm of n joints can have it: one in space has its gravity always."""
-    return not (in_space(ARMS[n]) and "gravity" in entry.needs)
-
-
-def _of(name: str, base: Setting, sizes: Sequence[float], seed: int) -> Iterator[Case]:
+def _of(name: str, base: Setting, sizes: Sequence[float], seed: int, world: World) -> Iterator[Case]:
     if name in CLEAN:
         setting, expected = CLEAN[name]
         excitation = base.excitation if setting.excitation == "full" else setting.excitation
-        gravity = base.gravity if in_space(ARMS[base.joints]) else setting.gravity
-        setting = replace(setting, joints=base.joints, excitation=excitation, gravity=gravity)
+        gravity = base.gravity if in_space(world.arms(base.joints)) else setting.gravity
+        kept = {"joints": base.joints, "excitation": excitation, "gravity": gravity, "simulator": base.simulator}
+        setting = replace(setting, **kept)
         yield Case(name, "clean", (), setting, 0.0, seed, expected)
         return
     if name.startswith(_LIMIT):
         yield Case(name, "limits", (name.removeprefix(_LIMIT),), base, 0.0, seed)
         return
     parts = tuple(name.split("+"))
-    kind = "pairs" if len(parts) > 1 else ENTRIES[name].kind
+    kind = "pairs" if len(parts) > 1 else world.entries[name].kind
     for part in parts:
-        base = replace(base, **ENTRIES[part].needs)
+        base = replace(base, **world.entries[part].needs)
     if kind == "inside":
         yield Case(name, kind, parts, base, 0.0, seed)
         return

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .bench import Setting
-from .bodies import ARMS, torque
+from .bodies import torque
 from .cases import Made
 from .hidden import Hidden
 from .plant import PERIOD
@@ -128,7 +128,7 @@ def true_lumps(made: Made, regressor: Callable[..., Any]) -> list[float] | None:
     """Base inertial parameters of the true bodies, by a regressor of them; None where a hidden inertia adds to them."""
     if any(row.get("GEAR_INERTIA") for row in made.plant):
         return None
-    bodies = made.parameters.bodies if made.parameters else ARMS[made.case.setting.joints]
+    bodies = made.parameters.bodies if made.parameters else made.bodies
     states = np.random.default_rng(0).uniform(-2.0, 2.0, (3, len(bodies), 40))
     columns = np.moveaxis(regressor(*states), 1, 0).reshape(-1, len(bodies) * 40)
     solved = np.linalg.lstsq(columns.T, torque(bodies, states, made.gravity).ravel(), rcond=None)[0]

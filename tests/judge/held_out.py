@@ -11,7 +11,7 @@ from runtime.diagnosis.steps import errors_elsewhere
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.motion.motion import Motion, prepare
 
-from .bodies import ARMS, torque
+from .bodies import torque
 from .cases import Made
 from .hidden import Rows
 
@@ -34,7 +34,7 @@ def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
 
 def _floor(made: Made, motion: Motion, bare: Motion) -> Array:
     """bare: of the true angles, with a torque that is what disturbs it alone."""
-    bodies, gravity, floor = ARMS[made.case.setting.joints], made.case.setting.gravity, np.zeros(motion.n)
+    bodies, gravity, floor = made.bodies, made.case.setting.gravity, np.zeros(motion.n)
     for view, exactly in zip(motion.views, bare.views, strict=True):
         (piece,), (truth,) = view.pieces, exactly.pieces
         exact, measured = (np.array([p.q, p.qd, p.qdd]) for p in (truth, piece))

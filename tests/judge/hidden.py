@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .bodies import BELIEVED, Bodies, link_inertia
+from .bodies import BELIEVED, Bodies, in_space, link_inertia
 
 Array = NDArray[np.float64]
 Rows = list[dict[str, float]]
@@ -92,6 +92,12 @@ class Entry:
     least_joints: int = 1
     not_last: bool = False
     needs: Mapping[str, Any] = field(default_factory=dict)
+    most_joints: int = 7
+
+    def fits(self, arm: Bodies) -> bool:
+        """Whether an arm can have it: one in space has its gravity always."""
+        able = self.least_joints <= len(arm) <= self.most_joints
+        return able and not (in_space(arm) and "gravity" in self.needs)
 
 
 ENTRIES: dict[str, Entry] = {}

@@ -200,7 +200,7 @@ def _judge(out: Line, made: Made, found: Diagnosis, answer: dict[str, Any], expe
     if out.kind == "unknown" and out.outcome == "wrong" and out.after < scoring.MIMIC * out.floor:
         out.outcome, out.extra = "mimic", 0
     out.parameters = json.dumps([{k: v["value"] for k, v in f["parameters"].items()} for f in findings])
-    if out.exact or (made.parameters is not None and not findings):
+    if made.knows and (out.exact or (made.parameters is not None and not findings)):
         held = _covered(made, found)
         out.covered = coverage.to_text(held)
         if made.parameters is not None:
@@ -217,7 +217,9 @@ def _covered(made: Made, found: Diagnosis) -> list[coverage.Covered]:
 
 def _comparable(made: Made) -> bool:
     """Whether the other tools can be given the recording: at the drives' period, by a model file with the gravity."""
-    return made.case.setting.logger == Logger() and made.gravity == made.case.setting.gravity == (0.0, 0.0)
+    return (
+        made.knows and made.case.setting.logger == Logger() and made.gravity == made.case.setting.gravity == (0.0, 0.0)
+    )
 
 
 def _compare(out: Line, made: Made) -> None:

@@ -8,15 +8,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 PERIOD = 1e-3
-KINDS = ("full", "no_repeat", "no_slow", "slow", "small", "one_cosine", "brief")
+KINDS = ("full", "no_repeat", "no_slow", "slow", "small", "one_cosine", "brief", "fourier")
 """full: slow triangles, cosines of rising speed, a multi-sine three times, a fast part; brief: each of them for a
-quarter of the time. The others lack something."""
+quarter of the time; fourier: a multi-sine four times and nothing else. The others lack something."""
 
 
 def desired(rng: np.random.Generator, n: int, kind: str = "full") -> Array:
     """Angle, rate and acceleration (3, n, N) at 1 kHz; 80 s for one joint and 60 to 80 s for an arm if full."""
     if kind == "one_cosine":
         pieces = [_cosines(rng, n, [rng.uniform(1.0, 2.0)], 30.0)]
+    elif kind == "fourier":
+        pieces = [_multisine(rng, n, 4)]
     elif kind == "slow":
         pieces = [_triangles(rng, n), _triangles(rng, n)]
     elif kind == "brief":

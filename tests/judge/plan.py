@@ -9,7 +9,7 @@ of each.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,9 @@ FIRST_JUDGING_SEED = 5000
 FIRST_SHORT_SEED = 20_000
 """Of the short set. One from 10,000 on was looked at case by case while gates were chosen: it is development's."""
 JOINTS = (1, 2, 4)
-SIZES = {
+Sizes = Mapping[str, Callable[[np.random.Generator], float]]
+Situations = Callable[[Case, np.random.Generator], Setting]
+SIZES: Sizes = {
     "below": lambda rng: rng.uniform(0.03, 0.13),
     "small": lambda rng: rng.uniform(0.3, 0.45),
     "large": lambda rng: 0.5 * 4.0 ** rng.uniform(),
@@ -44,8 +46,7 @@ def judging(
         rng = np.random.default_rng([seed, *map(ord, "judging")])
         groups: dict[tuple[str, int, str], list[Case]] = {}
         for case in cases(kinds, joints, [1.0], [seed], Setting(excitation=excitation)):
-            at = case if case.kind == "clean" else replace(case, setting=_situation(case, rng))
-            for size, sized in _sized(at, rng):
+            for size, sized in _sized(replace(case, setting=_situation(case, rng)), rng, SIZES):
                 groups.setdefault((case.kind, case.setting.joints, size), []).append(sized)
         yield from _mixed(groups.values(), rng)
 
@@ -93,24 +94,32 @@ SHORT = (
 def short() -> Iterator[Case]:
     """The short judging set; its seeds are above those of the whole one."""
     rng = np.random.default_rng([FIRST_SHORT_SEED, *map(ord, "short")])
-    groups, seed = [], FIRST_SHORT_SEED
-    for share in SHORT:
+    yield from drawn(SHORT, FIRST_SHORT_SEED, rng, Setting(), _situation, SIZES)
+
+
+def drawn(
+    shares: Sequence[Share], first: int, rng: np.random.Generator, base: Setting, situation: Situations, sizes: Sizes
+) -> list[Case]:
+    """A set of cases, mixed; their seeds count up from the first."""
+    groups, seed = [], first
+    for share in shares:
         group: list[Case] = []
         names = _cycled(share.names, share.number, rng)
         for name in names:
-            base = Setting(excitation=share.excitation)
-            drawn = [c for c in cases([name], [share.joints], [1.0], [seed], base) if name in (c.label, c.kind)]
-            case = drawn[int(rng.integers(len(drawn)))]
-            at = case if case.kind == "clean" else replace(case, setting=_situation(case, rng))
-            sized = dict(_sized(at, rng))
+            of_share = replace(base, excitation=share.excitation)
+            found = [c for c in cases([name], [share.joints], [1.0], [seed], of_share) if name in (c.label, c.kind)]
+            case = found[int(rng.integers(len(found)))]
+            sized = dict(_sized(replace(case, setting=situation(case, rng)), rng, sizes))
             group.append(sized.get(share.size, sized["large"]))
             seed += 1
         groups.append(group)
-    yield from _mixed(groups, rng)
+    return _mixed(groups, rng)
 
 
 def _situation(case: Case, rng: np.random.Generator) -> Setting:
-    """The case's setting in a situation that is drawn, with what its entries need."""
+    """The case's setting in a situation that is drawn, with what its entries need; a clean case has its own."""
+    if case.kind == "clean":
+        return case.setting
     needs = {k: v for part in case.names for k, v in ENTRIES[part].needs.items()}
     slowest = FASTER if "gear_ratio" in needs else np.inf
     names = [name for name, s in SITUATIONS.items() if name != "plain" and s.logger.every <= slowest]
@@ -121,12 +130,12 @@ def _situation(case: Case, rng: np.random.Generator) -> Setting:
     return replace(SITUATIONS[name], **{**needs, **kept})
 
 
-def _sized(case: Case, rng: np.random.Generator) -> Iterator[tuple[str, Case]]:
+def _sized(case: Case, rng: np.random.Generator, of_single: Sizes) -> Iterator[tuple[str, Case]]:
     """The case at the sizes at which its class is judged, by their names."""
     if case.size == 0.0:
         yield "large", case
         return
-    sizes = SIZES if case.kind == "single" else {"large": SIZES["large"]}
+    sizes = of_single if case.kind == "single" else {"large": SIZES["large"]}
     for name, draw in sizes.items():
         yield name, replace(case, size=round(float(draw(rng)), 3))
 

@@ -4,11 +4,15 @@
     python -m tests.judge.run --judging --others --experiments --csv judged.csv --resume --budget 3600
     python -m tests.judge.run --short --csv short.csv --resume --budget 1500
     python -m tests.judge.run --cases cable_pack --situation low_noise --size 2 --save cases
+    python -m tests.judge.run --simulator mujoco --csv developed.csv --resume
+    python -m tests.judge.run --simulator mujoco --cases gap_tendon --size 2 --joints 6 --first-seed 4012 --every 8
 
 --cases takes classes (clean, limits, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+gravity).
 --situation: how they are recorded (situations.py): uneven stamps, low rates, steps of the torque, an upright arm.
 --judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
 --short runs some 400 of its kind; both mix their classes evenly, so that a part that --budget cuts has some of each.
+--simulator mujoco: MuJoCo moves the arms that ship with Tendon, drive, vishard4, ur10 and panda by --joints 1, 4, 6
+and 7. Alone it runs the set of mujoco_plan.py for development, with --judging the one that is run once.
 Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, the error at
 the joint of the truth (before / after / floor), and the error over the true floor on a recording that was not fitted.
 Then totals by class and by name, the confusion matrix, rates with their 95 % intervals, how many of the reported
@@ -149,6 +153,9 @@ def _arguments() -> argparse.ArgumentParser:
         "--situation", nargs="+", choices=list(SITUATIONS), default=["plain"], help="how recordings are made"
     )
     parser.add_argument("--excitation", choices=judging.motion.KINDS)
+    parser.add_argument("--simulator", choices=["mujoco"], help="instead of the judge's own")
+    parser.add_argument("--every", type=int, help="periods of the drives, 1 ms, a sample")
+    parser.add_argument("--level", type=float, help="N m, of the torque's noise")
     parser.add_argument("--coarse", type=float, help="encoder counts as multiples of 2 pi / 200000")
     parser.add_argument("--noise", choices=list(judging.NOISE))
     parser.add_argument("--jitter", type=float, help="of the period, as a part of it")
@@ -167,9 +174,17 @@ def _arguments() -> argparse.ArgumentParser:
     return parser
 
 
+def _mujoco(purpose: str) -> list[Case]:
+    from .mujoco_plan import mujoco  # needs an extra
+
+    return mujoco(purpose)
+
+
 def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[Case]:
     """The cases that the arguments ask for; the parser's error for impossible ones."""
     try:
+        if given.simulator and (given.judging or not given.cases):
+            return _mujoco("judging" if given.judging else "development")
         if given.judging:
             rounds = 5 if given.seeds is None else given.seeds
             kinds, joints = given.cases or judging.KINDS, given.joints or plan.JOINTS
@@ -179,11 +194,15 @@ def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[C
         seeds = range(given.first_seed, given.first_seed + (given.seeds or 1))
         if seeds.stop > plan.FIRST_JUDGING_SEED:
             parser.error(f"seeds from {plan.FIRST_JUDGING_SEED} on belong to the judging set; use --judging")
-        chosen = {k: getattr(given, k) for k in ("excitation", "coarse", "noise", "jitter")}
+        chosen = {k: getattr(given, k) for k in ("excitation", "coarse", "noise", "jitter", "level", "simulator")}
         own = {k: v for k, v in chosen.items() if v is not None}
+        if given.simulator:
+            own = {"excitation": "fourier", **own}
         todo: list[Case] = []
         for name in given.situation:
             setting = replace(SITUATIONS[name], **own)
+            if given.every:
+                setting = replace(setting, logger=replace(setting.logger, every=given.every))
             todo += judging.cases(given.cases or ["single"], given.joints or [1], given.size, seeds, setting)
         return todo
     except ValueError as error:
@@ -194,6 +213,8 @@ def main() -> None:
     parser = _arguments()
     given = parser.parse_args()
     missing = [name for name in METHODS if importlib.util.find_spec(name) is None]
+    if given.simulator and importlib.util.find_spec(given.simulator) is None:
+        parser.error(f"{given.simulator} not installed; pip install -e '.[mjcf]'")
     if given.others and missing:
         parser.error(f"{' and '.join(missing)} not installed; pip install -e '.[benchmark]'")
     if given.resume and not given.csv:
