@@ -135,7 +135,9 @@ def _(s: Setup) -> Hidden:
 
 @entry("torque_lag", "forms")
 def _(s: Setup) -> Hidden:
-    return Hidden("torque_delay", 1e-3, (5e-5, 2e-2), at(s.joint, LAG=same), rivals=("elasticity",))
+    """Exact, this is the library's own; at frequencies far below 1/LAG it is a delay."""
+    put = at(s.joint, LAG=same)
+    return Hidden("torque_lag", 1e-3, (5e-5, 2e-2), put, accept=("torque_delay",), rivals=("elasticity",))
 
 
 @entry("elasticity_hardening", "forms")

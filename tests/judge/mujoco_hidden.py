@@ -20,6 +20,8 @@ from .space import tip
 
 Draw = Callable[[Setup], Hidden]
 
+SOFTENED = 4.0
+"""Time constant of a soft friction at half impedance, in units of its rate's rise times inertia over level."""
 SHARED = (
     *("coulomb", "viscous", "viscous_cubic", "stribeck", "load_friction", "load_friction_upright", "friction_patch"),
     *("coupled_friction", "coupled_gear", "linear_spring", "cable", "torque_ripple", "torque_scale"),
@@ -57,6 +59,29 @@ def _(s: Setup) -> Hidden:
     inertia = s.bodies[s.joint].rotor + s.link_inertia
     put = at(s.joint, BRISTLE=same, BRISTLE_DAMPING=lambda k: 0.3 * np.sqrt(k * inertia))
     return Hidden("lugre", 3e3, (8.0, 3e5 * inertia), put, power=-1.0, rivals=("spring_hysteresis",))
+
+
+@mechanism("soft_friction", "forms")
+def _(s: Setup) -> Hidden:
+    """MuJoCo's friction as it is when nobody makes it stiff: it rises in proportion to the rate, up to its level."""
+    inertia = s.bodies[s.joint].rotor + s.link_inertia
+    level = float(np.mean(s.bodies[s.joint].dry))
+    put = at(s.joint, SOFT=lambda a: SOFTENED * a * inertia / level)
+    return Hidden("velocity_strengthening", 0.05, (0.02, 0.6), put)
+
+
+@mechanism("drives_late", "single", least_joints=4)
+def _(s: Setup) -> Hidden:
+    """All actuators' own delay, of some steps of the recording; the first half step is what any hold makes."""
+    late = min(float(s.rng.uniform(2.0, 3.5)) * s.step, 0.012)
+    return Hidden("command_delay", late, (late, late), _of_all("DELAY"), of_arm=True, rivals=("command_lag",))
+
+
+@mechanism("drives_filtered", "single", least_joints=4)
+def _(s: Setup) -> Hidden:
+    """All actuators' own first-order filter; at low frequencies it is a delay."""
+    lag = float(s.rng.uniform(0.004, 0.01))
+    return Hidden("command_lag", lag, (lag, lag), _of_all("LAG"), of_arm=True, accept=("command_delay",))
 
 
 @mechanism("pull_tendon", "single")
@@ -180,6 +205,14 @@ def _(s: Setup) -> Hidden:
 @mechanism("inside_mass", "inside")
 def _(s: Setup) -> Hidden:
     return Hidden("", float(s.rng.choice([0.6, 1.5])), (0.0, 2.0), at(s.joint, HEAVIER=same))
+
+
+def _of_all(name: str) -> Callable[[Rows, dict[str, float], float], None]:
+    def put(rows: Rows, _arm: dict[str, float], amount: float) -> None:
+        for row in rows:
+            row[name] = amount
+
+    return put
 
 
 def _of_arm(name: str) -> Callable[[Rows, dict[str, float], float], None]:

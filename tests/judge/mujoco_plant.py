@@ -98,7 +98,7 @@ def _joint(p: Plan, i: int, row: Row) -> None:
     else:
         joint.frictionloss = max(dry[0], 1e-9)
     if value("SOFT"):
-        joint.solref_friction, joint.solimp_friction = [0.02, 1.0], [row["SOFT"]] * 2 + [1e-3, 0.5, 2.0]
+        joint.solref_friction, joint.solimp_friction = [row["SOFT"], 1.0], [0.5, 0.5, *STIFF[1][2:]]
     _drive(p, joint, value)
     if value("RIPPLE"):
         _passive(p, joint, cogging=[row["RIPPLE"], round(value("RIPPLE_ORDER")), value("RIPPLE_PHASE")])
@@ -296,16 +296,18 @@ def _has(model: mujoco.MjModel, joint: str) -> bool:
 def _share(model: mujoco.MjModel, data: mujoco.MjData, p: Plan, rows: Sequence[Row], dof: Index) -> Callable[[], Array]:
     """What tells how much of its level each joint's dry friction has, from -1 to 1; of a bristle, by its torque."""
     bristles = [(i, model.actuator(f"{j.name}_passive").id) for i, j in enumerate(p.joints) if rows[i].get("BRISTLE")]
+    gentle = [i for i, row in enumerate(rows) if row.get("BRISTLE") or row.get("SOFT")]
     rubbing = np.flatnonzero(model.dof_frictionloss[dof] > 0.0)
     place = (np.cumsum(model.dof_frictionloss > 0.0) - 1)[dof[rubbing]]
     out = np.zeros(len(dof))
 
     def share() -> Array:
         out[rubbing] = -data.efc_force[data.ne + place] / model.dof_frictionloss[dof[rubbing]]
-        for i, actuator in bristles:  # above STILL all of it is dry friction to those who know of no bristle
+        for i, actuator in bristles:
+            out[i] = -data.actuator_force[actuator] / rows[i]["DRY_POSITIVE"]
+        for i in gentle:  # above STILL it is whole to those who believe in dry friction
             v = data.qvel[dof[i]]
-            bent = -data.actuator_force[actuator] / rows[i]["DRY_POSITIVE"]
-            out[i] = np.sign(v) if abs(v) > STILL else min(max(bent, -1.0), 1.0)
+            out[i] = np.sign(v) if abs(v) > STILL else min(max(out[i], -1.0), 1.0)
         return out
 
     return share

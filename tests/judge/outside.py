@@ -38,7 +38,7 @@ def _(s: Setup) -> Hidden:
     noise = s.rng.standard_normal(s.motion.shape[-1])
     wander = signal.lfilter([1.0], [1.0, -np.exp(-1e-3 / 0.6)], noise)
     wander /= wander.std()
-    return Hidden("", 0.1, (1e-3, 5.0), push=lambda _t, a: a * wander)
+    return Hidden("", 0.1, (1e-3, 5.0), push=lambda t, a: a * wander[: len(t)])
 
 
 @entry("drag_at_angle", "unknown")
