@@ -107,7 +107,7 @@ def _(s: Setup) -> Hidden:
 def _(s: Setup) -> Hidden:
     """A joint's limit, by the acceleration per angle, 1/s^2, with which it returns whatever inertia is there."""
     place, side = _place_of_stop(s)
-    return Hidden("end_stop", 30.0, (0.1, 1e5), at(s.joint, RANGE=same, RANGE_AT=place, RANGE_SIDE=side))
+    return Hidden("end_stop", 1e3, (1.0, 1e5), at(s.joint, RANGE=same, RANGE_AT=place, RANGE_SIDE=side))
 
 
 @mechanism("gap_tendon", "single")
@@ -171,7 +171,7 @@ def _(s: Setup) -> Hidden:
     def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
         arm.update(WALL=amount, **where, **_at_tip(s))
 
-    return Hidden("", 30.0, (1.0, 1e5), put, of_arm=True)
+    return Hidden("", 1e3, (1.0, 1e5), put, of_arm=True)
 
 
 @mechanism("link_bends", "unknown", least_joints=6)
