@@ -49,6 +49,7 @@ class Progress:
 Listener = Callable[[Progress], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 _cores: ContextVar[int | None] = ContextVar("cores", default=None)
+_until: ContextVar[float] = ContextVar("until", default=float("inf"))
 
 
 @contextmanager
@@ -68,6 +69,16 @@ def heard_by(listener: Listener) -> AbstractContextManager[None]:
 def on_cores(count: int) -> AbstractContextManager[None]:
     """Within, work uses this number of cores."""
     return _with(_cores, count)
+
+
+def within(seconds: float) -> AbstractContextManager[None]:
+    """Within, work is late once so many seconds have passed, or those of a budget around this one."""
+    return _with(_until, min(_until.get(), time.monotonic() + seconds))
+
+
+def is_late() -> bool:
+    """Whether the time that work was given has passed; in a forked process, too."""
+    return time.monotonic() > _until.get()
 
 
 def cores() -> int:

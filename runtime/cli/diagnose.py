@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from runtime.cli.inputs import TypedInputs
 from runtime.cli.options import (
     AllowGaps,
+    Budget,
     EffectsFile,
     Json,
     Map,
@@ -21,6 +22,7 @@ from runtime.cli.options import (
 )
 from runtime.cli.output import NO, emit, write_page
 from runtime.cli.places import WRITTEN
+from runtime.diagnosis.settings import BUDGET_S
 from runtime.documents.diagnosis import DraftEntry
 from runtime.workspace.names import UsageError
 
@@ -45,6 +47,7 @@ def diagnose(
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
+    budget: Budget = BUDGET_S,
     json: Json = None,
 ) -> None:
     """Find the physical effects that the model lacks. Exit status 1 if the verdict is "unexplained" or "refused"."""
@@ -60,7 +63,7 @@ def diagnose(
     from runtime.diagnosis.stages import diagnose as diagnosed
 
     with terminal.working("looking for missing effects"):
-        result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses)
+        result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses, budget=budget)
     from runtime.report.summary import ResultSummary
 
     invocation = typed.invocation(source)

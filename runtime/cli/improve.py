@@ -10,9 +10,10 @@ import typer
 
 from runtime import files
 from runtime.cli.inputs import TypedInputs, check_own
-from runtime.cli.options import AllowGaps, EffectsFile, HeldOut, Json, Map, ModelFile, Recordings, Report
+from runtime.cli.options import AllowGaps, Budget, EffectsFile, HeldOut, Json, Map, ModelFile, Recordings, Report
 from runtime.cli.output import NO, emit, write_page
 from runtime.cli.places import FILLED, WRITTEN
+from runtime.diagnosis.settings import BUDGET_S
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
@@ -37,6 +38,7 @@ def improve(
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
+    budget: Budget = BUDGET_S,
     json: Json = None,
 ) -> None:
     """Add missing effects until none improves the model. Fits, diagnoses, adds and fits again; nothing is written
@@ -53,7 +55,8 @@ def improve(
     typed = TypedInputs(model, recordings, held_out or (), effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, _ = typed.read()
     invocation = typed.invocation(source, model if write else out)
-    result, summary = _improved(source, data[: len(recordings)], data[len(recordings) :], invocation)
+    fitted, kept = data[: len(recordings)], data[len(recordings) :]
+    result, summary = _improved(source, fitted, kept, invocation, budget)
     emit(json, summary.document, terminal.printer(loop.sections))
     if result.found.searched.suspicions:
         if (write or out) and json != "-":
@@ -84,14 +87,14 @@ def demo(
     source = Source(out / "drive.toml", Source.shipped("drive").text)
     data = source.recordings(paths)
     invocation = TypedInputs(Path("drive"), paths[:1], paths[1:]).invocation(source, source.path)
-    result, summary = _improved(source, data[:1], data[1:], invocation)
+    result, summary = _improved(source, data[:1], data[1:], invocation, BUDGET_S)
     files.replace(source.path, result.model_text.encode())
     emit(json, summary.document, terminal.printer(loop.sections))
     write_page(out, summary, json)
 
 
 def _improved(
-    source: Source, fitted: list[Recording], held_out: list[Recording], invocation: Invocation
+    source: Source, fitted: list[Recording], held_out: list[Recording], invocation: Invocation, budget: float
 ) -> tuple[Improvement, ResultSummary]:
     from runtime.loop.improve import floors
     from runtime.loop.improve import improve as improved
@@ -99,5 +102,5 @@ def _improved(
     from runtime.report.summary import ResultSummary
 
     with terminal.working("fitting and looking for missing effects") as say:
-        result = improved(source, fitted, held_out, say)
+        result = improved(source, fitted, held_out, say, budget)
         return result, ResultSummary(result, invocation, floors(result.steps[-1].fit, held_out))

@@ -42,6 +42,10 @@ HeldOut = Annotated[
     ),
     READ,
 ]
+Budget = Annotated[
+    float,
+    typer.Option("--budget", metavar="SECONDS", help="Time that it may take; what is left out is said.", min=0.0),
+]
 Json = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE", help="Write all results as JSON; - for standard output."),

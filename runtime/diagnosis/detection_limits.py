@@ -26,7 +26,7 @@ from runtime.documents.diagnosis import LimitEntry
 from runtime.identification import grids
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term, Values, joints_of, unit_of
-from runtime.progress import of_each
+from runtime.progress import is_late, of_each
 from runtime.regression.system import Block, Columns
 
 Array = NDArray[np.float64]
@@ -63,15 +63,17 @@ class Limit:
         )
 
 
-def of(base: FittedBase, floors: Sequence[float], joints: Sequence[int]) -> list[Limit]:
-    """Limits of every candidate that acts first on one of these joints (0-based), where the recordings have any.
+def of(base: FittedBase, floors: Sequence[float], joints: Sequence[int]) -> tuple[list[Limit], int]:
+    """Limits of every candidate that acts first on one of these joints (0-based), where the recordings have any, and
+    the number of candidates for which no time was left.
 
     floors   (n,) every joint's noise floor
     """
     beside = Whitened(base, base.excerpt[1], floors, None)
     own = [term for term in base.terms() if joints_of(base.model, term)[0] in joints]
-    found = of_each("detection limits", lambda term: _limit(beside, term), own)
-    return [limit for limit in found if limit is not None and np.isfinite(limit.value)]
+    found = of_each("detection limits", lambda term: (is_late(), None if is_late() else _limit(beside, term)), own)
+    limits = [limit for _, limit in found if limit is not None and np.isfinite(limit.value)]
+    return limits, sum(late for late, _ in found)
 
 
 def _limit(beside: Whitened, term: Term) -> Limit | None:

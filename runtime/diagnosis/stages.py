@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 
 from runtime.diagnosis import detection_limits
 from runtime.diagnosis.acceptance import bristles
@@ -30,7 +31,7 @@ from runtime.diagnosis.search import (
     without_insignificant,
     without_replaced,
 )
-from runtime.diagnosis.settings import LEAST_MOVING_S, MOST_FINDINGS
+from runtime.diagnosis.settings import LEAST_MOVING_S, LIMITS_PART, MOST_FINDINGS, SEARCH_PART
 from runtime.diagnosis.steps import Step, Trail, seconds_moving
 from runtime.diagnosis.verdict import Diagnosis, decide
 from runtime.fit_warnings import suspicions
@@ -38,13 +39,18 @@ from runtime.identification.identify import prepared, refuse_copies, without_tip
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.motion import Motion, prepare
+from runtime.progress import is_late, within
 from runtime.recordings.recording import Recording, RecordingError
 
 OnStep = Callable[[Step], None]
 
 
 def diagnose(
-    model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = (), wider: Wider | None = None
+    model: Model,
+    recordings: Sequence[Recording],
+    held_out: Sequence[Recording] = (),
+    wider: Wider | None = None,
+    budget: float = inf,
 ) -> Diagnosis:
     """Fit the model file's structure, then name what is missing, or say why nothing can be named.
 
@@ -52,11 +58,12 @@ def diagnose(
     held_out     that are judged in the same band and never fitted
     wider        opens the same arm with guesses in its library; asked where findings leave something: a guess that
                  explains far more says that physics is missing which the library lacks
+    budget       s, that all of it may take
 
     Returns the verdict with every step that led to it. Raises RecordingError where the recordings do not fit the arm,
     or each other.
     """
-    return conclude(complete(begin(model, recordings, held_out)), wider)
+    return conclude(complete(begin(model, recordings, held_out), budget=budget), wider, budget)
 
 
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Trail:
@@ -68,13 +75,17 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
     return replace(trail, suspicions=suspicions(trail.last.fit))
 
 
-def complete(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
+def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: float = inf) -> Trail:
     """The trail at its end: the best of those that follow the first finding with rivals, or one of these; without what
-    is not significant beside the rest. on_step is called with each step of the first way."""
-    trail = follow(trail, on_step)
-    number, others = branches(trail)
-    if others:
-        trail = best_branch([trail, *map(follow, others)], number)
+    is not significant beside the rest. on_step is called with each step of the first way, which is all that is
+    followed once that part of `budget`, s, is spent."""
+    with within(SEARCH_PART * budget):
+        trail = follow(trail, on_step)
+        number, others = branches(trail) if not is_late() else (0, [])
+        if others:
+            ends = [trail, *map(follow, others)]
+            trail = replace(best_branch(ends, number), stopped=any(end.stopped for end in ends))
+        trail = replace(trail, stopped=trail.stopped or is_late())
     trail = without_insignificant(trail)
     return with_rivals(trail, {f: _unrefuted(f) for f in trail.findings})
 
@@ -82,6 +93,8 @@ def complete(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
 def follow(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
     """The trail lengthened as long as a step improves it."""
     while is_open(trail):
+        if is_late():
+            return replace(trail, stopped=True)
         longer = advanced(trail)
         if longer.last is trail.last:
             return longer
@@ -98,7 +111,7 @@ def advanced(trail: Trail) -> Trail:
     if witnessed.last is not trail.last:
         return witnessed
     single = best_single(trail)
-    pair = best_pair(trail, single)
+    pair = None if is_late() else best_pair(trail, single)
     if pair is not None:
         return without_replaced(trail.to(pair))
     if single is None:
@@ -112,13 +125,14 @@ def advanced(trail: Trail) -> Trail:
     return trail
 
 
-def conclude(trail: Trail, wider: Wider | None = None) -> Diagnosis:
-    """Decide, and say how large each effect would have had to be; wider as for `diagnose`."""
-    found = decide(trail, wider)
-    if trail.suspicions:
-        return found
-    able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
-    return found.within(detection_limits.of(found.last.base, found.last.floors, able))
+def conclude(trail: Trail, wider: Wider | None = None, budget: float = inf) -> Diagnosis:
+    """Decide, and say how large each effect would have had to be; wider and budget as for `diagnose`."""
+    with within(LIMITS_PART * budget):
+        found = decide(trail, wider)
+        if trail.suspicions:
+            return found
+        able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
+        return found.within(*detection_limits.of(found.last.base, found.last.floors, able))
 
 
 def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:

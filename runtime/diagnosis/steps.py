@@ -168,6 +168,7 @@ class Trail:
     suspicions   what must be put right in the data before anything is sought
     last         the last step                              ranking     the last comparison of candidates
     taken_back   terms that were added once and are not added again: they would come and go for ever
+    stopped      whether time ended the search, not the candidates
     """
 
     model: Model
@@ -178,6 +179,7 @@ class Trail:
     last: Step
     ranking: Ranking = NOT_RANKED
     taken_back: frozenset[Term] = field(default_factory=frozenset)
+    stopped: bool = False
 
     @classmethod
     def begun(cls, model: Model, motion: Motion, held_out: Motion | None, names: Sequence[str]) -> Trail:

@@ -92,6 +92,7 @@ class Diagnosis:
     searched    the trail with what was withdrawn        elsewhere  joints' series on held-out recordings, if any
     ranking     the last comparison of candidates, with what was withheld
     recordings  the parameters of each recording alone   seen   how large each effect would have had to be
+    unseen      number of effects for which there was no time to ask that
     """
 
     joints: tuple[JointVerdict, ...]
@@ -101,6 +102,7 @@ class Diagnosis:
     recordings: credibility.Tables
     elsewhere: tuple[JointSeries, ...] = ()
     seen: tuple[detection_limits.Limit, ...] = ()
+    unseen: int = 0
 
     @property
     def decisive(self) -> JointVerdict:
@@ -136,11 +138,11 @@ class Diagnosis:
     def model(self) -> Model:
         return self.found.model
 
-    def within(self, seen: Sequence[detection_limits.Limit]) -> Diagnosis:
+    def within(self, seen: Sequence[detection_limits.Limit], unseen: int = 0) -> Diagnosis:
         """The same with detection limits; no joint is clean where most effects could be as large as its torque."""
         blind = {v.joint for v in self.joints if v.why == "noise" and _is_blind(self.last, v.joint, seen)}
         joints = tuple(replace(v, why="blind") if v.joint in blind else v for v in self.joints)
-        return replace(self, joints=joints, seen=tuple(seen))
+        return replace(self, joints=joints, seen=tuple(seen), unseen=unseen)
 
 
 def decide(trail: Trail, wider: Wider | None = None) -> Diagnosis:

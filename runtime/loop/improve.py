@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Protocol, Self
 
 import numpy as np
@@ -85,17 +86,18 @@ def improve(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     on_step: Callable[[str], None] | None = None,
+    budget: float = inf,
 ) -> Improvement:
     """Fit, diagnose and add effects until no candidate passes the gates; nothing is written.
 
     held_out   recordings that are never fitted; an effect that raises the error on them is not added
-    on_step    gets a line about each step
+    on_step    gets a line about each step      budget  s, that all of it may take
     """
     tell = on_step or (lambda _: None)
     trail = begin(source.compiled.model(), recordings, held_out)
     tell(_progress(trail.last))
-    trail = complete(trail, lambda step: tell(_progress(step)))
-    found = conclude(trail, source.compiled.model_with_guesses)
+    trail = complete(trail, lambda step: tell(_progress(step)), budget)
+    found = conclude(trail, source.compiled.model_with_guesses, budget)
     last, edits = found.last, source.edits
     for finding in found.findings:
         edits = edits.add(finding.term.name, finding.term.joint, last.values[finding.term])
@@ -107,7 +109,7 @@ def improve(
             apart = ", ".join(sorted(map(str, fitted ^ written)))
             raise RuntimeError(f"the edited model file and the fitted model differ in {apart}")
         alone = replace(last, chosen=None, before=None)
-        left = conclude(replace(trail, model=model, last=alone))
+        left = conclude(replace(trail, model=model, last=alone), budget=budget)
     if found.verdict != "refused":
         edits = edits.set(fit_document(last.fit))
     return Improvement(edits.text, found, left)

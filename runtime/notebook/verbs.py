@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis import stages
 from runtime.diagnosis.credibility import judged
+from runtime.diagnosis.settings import BUDGET_S
 from runtime.identification import compare as comparison
 from runtime.identification import identify as identification
 from runtime.loop import improve as loop
@@ -59,17 +60,21 @@ def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
     return ComparisonResult(result, ResultSummary(result, _invocation(arm, data)))
 
 
-def diagnose(arm: LoadedArm, recordings: Recordings) -> DiagnosisResult:
-    """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"."""
+def diagnose(arm: LoadedArm, recordings: Recordings, budget: float = BUDGET_S) -> DiagnosisResult:
+    """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"; budget: s,
+    that it may take."""
     data = arm.recordings(recordings)
-    result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses)
+    result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses, budget=budget)
     return DiagnosisResult(result, ResultSummary(result, _invocation(arm, data)))
 
 
-def improve(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -> ImprovementResult:
-    """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one."""
+def improve(
+    arm: LoadedArm, recordings: Recordings, held_out: Recordings = (), budget: float = BUDGET_S
+) -> ImprovementResult:
+    """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one;
+    budget: s, that it may take."""
     fitted, held = arm.recordings(recordings), arm.recordings(held_out)
-    result = loop.improve(arm.source, fitted, held)
+    result = loop.improve(arm.source, fitted, held, budget=budget)
     floors = loop.floors(result.steps[-1].fit, held)
     summary = ResultSummary(result, _invocation(arm, fitted, held), floors)
     return ImprovementResult(result, summary, arm.with_text(result.model_text))

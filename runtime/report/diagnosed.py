@@ -94,7 +94,7 @@ def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
         would_have_seen=[limit.document() for limit in diagnosis.seen],
         recordings=diagnosis.recordings.recording_entries(),
         inconsistent=diagnosis.recordings.contradiction_entries(),
-        warnings=warnings(last),
+        warnings=[*warnings(last), *reasons.untried(diagnosis)],
     )
 
 

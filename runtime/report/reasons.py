@@ -283,6 +283,19 @@ def _missed(diagnosis: Diagnosis, joints: Sequence[int]) -> str:
     return ", ".join(percent(diagnosis.last.joints[i].relative, 1) for i in joints)
 
 
+def untried(diagnosis: Diagnosis) -> list[str]:
+    """What was left out for want of time."""
+    found = []
+    if diagnosis.searched.stopped:
+        found.append(
+            "time ended the search before all was tried, so that more may be missing; --budget gives it more seconds"
+        )
+    if diagnosis.unseen:
+        every = len(diagnosis.seen) + diagnosis.unseen
+        found.append(f"of {every} detection limits {diagnosis.unseen} were left out for want of time")
+    return found
+
+
 def joints_said(numbers: Sequence[int]) -> str:
     """Joints by number, neighbours together: "joints 1, 4 to 6"."""
     runs: list[list[int]] = []

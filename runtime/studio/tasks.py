@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from runtime.diagnosis.settings import BUDGET_S
 from runtime.diagnosis.stages import begin as begun
 from runtime.diagnosis.stages import complete, conclude
 from runtime.diagnosis.steps import Step, Trail
@@ -287,9 +288,9 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
         model = "as in the file" if found.added is None else f"with {found.added}"
         report.line(f"{model}: error {', '.join(percent(r) for r in found.fitted.relative)}")
 
-    trail = complete(trail, reached)
+    trail = complete(trail, reached, BUDGET_S)
     report.part(LIMITS)
-    result = conclude(trail, loaded.source.compiled.model_with_guesses)
+    result = conclude(trail, loaded.source.compiled.model_with_guesses, BUDGET_S)
     report.part(DRAWING)
     first, last = result.steps[0], result.last
     ends = [first] if first is last else [first, last]

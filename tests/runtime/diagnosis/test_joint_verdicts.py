@@ -123,6 +123,19 @@ def test_white_is_not_noise_far_above_the_floor() -> None:
     assert diagnosis.verdict != "clean"
 
 
+def test_what_there_was_no_time_for_is_said() -> None:
+    run = stribeck(kept(wrist.record, bank.NONE, 7), 1)
+    none = diagnose(bank.model("wrist"), [run], budget=0.0)
+    assert (none.findings, none.searched.stopped) == ((), True)
+    assert none.unseen > len(none.seen)
+    said = " ".join(diagnosed.document(none).warnings)
+    assert "time ended the search" in said
+    assert f"of {none.unseen + len(none.seen)} detection limits {none.unseen} were left out" in said
+    every = found("", "stribeck")
+    assert (every.searched.stopped, every.unseen) == (False, 0)
+    assert "time" not in " ".join(diagnosed.document(every).warnings)
+
+
 @pytest.mark.parametrize(
     ("numbers", "said"),
     [([2], "joint 2"), ([1, 2], "joints 1, 2"), ([1, 4, 5, 6], "joints 1, 4 to 6")],
