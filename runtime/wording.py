@@ -52,10 +52,17 @@ def numbered(joint: int, name: str | None) -> str:
 
 
 def joints_said(joints: Sequence[int], count: int | None = None) -> str:
-    """Joints by their numbers (from 1); "all joints" if there are `count` of them."""
+    """Joints by their numbers (from 1), "1, 4 to 6"; "all joints" if there are `count` of them."""
     if count is not None and 1 < len(joints) == count:
         return "all joints"
-    return f"joint{'' if len(joints) == 1 else 's'} {', '.join(map(str, joints))}"
+    runs: list[list[int]] = []
+    for k in joints:
+        if runs and runs[-1][-1] == k - 1:
+            runs[-1].append(k)
+        else:
+            runs.append([k])
+    said = ", ".join(f"{r[0]} to {r[-1]}" if len(r) > 2 else ", ".join(map(str, r)) for r in runs)
+    return f"joint{'' if len(joints) == 1 else 's'} {said}"
 
 
 def fixed(value: float, digits: int = 3) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from runtime.diagnosis import credibility, detection_limits
+from runtime.diagnosis.acceptance import error_falls
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
@@ -29,6 +30,7 @@ from runtime.diagnosis.steps import (
 from runtime.identification.compare import JointSeries
 from runtime.identification.identify import unsound
 from runtime.model.loader import Model
+from runtime.model.terms import joints_of
 
 Verdict = Literal["effect", "clean", "unexplained", "refused"]
 Why = Literal[
@@ -69,12 +71,14 @@ VERDICTS: Final[Mapping[Why, Verdict]] = {
 class JointVerdict:
     """What is said of a joint (0-based), and what decided.
 
+    named      findings by which its error falls
     withdrawn  findings that showed there and are not named      draft  a guess that explains far more than these
     undecided  what a second recording would decide
     """
 
     joint: int
     why: Why
+    named: tuple[Step, ...] = ()
     withdrawn: tuple[Step, ...] = ()
     draft: Draft | None = None
     undecided: Candidate | None = None
@@ -202,15 +206,15 @@ def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | 
     first, last = trail.first, trail.last
     here = tuple(f for f in trail.findings if f.joint_index == joint)
     if joint in unsound(last.fit):
-        return JointVerdict(joint, "unsound fit", here)
+        return JointVerdict(joint, "unsound fit", withdrawn=here)
     if not any(f.candidate.twist is None for f in here):
         return None  # an encoder on either side shows it, whatever the torque says
     if credibility.tangled(first.fit, joint):
-        return JointVerdict(joint, "excitation", here)
+        return JointVerdict(joint, "excitation", withdrawn=here)
     if physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED:
-        return JointVerdict(joint, "comes nearest", here)
+        return JointVerdict(joint, "comes nearest", withdrawn=here)
     draft = None if wider is None else _outdone(trail, here, joint, wider)
-    return None if draft is None else JointVerdict(joint, "outdone", here, draft)
+    return None if draft is None else JointVerdict(joint, "outdone", withdrawn=here, draft=draft)
 
 
 def _outdone(trail: Trail, here: Sequence[Step], joint: int, wider: Wider) -> Draft | None:
@@ -237,16 +241,23 @@ def explained(first: Step, last: Step, joint: int) -> float:
 
 def _judged(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -> JointVerdict:
     """What is said of a joint (0-based) beside all that is named; elsewhere: its series on held-out recordings."""
-    why = _why(trail, joint, elsewhere)
+    named = tuple(f for f in trail.findings if _shows_at(f, joint))
+    if named and seconds_moving(trail.motion, joint) >= LEAST_MOVING_S:
+        return JointVerdict(joint, "found", named)
+    why = _why_not_named(trail, joint, elsewhere)
     return JointVerdict(joint, why, undecided=undecided(trail, joint) if why == "nothing explains" else None)
 
 
-def _why(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -> Why:
+def _shows_at(finding: Step, joint: int) -> bool:
+    """Whether a joint's error (0-based) falls by a finding: its own, or one that acts on further joints."""
+    acts = joint in joints_of(finding.fit.model, finding.term)
+    return finding.joint_index == joint or (acts and error_falls(finding.previous, finding, joint))
+
+
+def _why_not_named(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -> Why:
     last = trail.last
     if seconds_moving(trail.motion, joint) < LEAST_MOVING_S:
         return "standstill"
-    if any(f.joint_index == joint for f in trail.findings):
-        return "found"
     if joint in unsound(last.fit):
         return "unsound fit"
     if credibility.tangled(trail.first.fit, joint) or credibility.inseparable_inertia(trail.first.fit):

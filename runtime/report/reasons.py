@@ -28,7 +28,7 @@ from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.report import mounting
-from runtime.wording import numbered, per_turn, percent, quantity, told_apart, whole_apart
+from runtime.wording import joints_said, numbered, per_turn, percent, quantity, told_apart, whole_apart
 
 _MOVE_MORE = "move over more speeds, accelerations and positions"
 
@@ -296,18 +296,6 @@ def untried(diagnosis: Diagnosis) -> list[str]:
     return found
 
 
-def joints_said(numbers: Sequence[int]) -> str:
-    """Joints by number, neighbours together: "joints 1, 4 to 6"."""
-    runs: list[list[int]] = []
-    for k in numbers:
-        if runs and runs[-1][-1] == k - 1:
-            runs[-1].append(k)
-        else:
-            runs.append([k])
-    parts = [f"{r[0]} to {r[-1]}" if len(r) > 2 else ", ".join(map(str, r)) for r in runs]
-    return f"joint{'s' if len(numbers) > 1 else ''} {', '.join(parts)}"
-
-
 def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
     """Why this is said of a joint."""
     i, first, last = said.joint, diagnosis.found.first, diagnosis.last
@@ -328,8 +316,7 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
         case "outdone":
             return _outdone(said)
         case "found":
-            named = (_sentence(f, last) for f in diagnosis.findings if f.joint_index == i)
-            return f"the model lacks {'; '.join(named)}"
+            return f"the model lacks {'; '.join(_sentence(f, last) for f in said.named)}"
         case "nothing explains":
             found = remainder(last, i)
             rest = "" if found is None else left_over(found)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,9 @@ from runtime.diagnosis.verdict import Diagnosis
 from runtime.recordings.recording import Recording
 from runtime.report import diagnosed
 from runtime.report.reasons import reason
-from tests import bank, wrist
+from runtime.wording import joints_said
+from runtime.workspace.source import Source
+from tests import bank, spatial_wrist, wrist
 from tests.kept import kept
 
 Array = NDArray[np.float64]
@@ -141,6 +144,15 @@ def test_what_there_was_no_time_for_is_said() -> None:
     [([2], "joint 2"), ([1, 2], "joints 1, 2"), ([1, 4, 5, 6], "joints 1, 4 to 6")],
 )
 def test_joints_are_said_together(numbers: list[int], said: str) -> None:
-    from runtime.report.reasons import joints_said
-
     assert joints_said(numbers) == said
+
+
+def test_an_arm_on_a_wall_is_not_refused_for_the_fit_before_gravity_was_found(tmp_path: Path) -> None:
+    """The file has gravity along another axis, so that its first fit misses most of the torque."""
+    text = spatial_wrist.MODEL.replace("gravity = [0.0, 0.0, -9.81]", "gravity = [-9.81, 0.0, 0.0]")
+    path = tmp_path / "wall.toml"
+    path.write_text(text)
+    diagnosis = diagnose(Source.read(path, None).compiled.model(), [kept(spatial_wrist.record, bank.NONE, 4, 9.0)])
+    assert ([f.term.effect for f in diagnosis.findings], diagnosis.verdict) == (["gravity"], "effect")
+    assert [v.verdict for v in diagnosis.joints][1:3] == ["effect", "effect"]
+    assert "the base is mounted on a wall" in reason(diagnosis)
