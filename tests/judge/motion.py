@@ -18,7 +18,7 @@ def desired(rng: np.random.Generator, n: int, kind: str = "full") -> Array:
     if kind == "one_cosine":
         pieces = [_cosines(rng, n, [rng.uniform(1.0, 2.0)], 30.0)]
     elif kind == "fourier":
-        pieces = [_multisine(rng, n, 4)]
+        pieces = [_multisine(rng, n, 4, fade=2000)]
     elif kind == "slow":
         pieces = [_triangles(rng, n), _triangles(rng, n)]
     elif kind == "brief":
@@ -92,8 +92,11 @@ def _cosines(rng: np.random.Generator, n: int, speeds: list[float], seconds: flo
     return out
 
 
-def _multisine(rng: np.random.Generator, n: int, repeats: int, seconds: float = 10.0) -> Array:
-    """A random sum of harmonics of 1/seconds up to 2.5 Hz; the same `repeats` times, or as long without repeating."""
+def _multisine(rng: np.random.Generator, n: int, repeats: int, seconds: float = 10.0, fade: int = 500) -> Array:
+    """A random sum of harmonics of 1/seconds up to 2.5 Hz; the same `repeats` times, or as long without repeating.
+
+    fade   periods in which it begins and ends
+    """
     rows = []
     for _ in range(n):
         count = round(seconds / PERIOD) * (1 if repeats > 1 else 3)
@@ -108,7 +111,8 @@ def _multisine(rng: np.random.Generator, n: int, repeats: int, seconds: float = 
         wave *= min(0.95 / np.abs(wave).max(), 3.8 / rate)
         rows.append(np.tile(wave, repeats) if repeats > 1 else wave)
     out = np.array(rows)
-    lead, tail = out[:, -500:] * _window(1000)[:500], out[:, :500] * _window(1000)[500:]
+    ramps = _window(2 * fade, fade)
+    lead, tail = out[:, -fade:] * ramps[:fade], out[:, :fade] * ramps[fade:]
     return np.concatenate([lead, out, tail], axis=1)
 
 
