@@ -20,8 +20,6 @@ from .space import tip
 
 Draw = Callable[[Setup], Hidden]
 
-SOFTENED = 4.0
-"""Time constant of a soft friction at half impedance, in units of its rate's rise times inertia over level."""
 SHARED = (
     *("coulomb", "viscous", "viscous_cubic", "stribeck", "load_friction", "load_friction_upright", "friction_patch"),
     *("coupled_friction", "coupled_gear", "linear_spring", "cable", "torque_ripple", "torque_scale"),
@@ -66,10 +64,10 @@ def _(s: Setup) -> Hidden:
 
 @mechanism("soft_friction", "forms")
 def _(s: Setup) -> Hidden:
-    """MuJoCo's friction as it is when nobody makes it stiff: it rises in proportion to the rate, up to its level."""
+    """MuJoCo's friction where nobody makes it stiff: it rises in proportion to the rate, up to its level."""
     inertia = s.bodies[s.joint].rotor + s.link_inertia
     level = float(np.mean(s.bodies[s.joint].dry))
-    put = at(s.joint, SOFT=lambda a: SOFTENED * a * inertia / level)
+    put = at(s.joint, SOFT=lambda a: 2.0 * a * inertia / level)
     return Hidden("velocity_strengthening", 0.05, (0.02, 0.6), put)
 
 

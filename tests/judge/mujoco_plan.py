@@ -16,8 +16,8 @@ FIRST = {"development": 4000, "judging": 30_000}
 """Seeds."""
 RATES = (1, 2, 4, 8)
 """Periods of the drives a step: 1000 to 125 Hz."""
-LEVELS = (0.2, 0.06)
-"""N m, of the torque's noise."""
+LEVELS = (0.2, 0.1)
+"""N m, of the torque's noise. Below, it would show the few ms in which MuJoCo's friction comes to rest."""
 OF_SINGLE: Sizes = {"half": lambda _: 0.5, "large": lambda _: 2.0}
 """In noise floors: hard to name, and to be named always."""
 CLEAN = ("clean", "clean_coloured", "clean_x10", "clean_low_noise")
@@ -57,7 +57,7 @@ def _recorded(case: Case, rng: np.random.Generator) -> Setting:
     """The case's setting at a rate and a noise that are drawn."""
     logger, level = Logger(every=int(rng.choice(RATES))), float(rng.choice(LEVELS))
     if case.kind == "clean":
-        level = case.setting.level
+        level = max(case.setting.level, min(LEVELS))
     return replace(case.setting, logger=logger, level=level)
 
 

@@ -29,6 +29,7 @@ STIFF = ([3.0 * PERIOD, 1.0], [0.99, 0.99, 1e-3, 0.5, 2.0])
 """solref and solimp of friction, welds and gaps: as near to rigid as steps of PERIOD allow (two of them at least)."""
 INTEGRATOR = mujoco.mjtIntegrator.mjINT_RK4
 WEAK = 0.005  # impedance of a yielding limit
+GENTLE = 0.05  # and of a soft friction
 FAR = 1e3  # rad, beyond every angle
 CONTROLLER = {"KP", "KD", "OBSERVER"}
 STILL = 1e-3  # rad/s; slower, a bristle is taken to hold
@@ -98,7 +99,8 @@ def _joint(p: Plan, i: int, row: Row) -> None:
     else:
         joint.frictionloss = max(dry[0], 1e-9)
     if value("SOFT"):
-        joint.solref_friction, joint.solimp_friction = [row["SOFT"], 1.0], [0.5, 0.5, *STIFF[1][2:]]
+        # At a small impedance nearly none of the other torques' acceleration is in it.
+        joint.solref_friction, joint.solimp_friction = [row["SOFT"], 1.0], [GENTLE, GENTLE, *STIFF[1][2:]]
     _drive(p, joint, value)
     if value("RIPPLE"):
         _passive(p, joint, cogging=[row["RIPPLE"], round(value("RIPPLE_ORDER")), value("RIPPLE_PHASE")])
