@@ -220,11 +220,11 @@ def _disturbance(found: Disturbance) -> str:
     if found.bursts:
         times = ", ".join(f"{t:.0f}" for t in found.bursts[:_TIMES_SAID])
         signs.append(f"it comes in bursts, at {times} s")
-    unknown = "" if found.repeats else " as far as these data tell, which repeat none"
-    return (
-        f"{'; '.join(signs)}, and it does not come back with the motion{unknown}: a disturbance from outside, or noise "
-        "that is not white"
-    )
+    if found.repeats:
+        what = "it does not come back with the motion: a disturbance from outside, or noise that is not white"
+    else:
+        what = "these data repeat no motion, so that physics and disturbances cannot be told apart: record the motion twice"
+    return f"{'; '.join(signs)}, and {what}"
 
 
 # the verdict ---------------------------------------------------------------------------------------------------------
