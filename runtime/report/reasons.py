@@ -223,7 +223,7 @@ def _disturbance(found: Disturbance) -> str:
     if found.repeats:
         what = "it does not come back with the motion: a disturbance from outside, or noise that is not white"
     else:
-        what = "these data repeat no motion, so that physics and disturbances cannot be told apart: record the motion twice"
+        what = "these data repeat no motion, which would tell physics from disturbances: record it twice"
     return f"{'; '.join(signs)}, and {what}"
 
 
