@@ -16,8 +16,9 @@ from runtime.identification.wrong_data import WrongData, doubtful_data, wrong_da
 from runtime.model.terms import joints_of
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import map_option
+from runtime.recordings.recording import TORQUE as TORQUE_MEANING
 from runtime.wording import number, quantity
-from symbolic.model_file.arm import WEIGHTLESS
+from symbolic.model_file.arm import MOTOR_TORQUE, WEIGHTLESS
 
 
 @dataclass(frozen=True)
@@ -138,16 +139,21 @@ class _Words:
         return f"the motor's torque {once}times {ratio}: {what}{stated}"
 
     def _weightless(self) -> list[Suspicion]:
-        """Gravity that the torques lack."""
+        """Gravity that the torques lack, or have, against what is declared."""
         found = self.wrong.weightless
         if found is None:
             return []
+        if found.declared:
+            cure = f"--map {TORQUE_MEANING}={MOTOR_TORQUE}"
+            weight = quantity(found.weight or 0.0, self.joints[found.joint].force_unit, 3)
+            said = f"its torque is declared {WEIGHTLESS} and has the weight of the model file's masses, {weight} rms"
+            return [Suspicion(found.joint + 1, "gravity", said, f"if nothing took it out, pass {cure}", maps=(cure,))]
         unit = self.joints[found.joint].force_unit
         said = "its torque has no gravity: the arm's inertia fits it far better without its weight"
-        if found.missing is not None:
-            weight = f"{quantity(found.missing, unit, 3)} rms"
+        if found.weight is not None:
+            weight = f"{quantity(found.weight, unit, 3)} rms"
             said = f"its torque has no gravity: the weight of the masses in the model file, {weight}, is missing"
-        option = f"--torque {WEIGHTLESS}"
+        option = f"--map {TORQUE_MEANING}={WEIGHTLESS}"
         cure = f'if the driver takes gravity out of the torque, pass {option}, or state torque = "{WEIGHTLESS}" in the '
         horizontal = "" if self.space else "; if the arm moves in a horizontal plane, state gravity = [0.0, 0.0]"
         return [Suspicion(found.joint + 1, "gravity", said, f"{cure}model file{horizontal}", maps=(option,))]

@@ -44,6 +44,8 @@ def identify(
         check_own(model)
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
+    if write:
+        typed.check_side(source, data)
     from runtime.diagnosis.credibility import judged
     from runtime.identification.identify import identify as fit
 

@@ -54,6 +54,8 @@ def improve(
             raise UsageError(f"{path}: is fitted and held out; give it once")
     typed = TypedInputs(model, recordings, held_out or (), effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, _ = typed.read()
+    if write or out:
+        typed.check_side(source, data)
     invocation = typed.invocation(source, model if write else out)
     fitted, kept = data[: len(recordings)], data[len(recordings) :]
     result, summary = _improved(source, fitted, kept, invocation, budget)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from runtime.cli.places import check_writable
 from runtime.workspace.names import UsageError, column_mapping, is_name
 from runtime.workspace.source import Source
+from symbolic.model_file.arm import LINK_TORQUE
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
@@ -58,6 +59,19 @@ class TypedInputs:
                 print(f"{recording.path}: {note}", file=sys.stderr)
         with working("deriving and compiling the model"):
             return source, data, source.compiled.model()
+
+    def check_side(self, source: Source, data: Sequence[Recording]) -> None:
+        """Refuse to write what torques at the link say into a model file of the motors', or the other way round:
+        friction and rotors are in one of them. Raises UsageError."""
+        of_file = source.arm().torque == LINK_TORQUE
+        for recording in data:
+            if (recording.torque == LINK_TORQUE) != of_file:
+                where, other = ("the motor", "the link") if of_file else ("the link", "the motor")
+                stated = "leave the torque out of" if of_file else f'state torque = "{LINK_TORQUE}" in'
+                raise UsageError(
+                    f"{recording.path}: its torque is that at {where}, and the model file is for that at {other}: "
+                    f"nothing is written; {stated} a copy of {source.path}, and write into that"
+                )
 
     def invocation(self, source: Source, improved: Path | None = None) -> Invocation:
         """For the commands that a result proposes; improved: file of the improved model."""

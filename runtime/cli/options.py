@@ -62,8 +62,9 @@ Map = Annotated[
         "--map",
         "--columns",
         metavar='q1="Position1 [deg]"',
-        help="Read a signal from a column of another name; q=NAME for all joints. --columns t,q1,tau1 names the "
-        "columns of a file without a header.",
+        help="Read a signal from a column of another name; q=NAME for all joints; torque=link, command or "
+        "gravity_compensated says what the torques are. --columns t,q1,tau1 names the columns of a file without a "
+        "header.",
     ),
 ]
 AllowGaps = Annotated[

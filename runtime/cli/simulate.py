@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,7 @@ from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.documents.recordings import SimulatedEffect, SimulateDocument
 from runtime.simulation.options import SimulationSettings
+from symbolic.model_file.arm import MOTOR_TORQUE
 
 app = typer.Typer()
 
@@ -48,6 +50,9 @@ def simulate(
     path = None if motion is None else simulation.read_motion(motion, loaded.n)
     with terminal.working("simulating"):
         made, values = simulation.simulate(loaded, hidden, settings, path)
+    # The motors': to be read so where the model file's recordings have other torques.
+    if source.arm().torque is not None:
+        made = replace(made, torque=MOTOR_TORQUE)
     recording.write(out, made)
     known = structure(loaded)
     present = [

@@ -22,7 +22,8 @@ from runtime.identification import grids
 from runtime.identification.fit import Fit, smoothing_change
 from runtime.identification.grids import motor_angle
 from runtime.identification.problem import change
-from runtime.identification.regressors import LINK_LOAD, Regressors
+from runtime.identification.recorded_torque import LINK_LOAD
+from runtime.identification.regressors import Regressors
 from runtime.model.terms import Term, Values, joints_of, reads_arm
 from runtime.regression.system import Block, Columns, JointRows, LinearSystem
 

@@ -35,7 +35,7 @@ from runtime.diagnosis.settings import LEAST_MOVING_S, LIMITS_PART, MOST_FINDING
 from runtime.diagnosis.steps import Step, Trail, seconds_moving
 from runtime.diagnosis.verdict import Diagnosis, decide
 from runtime.fit_warnings import suspicions
-from runtime.identification.identify import prepared, refuse_copies, without_tip_rests
+from runtime.identification.identify import prepared, refuse_copies, refuse_two_sides, without_tip_rests
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.motion import Motion, prepare
@@ -71,6 +71,7 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
     motion = prepared(model, recordings)
     held = _held_out(motion, held_out, model) if held_out else None
     refuse_copies([*recordings, *held_out])
+    refuse_two_sides([*recordings, *held_out])
     trail = Trail.begun(model, motion, held, [r.path.name for r in recordings])
     return replace(trail, suspicions=suspicions(trail.last.fit))
 

@@ -120,11 +120,18 @@ class MissEntry(Document, frozen=True, kw_only=True):
 
 
 class InertiaEntry(Document, frozen=True, kw_only=True):
-    """Inertia of a joint at position 0, where the model file leaves it open."""
+    """Inertia that a joint moves, on the average of the motion, where the model file leaves it open."""
 
     joint: JointNumber
     value: Annotated[float, key("fitted inertia", "`unit`")]
     unit: Unit
+
+
+class TorqueEntry(Document, frozen=True, kw_only=True):
+    """What recorded torques are: times the gear ratio, of the motor; at the link; commanded; without gravity."""
+
+    kind: Annotated[Literal["motor", "link", "command", "gravity_compensated"], key("what they are taken for")]
+    by: Annotated[str | None, key("who says so: --map, the file, a known log, the model file; null if nobody does")]
 
 
 class SuspicionEntry(Document, frozen=True, kw_only=True):
@@ -157,6 +164,7 @@ class InspectDocument(Document, frozen=True, kw_only=True):
     misses: Annotated[list[MissEntry], key("residuals of the best fit; empty where the data look wrong")]
     unreliable: Annotated[str, key("why the fit is not to be believed; empty if it is")]
     inertias: Annotated[list[InertiaEntry], key("fitted inertias that the model file leaves open")]
+    torque: Annotated[TorqueEntry | None, key("what the torques are taken for; null where the file cannot be read")]
     suspicions: Annotated[list[SuspicionEntry], key("what looks wrong")]
     cures: Annotated[list[str], key("all options that put it right")]
 

@@ -28,7 +28,13 @@ from runtime.identification.settings import (
     WEIGHTLESS_FALLS_TO,
     WEIGHTLESS_LEAVES,
 )
-from runtime.identification.stated_parts import StatedPart, of_all_stated, of_stated_gravity, stated_part
+from runtime.identification.stated_parts import (
+    StatedPart,
+    of_all_stated,
+    of_stated_gravity,
+    stated_part,
+    without_weight,
+)
 from runtime.model.terms import Term, Values
 from runtime.recordings.columns import UNITS, normal_unit
 from symbolic.model_file.checks import SMALLEST
@@ -61,15 +67,17 @@ class Factor:
 
 @dataclass(frozen=True)
 class Weightless:
-    """Recorded torques without the weight of the arm's stated masses.
+    """Recorded torques without the weight of the arm's masses, or with it although they are declared to lack it.
 
     joint     (0-based) where most is missing      alone   whether no other joint tells it
-    missing   N m (N), RMS; None where the file leaves masses open
+    weight    of the stated masses, N m (N), RMS; None where the file leaves masses open
+    declared  whether the torques are declared to lack it
     """
 
     joint: int
-    missing: float | None
+    weight: float | None
     alone: bool
+    declared: bool = False
 
 
 def factors(fit: Fit, reading: Reading, lumps: Array, least: float) -> dict[int, Factor]:
@@ -93,7 +101,7 @@ def factors(fit: Fit, reading: Reading, lumps: Array, least: float) -> dict[int,
 
 
 def weightless_torque(fit: Fit) -> Weightless | None:
-    """Gravity that the recorded torques lack, although the model file states it and masses; None where it is there."""
+    """Gravity that the recorded torques lack or have, against what is declared; None where they are as declared."""
     model, moving = fit.model, moving_joints(fit)
     if not moving or not any(model.gravity):
         return None
@@ -102,10 +110,11 @@ def weightless_torque(fit: Fit) -> Weightless | None:
     torques = [motion.torque(i, fit.skew) for i in range(motion.n)]
     parts = of_stated_gravity(problem, fit.shapes, torques)
     heavy = {i: part for i, part in parts.items() if i in moving and part.weighs}
-    if heavy and all(part.absent for part in heavy.values()):
+    declared = without_weight(motion)
+    if heavy and all(part.present if declared else part.absent for part in heavy.values()):
         most = max(heavy, key=lambda i: heavy[i].stated)
-        return Weightless(most, heavy[most].stated, alone=len(heavy) == 1)
-    return None if heavy else _better_without_weight(problem, fit.shapes, torques, moving)
+        return Weightless(most, heavy[most].stated, alone=len(heavy) == 1, declared=declared)
+    return None if heavy or declared else _better_without_weight(problem, fit.shapes, torques, moving)
 
 
 def _better_without_weight(

@@ -28,6 +28,7 @@ from runtime.motion.rests import at_rest
 from runtime.motion.settings import STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.recordings.settings import FASTEST_STEP
+from symbolic.model_file.arm import COMMAND, LINK_TORQUE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -70,6 +71,8 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
     if motion.rigid_given or not any(grid(r).is_uneven for r in recordings):
         return motion
     held = prepare(recordings, replace(motion.band, held=True), model)
+    if all(r.torque == COMMAND for r in recordings):
+        return held
     signal, command = (fit_motion(model, m, structure(model)) for m in (motion, held))
     return (
         held
@@ -93,6 +96,7 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     the encoders' noise in the inertial columns can be compensated. Raises RecordingError.
     """
     refuse_copies(recordings)
+    refuse_two_sides(recordings)
     refuse_fast_clocks(recordings)
     given = rigid_inertia(recordings)
     inertia = _inertia(model, recordings) if given is None else np.diag(given)
@@ -119,6 +123,18 @@ def refuse_copies(recordings: Sequence[Recording]) -> None:
             what = "is given twice" if same else f"holds the same samples as {one.path}"
             expected = "expected every recording once, fitted or held out; leave one out"
             raise RecordingError(f"{other.path}: {what}; {expected}")
+
+
+def refuse_two_sides(recordings: Sequence[Recording]) -> None:
+    """Raises RecordingError where torques of some recordings were measured at the link and those of others were not:
+    they have no friction in common."""
+    links = [r for r in recordings if r.torque == LINK_TORQUE]
+    others = [r for r in recordings if r.torque != LINK_TORQUE]
+    if links and others:
+        raise RecordingError(
+            f"{others[0].path}: its torque is the motor's and that of {links[0].path} is measured at the link, without "
+            "the motor's friction and rotor; give them one after the other"
+        )
 
 
 def refuse_fast_clocks(recordings: Sequence[Recording]) -> None:

@@ -10,6 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.identification.recorded_torque import (
+    LINK_LOAD,
+    LINK_SIDE,
+    rigid_regressor,
+    rigid_torque,
+    weight_regressor,
+    without_parameters,
+)
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, OF_DRIVE, Prediction, SignalContext, Structure, Term, given, joints_of
 from runtime.motion.motion import Motion
@@ -17,19 +25,9 @@ from runtime.motion.piece import Piece
 
 Array = NDArray[np.float64]
 
-LINK_LOAD = "link_load"
-"""The arm's function whose value a recording may know better."""
-LINK_SIDE = "link_inertia"
-"""The arm's function of the inertias without the rotors."""
 OF_MASSES = "moment_jacobian"
 """The arm's function that needs the mass and the centre of mass of every link apart from one another."""
 NOTHING_GIVEN: Final[Mapping[str, float]] = {}
-
-
-def weight_regressor(model: Model, q: Array) -> Array:
-    """(n, p, N) the regressor of the torque that holds the arm still at q (n, N): gravity's."""
-    still = np.zeros_like(q)
-    return model.regressor(q, still, still)
 
 
 @dataclass
@@ -140,12 +138,12 @@ class Signals(SignalContext):
 
     @cached_property
     def rigid(self) -> Array:
-        """(n, N) D qdd + C qd + g with the identified inertial parameters, less Jᵀ f of a measured force; or the
-        user's own model's."""
+        """(n, N) what the recorded torque has of D qdd + C qd + g with the identified inertial parameters, less Jᵀ f of
+        a measured force; or the user's own model's."""
         p = self.piece
         if p.sensors.tau_rigid is not None:
             return p.sensors.tau_rigid
-        rigid = self.model.inverse_dynamics(p.q, p.qd, p.qdd, self._known.lumps)
+        rigid = rigid_torque(self.model, p, self._known.lumps)
         return rigid if self.measured is None else rigid + self.measured
 
     @cached_property
@@ -290,7 +288,7 @@ class Regressors:
             return np.zeros((len(self.model.lumps), len(self.motion.row_piece(joint))))
 
         def rows(p: Piece, joints: tuple[int, ...]) -> dict[int, Array]:
-            return p.equations_in_blocks(lambda at: self.model.regressor(p.q[:, at], p.qd[:, at], p.qdd[:, at]), joints)
+            return p.equations_in_blocks(lambda at: rigid_regressor(self.model, p, at), joints)
 
         return self._of_all("rigid", joint, lambda s, joints: rows(s.piece, joints))
 
@@ -303,10 +301,12 @@ class Regressors:
         return self._of_all("weights", joint, lambda s, joints: rows(s.piece, joints))
 
     def measured(self, joint: int) -> Array:
-        """(M,) the part of the joint's torque (0-based) that measured signals give, whatever the parameters."""
+        """(M,) the part of the joint's torque (0-based) that is known whatever the parameters: measured signals give
+        it, or stated rotors."""
 
         def torque(s: Signals) -> Array:
-            return np.zeros(s.piece.q.shape) if s.measured is None else s.measured
+            parts = (s.measured, None if self.motion.rigid_given else without_parameters(self.model, s.piece))
+            return sum((part for part in parts if part is not None), start=np.zeros(s.piece.q.shape))
 
         return self._of_all("measured", joint, lambda s, joints: s.piece.equations(torque(s), joints))
 

@@ -20,6 +20,8 @@ from runtime.identification.problem import Problem
 from runtime.identification.settings import FAR_FROM_CHANCE, SUSPECTED_RATIO, TAKEN_OUT, TOLD_APART
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values
+from runtime.motion.motion import Motion
+from symbolic.model_file.arm import WEIGHTLESS
 
 Array = NDArray[np.float64]
 
@@ -58,6 +60,11 @@ class StatedPart:
         return self.told and self.stated > TAKEN_OUT * self.recorded
 
     @property
+    def present(self) -> bool:
+        """Whether more of it is there than would be left if it had been taken out."""
+        return self.value - self.spread > TAKEN_OUT
+
+    @property
     def absent(self) -> bool:
         """Whether nothing of it is there, although the recorded torque is large enough to have it."""
         return abs(self.value) + self.spread < TAKEN_OUT and self.recorded * SUSPECTED_RATIO > self.stated
@@ -94,6 +101,11 @@ def of_all_stated(model: Model, columns: Array, torque: Array) -> StatedPart:
     return stated_part(values @ own, np.vstack([own[~known], columns[len(known) :]]), torque)
 
 
+def without_weight(motion: Motion) -> bool:
+    """Whether all torques are declared to lack gravity."""
+    return all(p.torque == WEIGHTLESS for p in motion.pieces)
+
+
 def of_stated_gravity(
     problem: Problem, shapes: Mapping[Term, Values], torques: Sequence[Array]
 ) -> dict[int, StatedPart]:
@@ -108,7 +120,7 @@ def of_stated_gravity(
         if use.any() and np.any(weight):
             columns, fixed = problem.rows(i, shapes)
             columns, scale = columns[:, use], 1 / np.sqrt(np.count_nonzero(use))
-            moving = columns[: len(known)] - weights
+            moving = columns[: len(known)] - (0.0 if without_weight(motion) else weights)
             others = [(values @ moving)[None], moving[~known], weights[~known], columns[len(known) :]]
             found[i] = stated_part(scale * weight, scale * np.vstack(others), scale * (torque - fixed)[use])
     return found

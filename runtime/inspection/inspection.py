@@ -27,12 +27,14 @@ from runtime.documents.recordings import (
     OtherClock,
     RepeatsEntry,
     SuspicionEntry,
+    TorqueEntry,
 )
 from runtime.fit_warnings import Suspicion, doubts, suspicions
 from runtime.identification.compare import JointSeries, series
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.identify import delay_entries, identify
+from runtime.identification.problem import configurations
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
 from runtime.inspection.signals import (
     clock_entry,
@@ -51,6 +53,7 @@ from runtime.recordings import recording
 from runtime.recordings.columns import UNITS, RecordedArm
 from runtime.recordings.contents import Contents, RecordingError, Refusal, map_option, printable
 from runtime.recordings.recording import Recording, read
+from symbolic.model_file.arm import MOTOR_TORQUE
 from symbolic.model_file.checks import quote
 
 Array = NDArray[np.float64]
@@ -290,6 +293,9 @@ class Inspection:
             misses=[MissEntry(joint=s.joint, part=s.relative) for s in self.joints if len(s.t)],
             unreliable=unreliable,
             inertias=[] if believed is None else _inertias(believed),
+            torque=None
+            if recording is None
+            else TorqueEntry(kind=recording.torque or MOTOR_TORQUE, by=recording.torque_by or None),
             suspicions=[SuspicionEntry(joint=s.joint, kind=s.kind, found=s.found, cure=s.cure) for s in self.found],
             cures=list(dict.fromkeys(option for s in self.found for option in s.maps)),
         )
@@ -321,12 +327,14 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
 
 
 def _inertias(fitted: Fit) -> list[InertiaEntry]:
-    """The fitted inertia that each moving joint moves at q = 0; none if the model file states all inertias."""
+    """The fitted inertia that each moving joint moves, on the average of the motion: at other positions it is not told;
+    none if the model file states all inertias."""
     model, motion = fitted.model, fitted.motion
     if model.lumps_known or motion.rigid_given:
         return []
     lumps = fitted.coefficients[fitted.problem.layout.lumps]
-    moved = np.diagonal(model.inertia(np.zeros((model.n, 1)), lumps)[:, :, 0])
+    q = configurations([p.q for p in motion.pieces])
+    moved = np.mean(np.einsum("iit->it", model.inertia(q, lumps)), axis=1)
     units = ["kg" if joint.type == "prismatic" else "kg m^2" for joint in model.joints]
     able = [i for i in range(model.n) if motion.moving(i).any()]
     return [InertiaEntry(joint=i + 1, value=float(moved[i]), unit=units[i]) for i in able]

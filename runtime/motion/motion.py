@@ -19,6 +19,7 @@ from runtime.motion.rests import dry_friction
 from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
 from runtime.recordings.contents import unpowered
 from runtime.recordings.recording import Recording, RecordingError
+from symbolic.model_file.arm import MOTOR_TORQUE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -342,6 +343,7 @@ def _piece(
         sensors=read_sensors(recording, stretch, derive, common),
         places=None if stretch.places is None else stretch.places - half,
         began=_began(recording, first),
+        torque=recording.torque or MOTOR_TORQUE,
     )
 
 

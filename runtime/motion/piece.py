@@ -15,6 +15,7 @@ from runtime.motion.filters import Differentiator, LowPass, Smoother
 from runtime.motion.rests import UnknownTorque, at_rest
 from runtime.motion.settings import MOST_DELAY, SLOW_MOTION
 from runtime.recordings.recording import Recording
+from symbolic.model_file.arm import MOTOR_TORQUE, Torque
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -119,6 +120,7 @@ class Piece:
     rate_measured   joints (0-based) whose qd and qdd are those of a measured rate
     places          places of interpolated samples, in periods from the first; None where none were interpolated
     began           s from the recording's start to that of the run, the runs one after another
+    torque          what tau is
     without         elimination of each joint's unknown torque; empty where every torque is known
     """
 
@@ -140,6 +142,7 @@ class Piece:
     sensors: Sensors = field(default_factory=Sensors)
     places: Array | None = None
     began: float = 0.0
+    torque: Torque = MOTOR_TORQUE
     without: tuple[UnknownTorque, ...] = ()
 
     def perturbed(self, band: Band, seed: int) -> Piece:

@@ -76,6 +76,7 @@ class ArrayContents:
     variables: Sequence[Variable]
     refuse: Refusal
     header: str = ""
+    torque: str = ""
 
     @cached_property
     def _columns(self) -> list[tuple[Variable, int, str]]:
@@ -199,7 +200,20 @@ def open_hdf5(path: Path, refuse: Refusal) -> ArrayContents:
 
     with refuse.on(_HDF5_ERRORS, "the HDF5 file is damaged or cut off", "copy it again"), h5py.File(path, "r") as file:
         file.visititems(visit)
-    return ArrayContents("MATLAB 7.3" if matlab else "HDF5", variables, refuse)
+        stated = _as_text(file.attrs.get(_MEANING, ""))
+    return ArrayContents("MATLAB 7.3" if matlab else "HDF5", variables, refuse, torque=stated)
+
+
+_MEANING = "torque"
+"""The attribute or variable that says what torques are."""
+
+
+def _as_text(value: Any) -> str:
+    """A text of a file, also in an array of one entry; "" for anything else."""
+    entry = value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+    return (
+        entry.decode("utf-8", "replace") if isinstance(entry, bytes) else str(entry) if isinstance(entry, str) else ""
+    )
 
 
 def _load_hdf5(path: Path, name: str, refuse: Refusal) -> NDArray[Any]:
@@ -230,7 +244,7 @@ def open_matlab(path: Path, refuse: Refusal) -> ArrayContents:
             found += _within(name, value, _DEEPEST)
     if len(found) > MOST_FIELDS:
         refuse(f"has {len(found)} variables; expected at most {MOST_FIELDS}")
-    return ArrayContents("MATLAB", found, refuse)
+    return ArrayContents("MATLAB", found, refuse, torque=_as_text(variables.get(_MEANING, "")))
 
 
 def _within(name: str, value: Any, depth: int) -> Iterator[Variable]:
@@ -297,13 +311,16 @@ def open_numpy(path: Path, refuse: Refusal) -> ArrayContents:
             refuse("is a ZIP archive without NumPy arrays; unpack the recording first")
         if len(members) > MOST_FIELDS:
             refuse(f"has {len(members)} arrays; expected at most {MOST_FIELDS}")
-        found = []
+        found, stated = list[Variable](), ""
         for member in members:
             name = member.filename.removesuffix(".npy")
             load = partial(_load_numpy, path, name, refuse)
             with archive.open(member) as inner:
-                found += _described(name, inner, load, refuse, length=member.file_size)
-        return ArrayContents("NumPy", found, refuse)
+                described = _described(name, inner, load, refuse, length=member.file_size)
+            found += described
+            if name == _MEANING and not described:
+                stated = _as_text(load())
+        return ArrayContents("NumPy", found, refuse, torque=stated)
 
 
 def _described(
@@ -347,12 +364,13 @@ def open_parquet(path: Path, refuse: Refusal) -> ArrayContents:
         if len(schema) > MOST_FIELDS:
             refuse(f"has {len(schema)} columns; expected at most {MOST_FIELDS}")
         widths = [_width(file, entry) for entry in schema]
+        stated = _as_text((schema.metadata or {}).get(_MEANING.encode(), ""))
     variables = [
         Variable(name, (rows,) if width is None else (rows, width), partial(_load_parquet, path, name, refuse))
         for name, width in zip(schema.names, widths, strict=True)
         if width != 0
     ]
-    return ArrayContents("Parquet", variables, refuse)
+    return ArrayContents("Parquet", variables, refuse, torque=stated)
 
 
 def refuse_without_torque(names: Sequence[str], refuse: Refusal) -> None:

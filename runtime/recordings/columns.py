@@ -10,7 +10,7 @@ from math import pi
 from typing import NoReturn
 
 from runtime.recordings.contents import some
-from symbolic.model_file.arm import DescribedJoint
+from symbolic.model_file.arm import DescribedJoint, Torque
 from symbolic.model_file.checks import quote
 
 _DEGREE = pi / 180
@@ -124,11 +124,13 @@ class RecordedArm:
 
     joints           their types, torque constants and names are read
     space            whether it is spatial: six components of force and moment at the tip instead of two
+    torque           what its torques are, unless the recording says something else; None: not stated
     keeps_currents   torques in A stay in A, because nothing is known of the motors
     """
 
     joints: Sequence[DescribedJoint]
     space: bool
+    torque: Torque | None = None
     keeps_currents: bool = False
 
     @classmethod

@@ -124,6 +124,7 @@ class Contents(Protocol):
     header   where the names of the fields stand, such as "line 1"; "" in formats without a header
     fields   in the file's order
     times    clock -> index of the field with its time; clocks without a time are left out
+    torque   what the file itself says that its torques are, unchecked; "" if nothing
     """
 
     @property
@@ -137,6 +138,9 @@ class Contents(Protocol):
 
     @property
     def times(self) -> Mapping[str, int]: ...
+
+    @property
+    def torque(self) -> str: ...
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         """Fields of one clock, in the file's units. wanted: signal -> index of the field. Raises RecordingError."""

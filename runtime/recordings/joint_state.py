@@ -247,6 +247,7 @@ class JointStateContents:
     format: str
     streams: tuple[JointStream, ...]
     header: str = ""
+    torque: str = ""
 
     @cached_property
     def _index(self) -> list[tuple[JointStream, str, int]]:

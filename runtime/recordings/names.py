@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from runtime.recordings.columns import NUMBERED, Fail, fields_meant, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
-from symbolic.model_file.arm import DescribedJoint
+from symbolic.model_file.arm import LINK_TORQUE, MOTOR_TORQUE, DescribedJoint, Torque
 
 FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 """A name and its number: actual_q_0, q[0], tau1."""
@@ -26,6 +26,7 @@ class KnownLog:
     signals     its name of a field, {} for the joint's number -> Tendon's name and unit
     first       number of its first joint
     note        what users should know about its signals
+    torque      what its torques are
     """
 
     name: str
@@ -33,6 +34,7 @@ class KnownLog:
     signals: Mapping[str, str]
     first: int
     note: str
+    torque: Torque
 
 
 KNOWN_LOGS = (
@@ -49,6 +51,7 @@ KNOWN_LOGS = (
         },
         first=0,
         note="tau is actual_current in A; the joints' torque_constant converts it to a torque",
+        torque=MOTOR_TORQUE,
     ),
     KnownLog(
         "libfranka's log",
@@ -62,7 +65,8 @@ KNOWN_LOGS = (
             "tau_J[{}]": "tau{} [N m]",
         },
         first=0,
-        note="tau is tau_J, measured behind the gears, so it lacks the friction of motors and gears",
+        note="tau is tau_J, measured behind the gears, so it lacks the friction of motors and gears, and the rotors",
+        torque=LINK_TORQUE,
     ),
 )
 """Source: RTDE client library, example record.py; libfranka, logToCSV."""
@@ -75,11 +79,13 @@ class Understood:
     known     Tendon's name of every field, or the file's where it is not understood
     mapping   `--map` with one entry for each joint
     notes     assumptions that users should know
+    log       the known log that it is and whose torques are read
     """
 
     known: tuple[str, ...]
     mapping: Mapping[str, str]
     notes: tuple[str, ...] = ()
+    log: KnownLog | None = None
 
 
 def understood(
@@ -91,8 +97,10 @@ def understood(
         known, notes = _by_joint(contents, joints, spread, fail)
         return Understood(known, spread, notes)
     if log := _known_log(contents.fields):
-        notes = () if "tau1" in spread else (f"read as {log.name}: {log.note}",)
-        return Understood(_translated(contents.fields, log), spread, notes)
+        if "tau1" in spread:
+            return Understood(_translated(contents.fields, log), spread)
+        notes = (f"read as {log.name}: {log.note}",)
+        return Understood(_translated(contents.fields, log), spread, notes, log)
     return Understood(_last_parts(contents.fields), spread)
 
 

@@ -32,6 +32,8 @@ from runtime.recordings.contents import (
 from runtime.recordings.contents import RecordingError as RecordingError
 from runtime.recordings.settings import MAX_BYTES
 from runtime.recordings.text import check_file
+from symbolic.model_file.arm import TORQUES, Torque
+from symbolic.model_file.checks import nearest, quote
 
 EXPECTED = "CSV, plain or gzip, or MCAP, a ROS 2 bag, MATLAB, HDF5, Parquet or NumPy"
 _HEAD = 1024
@@ -114,6 +116,8 @@ class Recording:
     types         "revolute" or "prismatic" for each joint
     cells         signal -> its field, as `--map` takes it
     units         signal -> the unit in which it was read, where the file or `--map` states one
+    torque        what its torques are; None: nobody says, and they are taken for the motors'
+    torque_by     who says so
     currents      torque signals that are in A, because nothing is known of the motors
     clocks        signals that were sampled by another clock than the positions, and the offset of that clock
     notes         what users should know about how the file was read, a line each
@@ -135,6 +139,8 @@ class Recording:
     force: Array | None = None
     cells: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    torque: Torque | None = None
+    torque_by: str = ""
     currents: frozenset[str] = frozenset()
     clocks: tuple[BroughtClock, ...] = ()
     notes: tuple[str, ...] = ()
@@ -165,7 +171,7 @@ def read(
     """The recording at `path`, in any format of `formats`.
 
     arm         None: as many revolute joints as the file names
-    mapping     signal name -> field of the file, where the file has other names
+    mapping     signal name -> field of the file, where the file has other names; TORQUE -> what its torques are
     allow_gaps  split at gaps and drop samples with a NaN instead of refusing the file
     Raises RecordingError.
     """
@@ -175,9 +181,11 @@ def read(
     def fail(message: str) -> NoReturn:
         refuse(message, contents.header)
 
+    mapping = dict(mapping or {})
+    stated = mapping.pop(TORQUE, "")
     if arm is None:
-        arm = RecordedArm.without_model(names.count_joints(contents, mapping or {}, fail))
-    understood = names.understood(contents, arm.joints, mapping or {}, fail)
+        arm = RecordedArm.without_model(names.count_joints(contents, mapping, fail))
+    understood = names.understood(contents, arm.joints, mapping, fail)
     header = [f.name for f in contents.fields]
     used = columns(header, understood.known, arm=arm, mapping=understood.mapping, fail=fail)
     table, apart = clocks.on_one(contents, used, allow_gaps, refuse)
@@ -187,7 +195,25 @@ def read(
     in_ampere = {name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current"}
     currents = frozenset(in_ampere if arm.keeps_currents else ())
     notes = (*understood.notes, *map(str, apart))
-    return replace(made, units=units, currents=currents, clocks=apart, notes=notes)
+    made = replace(made, units=units, currents=currents, clocks=apart, notes=notes)
+    log = understood.log
+    said = (stated, "--map"), (contents.torque, "the file"), (log and log.torque, log and log.name)
+    torque, by = next(((what, who) for what, who in (*said, (arm.torque, "the model file")) if what), (None, ""))
+    return replace(made, torque=_torque(torque, by or "", refuse), torque_by=by or "")
+
+
+TORQUE = "torque"
+"""The entry of `--map` that says what a recording's torques are."""
+
+
+def _torque(stated: str | None, by: str, refuse: Refusal) -> Torque | None:
+    """What torques are, checked."""
+    known = next((torque for torque in TORQUES if torque == stated), None)
+    if stated and known is None:
+        close = nearest(stated, TORQUES)
+        hint = f'; did you mean "{close}"?' if close else ""
+        refuse(f"torque is {quote(stated)} ({by}); expected {' or '.join(TORQUES)}{hint}")
+    return known
 
 
 def _recording(
@@ -268,12 +294,13 @@ def write(path: Path | str, recording: Recording) -> None:
     Equal recordings give equal bytes. Raises OSError.
     """
     cells: list[tuple[str, Array]] = []
+    head = [] if recording.torque is None else [f'# {TORQUE} = "{recording.torque}"']
     if len(np.unique(recording.run)) > 1:
         cells.append(("run", recording.run.astype(float)))
     cells.append(("t [s]", recording.t))
     cells += [(f"{name} [{unit}]", values) for name, unit, values in measured(recording)]
     row = ",".join(["%.12g"] * len(cells))
-    lines = [",".join(name for name, _ in cells)]
+    lines = [*head, ",".join(name for name, _ in cells)]
     lines += [row % values for values in zip(*(column.tolist() for _, column in cells), strict=True)]
     data = ("\n".join(lines) + "\n").encode()
     files.replace(path, gzip.compress(data, mtime=0) if str(path).endswith(".gz") else data)

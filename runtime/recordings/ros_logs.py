@@ -11,7 +11,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,8 @@ from runtime.recordings.joint_state import TYPE, JointStateContents, JointStates
 from runtime.recordings.settings import LONGEST_RECORD, MAX_BYTES
 
 MCAP = b"\x89MCAP0\r\n"
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x07, 0x0F
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 0x03, 0x04, 0x05, 0x06, 0x07
+_METADATA, _DATA_END = 0x0C, 0x0F
 _RECORD = struct.Struct("<BQ")
 """Head of a record: kind and length."""
 _CURE = "repair it with: mcap recover FILE"
@@ -31,14 +32,19 @@ _MESSAGE_HEAD = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("logged", "<
 
 @dataclass
 class _Log:
-    """What is known of a file: schema number -> name, channel -> (topic, schema, encoding), decompressed bytes."""
+    """What is known of a file: schema number -> name, channel -> (topic, schema, encoding), decompressed bytes, and
+    what its metadata say that torques are."""
 
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, tuple[str, int, str]] = field(default_factory=dict)
     unpacked: int = 0
+    torque: str = ""
 
     def declare(self, kind: int, content: memoryview) -> None:
-        """Adds a schema or a channel. Raises struct.error, ValueError."""
+        """Adds a schema, a channel, or an entry torque of the metadata. Raises struct.error, ValueError."""
+        if kind == _METADATA:
+            self.torque = _entries(content).get("torque", self.torque)
+            return
         (number,) = struct.unpack_from("<H", content)
         if kind == _SCHEMA:
             self.schemas[number], _ = _text(content, 2)
@@ -64,7 +70,7 @@ def open_mcap(path: Path, refuse: Refusal) -> JointStateContents:
         # Not closed here: arrays refer to it.
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
         states = JointStates(_mcap_batches(data, log, refuse), refuse)
-    return states.contents("MCAP", log.types())
+    return replace(states.contents("MCAP", log.types()), torque=log.torque)
 
 
 def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[MessageBatch]:
@@ -85,7 +91,7 @@ def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Mess
         if kind == _CHUNK:
             chunk, indexed = _unpacked(content, log, refuse), False
             _declared_in(chunk, log, refuse, whole=False)
-        elif kind in (_SCHEMA, _CHANNEL):
+        elif kind in (_SCHEMA, _CHANNEL, _METADATA):
             log.declare(kind, content)
         elif kind == _MESSAGE:
             loose.append((struct.unpack_from("<H", content)[0], start, len(content)))
@@ -125,6 +131,18 @@ def _text(content: memoryview, place: int) -> tuple[str, int]:
     if end > len(content):
         raise ValueError(f"a text of {size} bytes where {len(content) - place - 4} are left")
     return bytes(content[place + 4 : end]).decode("utf-8"), end
+
+
+def _entries(content: memoryview) -> dict[str, str]:
+    """The entries of a metadata record. Raises struct.error, ValueError."""
+    _, place = _text(content, 0)
+    (size,) = struct.unpack_from("<I", content, place)
+    place += 4
+    end, found = place + size, dict[str, str]()
+    while place < end:
+        key, place = _text(content, place)
+        found[key], place = _text(content, place)
+    return found
 
 
 def _unpacked(content: memoryview, log: _Log, refuse: Refusal) -> memoryview:

@@ -118,6 +118,7 @@ def _decoded(data: bytes, line: int, refuse: Refusal) -> str:
 
 _ABSENT = frozenset(("", "nan", "na", "n/a", "null", "none"))
 _REMARK = re.compile(r"\s*[#%]+\s*")
+_TORQUE = re.compile(r"""\s*[#%]+\s*torque\s*[=:]\s*["']?([^"'#]*?)["']?\s*""")
 _BLANK = " "
 
 
@@ -138,6 +139,7 @@ class TextContents:
     decimal_comma: bool
     refuse: Refusal
     times: Mapping[str, int] = field(default_factory=dict)
+    torque: str = ""
 
     @cached_property
     def fields(self) -> tuple[RecordedField, ...]:
@@ -279,7 +281,19 @@ def _contents(
         delimiter=delimiter,
         decimal_comma=comma,
         refuse=refuse,
+        torque=_stated_torque(path, refuse),
     )
+
+
+def _stated_torque(path: Path, refuse: Refusal) -> str:
+    """What a comment above the header says that torques are: `# torque = "link"`."""
+    for body, _ in blocks(path, refuse, HEAD):
+        for line in body.split("\n"):
+            if line.strip() and not _REMARK.match(line):
+                return ""
+            if stated := _TORQUE.fullmatch(line):
+                return stated[1]
+    return ""
 
 
 def _is_nameless(line: str) -> bool:

@@ -30,7 +30,7 @@ from runtime.documents.diagnosis import (
 from runtime.documents.fits import JudgedFitDocument
 from runtime.documents.parts import EffectAt, EncoderSkewEntry
 from runtime.documents.recordings import InspectDocument
-from runtime.fit_warnings import warnings
+from runtime.fit_warnings import improper_inertia, warnings
 from runtime.identification.compare import structure_entries
 from runtime.identification.identify import delay_entries, fit_document
 from runtime.identification.twist import fit_twist
@@ -44,7 +44,8 @@ def inspected(found: Inspection) -> InspectDocument:
     """As `tendon inspect --json`."""
     fit, joints = found.believed, found.joints
     why = None if fit is None else reasons.unreliable(credibility.unreliable(fit, joints), fit, joints)
-    return found.document(unreliable=why or "")
+    improper = [] if fit is None else improper_inertia(fit)
+    return found.document(unreliable=why or "; ".join(improper))
 
 
 def judged(found: credibility.JudgedFit) -> JudgedFitDocument:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.wording import quantity
+from symbolic.model_file.arm import WEIGHTLESS
 
 Array = NDArray[np.float64]
 
@@ -20,6 +21,7 @@ _NONE = 0.1
 """part of the gravity on earth; less is called none."""
 _EARTH = 9.81
 _UNIT = "m/s^2"
+_CURE = f'state torque = "{WEIGHTLESS}" in the model file, or pass --map torque={WEIGHTLESS}'
 
 
 def said(stated: Sequence[float], added: Sequence[float]) -> str:
@@ -48,13 +50,10 @@ def said(stated: Sequence[float], added: Sequence[float]) -> str:
 def _none(dimensions: int) -> str:
     if dimensions == 2:
         return (
-            "no gravity acts: the arm moves in a horizontal plane (state gravity = [0, 0]), or it was taken out of "
-            'the recorded torque (state torque = "gravity_compensated" in the model file, or pass --torque)'
+            "no gravity acts: the arm moves in a horizontal plane (state gravity = [0.0, 0.0]), or it was taken out "
+            f"of the recorded torque ({_CURE})"
         )
-    return (
-        "gravity was taken out of the recorded torque: state torque = "
-        '"gravity_compensated" in the model file, or pass --torque gravity_compensated'
-    )
+    return f"gravity was taken out of the recorded torque: {_CURE}"
 
 
 def _angle(one: Array, other: Array) -> float:

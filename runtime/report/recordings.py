@@ -29,6 +29,14 @@ _DETERMINED = {
     "no": "Not determined",
 }
 
+_TORQUES = {
+    "motor": "of the motors, times the gear ratios",
+    "link": "measured at the links, without the friction and inertia of motors",
+    "command": "as commanded: what the drives do to them is left in the error",
+    "gravity_compensated": "without gravity, which the driver took out",
+}
+"""Kind of torque -> words."""
+
 
 def inspection(document: InspectDocument) -> list[Section]:
     """A file's contents, its clock and signals, how well it determines the model, and what looks wrong."""
@@ -73,6 +81,8 @@ def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:
     for shift in document.shifts:
         how = "later" if shift.value > 0 else "earlier"
         lines.append(f"{shift.signal} is {quantity(abs(shift.value), 's', 3)} {how} than its position")
+    if document.torque and document.torque.by:
+        lines.append(f"Torques: {_TORQUES[document.torque.kind]}, by {document.torque.by}")
     if document.repeats:
         seconds = document.repeats.seconds
         lines.append(f"Repeated motion: {quantity(seconds, 's', 3)}" if seconds else "No motion is repeated")

@@ -102,7 +102,7 @@ class Source:
         from runtime.recordings.columns import RecordedArm
 
         arm = self.arm()
-        return RecordedArm(arm.joints, arm.space)
+        return RecordedArm(arm.joints, arm.space, arm.torque)
 
 
 def scenario_source(model: str, scenario: Path, effects_file: Path | None) -> Source:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final, Literal
+from typing import Literal, get_args
 
 ROTOR = "rotor_inertia"
 """The model file's key for a rotor's inertia."""
@@ -12,7 +12,8 @@ ROTOR = "rotor_inertia"
 Torque = Literal["motor", "link", "command", "gravity_compensated"]
 """What the recorded torque of an arm is: the motor's times the gear ratio; measured behind the gear, without the
 motor's inertia; what the controller asked of the drives; without gravity, which the driver took out."""
-WEIGHTLESS: Final = "gravity_compensated"
+TORQUES: tuple[Torque, ...] = get_args(Torque)
+MOTOR_TORQUE, LINK_TORQUE, COMMAND, WEIGHTLESS = TORQUES
 
 Vector = tuple[float, float, float]
 
@@ -140,6 +141,7 @@ class Arm:
     tip        flange or tool, in the last joint's frame
     effects    of the whole arm
     inertial   identified base inertial parameters; they override the values computed from the links
+    torque     what recorded torques are, unless a recording says something else; None: not stated
     space      False: the arm moves in the plane of x and y, and its file states lengths (see `planar`)
     notes      warnings of the file's reader, a line each; not compared
     """
@@ -152,6 +154,7 @@ class Arm:
     contact: Contact | None = None
     inertial: Values = field(default_factory=dict)
     controller: Control | None = None
+    torque: Torque | None = None
     space: bool = True
     notes: tuple[str, ...] = field(default=(), compare=False, repr=False)
 

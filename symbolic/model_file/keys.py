@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from symbolic.model_file.arm import TORQUES
 from symbolic.model_file.checks import Place, found
 from symbolic.model_file.fields import (
     Choice,
@@ -220,6 +221,14 @@ def _model(gravity: Field, joint: Sequence[Field], *end: Field) -> tuple[Field, 
     return (
         Name("name", "name of the arm, a C identifier"),
         gravity,
+        Choice(
+            "torque",
+            "what recorded torques are: of the motor, at the link behind the gear, the controller's command, or with "
+            "gravity taken out by the driver; a recording may say something else",
+            TORQUES,
+            " or ".join(f'"{torque}"' for torque in TORQUES),
+            default=None,
+        ),
         Joints("joint", "one a joint, from the base outwards", tuple(joint)),
         OpenTable("effects", f"of the whole arm: {EFFECTS}", "EFFECT", "[effects.…], one an effect", default={}),
         *end,

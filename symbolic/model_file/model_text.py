@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from symbolic.model_file.arm import Arm, Frame, Joint
 from symbolic.model_file.checks import SMALLEST
+from symbolic.model_file.drivers import known_driver
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.frames import QUARTER
 
@@ -24,11 +25,19 @@ def text(arm: Arm, head: Sequence[str], gravity: str, gears: Sequence[str]) -> s
     gravity, gears   comments beside gravity and each joint's gear ratio; may be empty
     """
     lines = [*(f"# {line}".rstrip() for line in head), f'name = "{arm.name}"']
-    lines += [_line("gravity", row(arm.gravity), gravity)]
+    lines += [_line("gravity", row(arm.gravity), gravity), *torque_lines(arm)]
     for joint, gear in zip(arm.joints, gears, strict=True):
         lines += ["", "[[joint]]", *_joint(joint, gear)]
     lines += ["", "[tip]", _line("origin", _frame(arm.tip), "m, rad; flange or tool in the last joint's frame")]
     return "\n".join(lines) + "\n"
+
+
+def torque_lines(arm: Arm) -> list[str]:
+    """What the torques of the arm's recordings are, as far as its driver is known."""
+    driver = known_driver(joint.name for joint in arm.joints)
+    torque = arm.torque or (driver and driver.torque)
+    stated = None if torque is None else json.dumps(torque)
+    return [] if driver is None and stated is None else [_line("torque", stated, driver.says if driver else "")]
 
 
 def tidy(value: float) -> float:

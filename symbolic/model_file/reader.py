@@ -114,6 +114,7 @@ def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None)
         tuple(joints),
         effects=_effects(top, said["effects"], "arm", effects),
         inertial=said["inertial"],
+        torque=said["torque"],
         controller=said["controller"] and Control(**said["controller"]),
     )
     if arm.controller is not None:

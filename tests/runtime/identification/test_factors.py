@@ -40,7 +40,7 @@ def test_gravity_that_was_taken_out_is_noticed(place: str) -> None:
     arm, left_open = place.split(": ")
     found = kept(t.suspected, t.users_model(arm, left_open), t.without_gravity(arm, t.sound(arm)))
     assert [s.kind for s in found] == ["gravity"]
-    assert found[0].maps == ("--torque gravity_compensated",)
+    assert found[0].maps == ("--map torque=gravity_compensated",)
     assert ("horizontal plane" in str(found[0])) == (arm == "vishard4")
 
 
