@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from runtime.model.loader import Model
 from runtime.motion.piece import Piece
@@ -68,7 +68,7 @@ def rigid_torque(model: Model, piece: Piece, lumps: Array) -> Array:
 def _of_links(model: Model) -> Array:
     """(p,) 1 for base inertial parameters that the links have a part in, 0 for those of a rotor alone."""
     q = 1.0 + np.arange(model.n)[:, None]
-    load: Mapping[str, Array] = {"q": q, "qd": -q, "qdd": 1 / q}
+    load: Mapping[str, ArrayLike] = {"q": q, "qd": -q, "qdd": 1 / q}
     none = model.call(LINK_LOAD, load, np.zeros(len(model.lumps)))
     each = (model.call(LINK_LOAD, load, row) for row in np.eye(len(model.lumps)))
     return np.array([float(np.any(own != none)) for own in each])
