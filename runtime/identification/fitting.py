@@ -27,6 +27,7 @@ from runtime.identification.settings import (
     SKEW_RANGE,
     SKEW_SIGMAS,
     SKEWS_APART,
+    SMALL_ANGLE,
 )
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
@@ -146,14 +147,16 @@ def _settles(before: Fit, after: Fit) -> bool:
 
 
 def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:
-    """Where delays are exact, moved to the delays that were found: of a joint's own and of the arm's together."""
+    """Where delays are exact, moved to the delays that were found: of a joint's own and of the arm's together; nowhere
+    at a joint whose torque lags instead."""
     if fit.ahead is None:
         return None
     found: dict[int, float] = {}
     for term, values in fit.prediction.values.items():
-        if lead := model.library.effects[term.effect].of_kind("lead"):
+        if "torque_rate" in model.library.needs[term.effect]:
+            lead = model.library.effects[term.effect].of_kind("lead")
             for joint in joints_of(model, term):
-                found[joint] = found.get(joint, 0.0) + values[lead.name]
+                found[joint] = found.get(joint, 0.0) + (values[lead.name] if lead else 0.0)
     return _large_delays(motion, fit.skew, [found.get(i, time) for i, time in enumerate(fit.ahead.times)])
 
 
@@ -302,9 +305,9 @@ def _ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahea
 
 
 def _large_delays(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
-    """These times (n,) s, where first order does not do for them: it has the encoders' noise in it, that is known."""
+    """These times (n,) s, and 0 where first order does for them."""
     given = np.array(times)
-    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < 1.0  # rad
+    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < SMALL_ANGLE
     return Ahead(skew, np.where(small, 0.0, given))
 
 

@@ -32,6 +32,11 @@ SKEW_SIGMAS: Final = 4.0
 """standard deviations of white rows; they are smaller than those of rows that hang together, for which so many stand
 in; development recordings with delays."""
 
+SMALL_ANGLE: Final = 0.25
+"""rad, at the end of a joint's band; up to it a delay is taken to first order, which is then off by a thirtieth of the
+torque: half the square, Taylor. A larger one is exact, as it must be to be told from a lag, whose column is the same to
+first order; development recordings with delays and lags of 1 to 8 ms."""
+
 CLEARLY_LIKELIER: Final = 30.0
 """natural logarithm of a likelihood, doubled; a torque is taken at another time, and an effect may be named, where that
 is so much likelier: on clean recordings 10 alone would have named something on 23 of 30; trial of the method."""

@@ -264,14 +264,14 @@ def _(s: Setup) -> Hidden:
 
 @entry("torque_delay")
 def _(s: Setup) -> Hidden:
-    return Hidden("torque_delay", 1e-3, (5e-5, 2e-2), at(s.joint, DELAY=same), rivals=("elasticity",))
+    return Hidden("torque_delay", 1e-3, (5e-5, 2e-2), at(s.joint, DELAY=same), rivals=("elasticity", "torque_lag"))
 
 
 @entry("delay_of_samples")
 def _(s: Setup) -> Hidden:
     """2 to 3.5 steps of the recording, as bus cycles make it; no more than the controller bears."""
     late = min(float(s.rng.uniform(2.0, 3.5)) * s.step, 0.012)
-    return Hidden("torque_delay", late, (late, late), at(s.joint, DELAY=same), rivals=("elasticity",))
+    return Hidden("torque_delay", late, (late, late), at(s.joint, DELAY=same), rivals=("elasticity", "torque_lag"))
 
 
 def spring(s: Setup, hardening: float) -> Hidden:
