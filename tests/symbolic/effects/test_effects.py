@@ -290,7 +290,16 @@ def test_plate_damping_dissipates_in_contact_only(y: float, rate: float, row: fl
     assert torque("plate_damping", {"coefficient": 3.0}, plate_y=-math.inf, **arguments) == 0
 
 
-ODD_IN_RATE = ["coulomb", "viscous", "viscous_cubic", "viscous_power", "stribeck", "load_friction", "friction_patch"]
+ODD_IN_RATE = [
+    "coulomb",
+    "viscous",
+    "viscous_cubic",
+    "viscous_power",
+    "stribeck",
+    "velocity_strengthening",
+    "load_friction",
+    "friction_patch",
+]
 ODD_IN_RATE += ["thermal_friction"]
 
 
@@ -412,6 +421,15 @@ def test_drive_effects_distort_the_predicted_torque() -> None:
     # tau(t) = sin(3 t) recorded 2 ms ahead: sin(3 (t + 0.002)), to second order in 0.006.
     ahead = math.sin(3 * 0.7) + torque("torque_delay", {"time": 0.002}, predicted_rate=3 * math.cos(3 * 0.7))
     assert ahead == pytest.approx(math.sin(3 * 0.702), abs=0.006**2)
+    # A ramp that lags by 20 ms behind the recorded one is 20 ms of its slope below it.
+    assert torque("torque_lag", {"time_constant": 0.02}, predicted_rate=5.0) == pytest.approx(0.1)
+
+
+def test_friction_rises_from_rest_to_its_plateau() -> None:
+    parameters = {"torque": 0.8, "speed": 0.1}
+    assert torque("velocity_strengthening", parameters, qd=1e-6) == pytest.approx(0.0, abs=1e-9)
+    assert torque("velocity_strengthening", parameters, qd=0.1) == pytest.approx(0.8 * (1 - 1 / math.e))
+    assert torque("velocity_strengthening", parameters, qd=-2.0) == pytest.approx(-0.8)
 
 
 def test_ripple_repeats_with_the_motor_not_with_the_joint() -> None:
