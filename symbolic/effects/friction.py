@@ -175,7 +175,8 @@ VELOCITY_STRENGTHENING = _friction(
             "speed at which all but 1/e of the rise is there",
             role="shape",
             bounds=(0.0, inf),
-            grid=Grid(0.003, 0.6, 18, "rate"),
+            # Over most speeds it is a plateau: a longer rise is a curvature, of viscous_cubic and viscous_power.
+            grid=Grid(0.003, 0.15, 14, "rate"),
         ),
     ),
     summary="Friction that rises from rest to a plateau at a low speed, the opposite of Stribeck's.",
