@@ -33,9 +33,9 @@ SKEW_SIGMAS: Final = 4.0
 in; development recordings with delays."""
 
 SMALL_ANGLE: Final = 0.25
-"""part of a radian; of the phase at the end of a joint's band: up to it a delay is taken to first order, off by half its square;
-a larger one is exact, as it must be to be told from a lag, whose column is the same to first order; development
-recordings with delays and lags of 1 to 8 ms."""
+"""part of a radian, of the phase at the end of a joint's band; up to it a delay is taken to first order, off by half
+its square; a larger one is exact, as it must be to be told from a lag, whose column is the same to first order;
+development recordings with delays and lags of 1 to 8 ms."""
 
 CLEARLY_LIKELIER: Final = 30.0
 """natural logarithm of a likelihood, doubled; a torque is taken at another time, and an effect may be named, where that
