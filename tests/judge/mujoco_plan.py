@@ -10,7 +10,6 @@ from .bench import Setting
 from .cases import Case
 from .mujoco_world import MUJOCO
 from .plan import Share, Sizes, drawn
-from .recorder import Logger
 
 FIRST = {"development": 4000, "judging": 30_000}
 """Seeds."""
@@ -55,10 +54,10 @@ def names(kind: str, n: int) -> tuple[str, ...]:
 
 def _recorded(case: Case, rng: np.random.Generator) -> Setting:
     """The case's setting at a rate and a noise that are drawn."""
-    logger, level = Logger(every=int(rng.choice(RATES))), float(rng.choice(LEVELS))
+    every, level = int(rng.choice(RATES)), float(rng.choice(LEVELS))
     if case.kind == "clean":
         level = max(case.setting.level, min(LEVELS))
-    return replace(case.setting, logger=logger, level=level)
+    return replace(case.setting, logger=replace(case.setting.logger, every=every), level=level)
 
 
 def mujoco(purpose: str) -> list[Case]:

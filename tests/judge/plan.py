@@ -46,7 +46,7 @@ def judging(
         rng = np.random.default_rng([seed, *map(ord, "judging")])
         groups: dict[tuple[str, int, str], list[Case]] = {}
         for case in cases(kinds, joints, [1.0], [seed], Setting(excitation=excitation)):
-            for size, sized in _sized(replace(case, setting=_situation(case, rng)), rng, SIZES):
+            for size, sized in _sized(replace(case, setting=_situation(case, rng)), rng):
                 groups.setdefault((case.kind, case.setting.joints, size), []).append(sized)
         yield from _mixed(groups.values(), rng)
 
@@ -130,7 +130,7 @@ def _situation(case: Case, rng: np.random.Generator) -> Setting:
     return replace(SITUATIONS[name], **{**needs, **kept})
 
 
-def _sized(case: Case, rng: np.random.Generator, of_single: Sizes) -> Iterator[tuple[str, Case]]:
+def _sized(case: Case, rng: np.random.Generator, of_single: Sizes = SIZES) -> Iterator[tuple[str, Case]]:
     """The case at the sizes at which its class is judged, by their names."""
     if case.size == 0.0:
         yield "large", case
