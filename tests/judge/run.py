@@ -5,14 +5,16 @@
     python -m tests.judge.run --short --csv short.csv --resume --budget 1500
     python -m tests.judge.run --cases cable_pack --situation low_noise --size 2 --save cases
     python -m tests.judge.run --simulator mujoco --csv developed.csv --resume
-    python -m tests.judge.run --simulator mujoco --cases gap_tendon --size 2 --joints 6 --first-seed 4012 --every 8
+    python -m tests.judge.run --simulator mujoco --first-seed 4103 --seeds 1
+    python -m tests.judge.run --simulator mujoco --cases gap_tendon --size 2 --joints 6 --first-seed 12 --every 8
 
 --cases takes classes (clean, limits, inside, single, forms, unknown, pairs) and names (stribeck, elasticity+gravity).
 --situation: how they are recorded (situations.py): uneven stamps, low rates, steps of the torque, an upright arm.
 --judging runs the judging set of plan.py, whose seeds and sizes nobody develops with; --seeds is then its rounds.
 --short runs some 400 of its kind; both mix their classes evenly, so that a part that --budget cuts has some of each.
 --simulator mujoco: MuJoCo moves the arms that ship with Tendon, drive, vishard4, ur10 and panda by --joints 1, 4, 6
-and 7. Alone it runs the set of mujoco_plan.py for development, with --judging the one that is run once.
+and 7. Alone it runs the set of mujoco_plan.py for development, with --judging the one that is run once; with --seeds,
+the cases of the set that have them.
 Per case: the truth with its size in units of the noise floor, the verdict, what was named and its rivals, the error at
 the joint of the truth (before / after / floor), and the error over the true floor on a recording that was not fitted.
 Then totals by class and by name, the confusion matrix, rates with their 95 % intervals, how many of the reported
@@ -184,7 +186,8 @@ def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[C
     """The cases that the arguments ask for; the parser's error for impossible ones."""
     try:
         if given.simulator and (given.judging or not given.cases):
-            return _mujoco("judging" if given.judging else "development")
+            seeds = range(given.first_seed, given.first_seed + given.seeds) if given.seeds else range(2**31)
+            return [c for c in _mujoco("judging" if given.judging else "development") if c.seed in seeds]
         if given.judging:
             rounds = 5 if given.seeds is None else given.seeds
             kinds, joints = given.cases or judging.KINDS, given.joints or plan.JOINTS
