@@ -154,7 +154,7 @@ class EffectParameter(Document, frozen=True, kw_only=True):
     bounds: Annotated[OpenInterval, key("physical bounds; null for none", "SI")]
     grid: Annotated[SearchGrid | None, key("values at which it is tried; null unless it is a shape parameter")]
     default: Annotated[float | None, key("value of a given parameter that the model file omits; null for none", "SI")]
-    kind: Annotated[str, key("kind of shape parameter: stiffness, damping, play, side, begin, end, onset, lead")]
+    kind: Annotated[str, key("kind of shape parameter: stiffness, damping, play, side, begin, end, onset, lead, lag")]
     neutral: Annotated[float, key("value at which the effect vanishes", "SI")]
     gives: Annotated[str, key("signal for other effects of which it is the value; empty for none")]
     planned: Annotated[str, key("size or place: what an optimization chooses; empty for neither")]

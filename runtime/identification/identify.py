@@ -273,12 +273,14 @@ def delay_entries(fit: Fit) -> list[DelayEntry]:
 
 
 def _leads(model: Model, inference: Inference, joint: int) -> list[Estimate]:
-    """Times by which effects say that a joint's recorded torque is ahead."""
+    """Times by which effects say that a joint's recorded torque is ahead; a lag delays slow motion by its time
+    constant."""
     found = []
     for term, values in inference.values.items():
-        lead = model.library.effects[term.effect].of_kind("lead")
-        if lead is not None and joint - 1 in joints_of(model, term):
-            found.append(values[lead.name])
+        info = model.library.effects[term.effect]
+        time = info.of_kind("lead") or info.of_kind("lag")
+        if time is not None and joint - 1 in joints_of(model, term):
+            found.append(values[time.name])
     return found
 
 

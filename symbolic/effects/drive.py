@@ -123,7 +123,8 @@ COMMAND_DELAY = replace(
 
 TORQUE_LAG = _drive(
     name="torque_lag",
-    # u = tau + T d(tau)/dt: exact, whatever the time.
+    # u = tau + T d(tau)/dt: exact, whatever the time. A delay is the same to first order, and is named where the band
+    # tells no more.
     torque=parameter("time_constant") * PREDICTED_RATE,
     parameters=(
         Parameter(
@@ -131,6 +132,7 @@ TORQUE_LAG = _drive(
             u.SECOND,
             "after it, 1/e of a step of the recorded torque is still missing from the acting one",
             bounds=NOT_NEGATIVE,
+            kind="lag",
         ),
     ),
     summary="The acting torque follows the recorded one with a first-order lag: winding, current control, filter.",
@@ -139,6 +141,7 @@ TORQUE_LAG = _drive(
     experiment="Motion up to the frequency 1/(2 pi T); below a tenth of it, a lag cannot be told from a delay.",
     source="Isermann 2005, Mechatronic Systems: Fundamentals, Springer",
     sits_at="motor",
+    generalises=("torque_delay",),
 )
 
 COMMAND_LAG = replace(
@@ -149,6 +152,7 @@ COMMAND_LAG = replace(
     trace="At every joint that of torque_lag, with the same time constant.",
     experiment="All joints at once up to the frequency 1/(2 pi T); below a tenth of it, a lag looks like a delay.",
     alike_at_joints="torque_lag",
+    generalises=("command_delay",),
 )
 
 EFFECTS = (
