@@ -83,7 +83,7 @@ class Grid:
         return self.spacing == "log" or self.count > 2
 
 
-ParameterKind = Literal["", "stiffness", "damping", "play", "side", "begin", "end", "onset", "lead", "lag"]
+ParameterKind = Literal["", "stiffness", "contact", "damping", "play", "side", "begin", "end", "onset", "lead", "lag"]
 
 
 @dataclass(frozen=True)
@@ -93,11 +93,12 @@ class DescribedParameter:
     role      "linear": solved exactly by identification; "shape": searched on a grid; "given": from the model file or
               `default`, because motion cannot identify it
     default   the value of a "given" parameter that the model file does not state
-    kind      the meaning of a shape parameter for searches and limits: "stiffness" (> 0) and its "damping"; "play",
-              from flank to flank; "side", +1 or -1; "begin" and "end" of an interval of positions; "onset", a start
-              time, also tried where runs and gaps end; "lead", the time by which the recorded torque precedes the
-              acting one (negative values cannot be simulated forwards); "lag", the time constant of a first-order
-              lag, by which slow motion is delayed
+    kind      the meaning of a parameter for searches, limits and evidence: "stiffness" (> 0) of a shape and its
+              "damping"; "contact", a linear stiffness without which there is no contact; "play", from flank to flank;
+              "side", +1 or -1; "begin" and "end" of an interval of positions; "onset", a start time, also tried where
+              runs and gaps end; "lead", the time by which the recorded torque precedes the acting one (negative
+              values cannot be simulated forwards); "lag", the time constant of a first-order lag, by which slow motion
+              is delayed
     neutral   the value at which the effect vanishes
     gives     the signal that other effects read this value as; "" for none
     planned   the role in optimization: "size", which may come from a catalogue; "place", where the effect begins to

@@ -18,10 +18,12 @@ from runtime.diagnosis.settings import (
     AT_THE_FLOOR,
     BIC_APART,
     CLEARLY_LESS,
+    FAR_ABOVE_NOISE,
     HELD_OUT_FALLS_TO,
+    LEAST_EXPLAINED,
     LEAST_FALL,
     LEAST_OF_EXCESS,
-    MOST_OF_BOTH,
+    MOST_LEFT,
     PREDICTED,
     VUONG_APART,
     WIDEST_ORDER,
@@ -43,7 +45,8 @@ def is_accepted(before: Step, after: Step, term: Term) -> bool:
     own = own_joints(after.fit.model, term)
     fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after, term)
     sure = is_significant(after, term) or _predicts_held_out(before, after, term)
-    return fallen and sure and not _at_a_bound(after, term) and _comes_back(before, after, term)
+    of_its_kind = _pushes_back(after, term) and _comes_back(before, after, term)
+    return fallen and sure and not _at_a_bound(after, term) and of_its_kind
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:
@@ -105,11 +108,30 @@ def _sizes(step: Step, term: Term) -> list[DescribedParameter]:
     info = step.fit.model.library.effects[term.effect]
     if info.gives_way:
         return []
+    contact = info.of_kind("contact")
+    if contact is not None:
+        return [contact]
     return [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
 
 
 def _excludes(e: Estimate, neutral: float) -> bool:
     return e.interval is not None and not e.interval[0] <= neutral <= e.interval[1]
+
+
+def _pushes_back(step: Step, term: Term) -> bool:
+    """Whether a contact's torque is rather one over its depth than over the rate. What resists motion more than it
+    pushes back is drag over a part of the range. True of a term that is no contact."""
+    fit, joint = step.fit, (term.joint or 1) - 1
+    info = fit.model.library.effects[term.effect]
+    contact = info.of_kind("contact")
+    if contact is None:
+        return True
+    own = fit.problem.layout.slices[term]
+    columns = fit.problem.rows(joint, fit.shapes)[0][own][:, fit.motion.moving(joint)]
+    torques = fit.coefficients[own, None] * columns
+    at = [c.name for c in info.coefficients].index(contact.name)
+    pushing, rest = torques[at], torques.sum(axis=0) - torques[at]
+    return bool(pushing @ pushing > rest @ rest)
 
 
 def _comes_back(before: Step, after: Step, term: Term) -> bool:
@@ -150,16 +172,13 @@ def same_signals(one: EffectInfo, other: EffectInfo) -> bool:
     return bool(set(one.signals) & set(other.signals))
 
 
-def redundant(none: Step, alone: Sequence[Step], both: Step, joint: int) -> int | None:
-    """Which of two effects (0, 1) the other one nearly makes superfluous at a joint (0-based); None if each is needed.
+def kept_alone(none: Step, alone: Sequence[Step], both: Step, joint: int) -> list[float]:
+    """Parts of the fall of the squared error at a joint (0-based) that remain with one of two findings alone.
 
     none   the step without either     alone   with the first only, with the second only     both   with both
     """
     whole = none.fitted.rms[joint] ** 2 - both.fitted.rms[joint] ** 2
-    kept = [(none.fitted.rms[joint] ** 2 - step.fitted.rms[joint] ** 2) / max(whole, 1e-300) for step in alone]
-    if max(kept) < MOST_OF_BOTH:
-        return None
-    return 1 if kept[0] >= kept[1] else 0
+    return [(none.fitted.rms[joint] ** 2 - step.fitted.rms[joint] ** 2) / max(whole, 1e-300) for step in alone]
 
 
 def acting(model: Model, term: Term) -> list[Collection[int]]:
@@ -267,6 +286,21 @@ def ruled_out(term: Term, best: Step, joint: int) -> bool:
     here = best.joints[joint]
     rugged = best.fit.model.library.effects[term.effect].has_gap
     return not rugged or here.rms < ABOVE_NOISE * here.floor.spectrum
+
+
+def only_nearest(first: Step, last: Step, joint: int) -> bool:
+    """Whether findings leave so much at a joint (0-based) that is no noise, beside what they explain, that they are no
+    evidence for their laws: of any set of laws one comes nearest.
+
+    What comes back with the motion is no noise. Where no motion is repeated, nor any recording held out, an error far
+    above the noise is none.
+    """
+    left = last.joints[joint]
+    before, after, spectrum = first.fitted.rms[joint], left.rms, left.floor.spectrum
+    if left.floor.repeating is not None:
+        return after > ABOVE_NOISE * spectrum and left.floor.repeating**2 > MOST_LEFT * (before**2 - after**2)
+    far = after > FAR_ABOVE_NOISE * spectrum and last.held_out is None
+    return far and before**2 - after**2 < LEAST_EXPLAINED * (before**2 - spectrum**2)
 
 
 # dry friction's presliding under another name ------------------------------------------------------------------------

@@ -19,10 +19,10 @@ from runtime.diagnosis.acceptance import (
     explains_better,
     is_accepted,
     is_significant,
+    kept_alone,
     less_likely_cases,
     own_joints,
     preferred,
-    redundant,
     ruled_out,
     same_signals,
     simplest,
@@ -239,11 +239,21 @@ def best_pair(trail: Trail, single: Step | None) -> Step | None:
         best = int(np.argmin(scores))
         if alternative - scores[best] < BIC_APART:
             return None
+    if single and _nearly_does(trail, single, others[best], steps[best]):
+        return None
     both = all(is_significant(steps[best], t) for t in others[best].terms)
     if single and is_significant(single, single.term) and not both:
         return None
     near = [p for p, score in zip(others, scores, strict=True) if 0 < score - scores[best] < BIC_APART]
     return _both(trail, others[best], steps[best], near)
+
+
+def _nearly_does(trail: Trail, single: Step, pair: CandidatePair, together: Step) -> bool:
+    """Whether one effect, over the same quantities at the same joint, explains nearly as much as a pair."""
+    if not all(_alike(trail, single.term, t) for t in pair.terms):
+        return False
+    (kept,) = kept_alone(trail.last, (single,), together, single.joint_index)
+    return kept >= MOST_OF_BOTH
 
 
 def _pairs(base: FittedBase, candidates: Sequence[Candidate]) -> list[CandidatePair]:
@@ -318,7 +328,7 @@ def _both(trail: Trail, pair: CandidatePair, together: Step, near: Sequence[Cand
     if not all(is_accepted(a, together, t) for a, t in zip(alone, pair.terms[::-1], strict=True)):
         return None
     one, other = pair.terms
-    if _alike(trail, one, other) and redundant(step, alone, together, (one.joint or 1) - 1) is not None:
+    if _alike(trail, one, other) and max(kept_alone(step, alone, together, (one.joint or 1) - 1)) >= MOST_OF_BOTH:
         return None
     if _rest_of_another(trail, pair.terms, together):
         return None
@@ -383,7 +393,10 @@ def _is_superfluous(trail: Trail, finding: Step, without: Step) -> bool:
     whole, last = trail.last, trail.last.term
     if not is_accepted(without, whole, finding.term):
         return True
-    return _alike(trail, finding.term, last) and _redundant_of(trail, finding.term, (last,), whole) == 0
+    if not _alike(trail, finding.term, last):
+        return False
+    own, later = _kept_alone(trail, finding.term, (last,), whole)
+    return later >= MOST_OF_BOTH and later > own
 
 
 def _is_likelier(trail: Trail, without: Step) -> bool:
@@ -424,9 +437,13 @@ def without_insignificant(trail: Trail) -> Trail:
 
 def _rest_of_another(trail: Trail, terms: Sequence[Term], both: Step) -> bool:
     """Whether an effect found before, over the same quantities at the same joint, leaves hardly anything to these:
-    then they are what that one's law lacks, and no effects of their own; both: the step with all of them."""
+    then they are what that one's law lacks, and no effects of their own; both: the step with all of them.
+
+    One law that nearly does it stands before two that do as well without it.
+    """
     earlier = [f for f in trail.findings if all(_alike(trail, f.term, t) for t in terms)]
-    return any(_redundant_of(trail, f.term, terms, both) == 1 for f in earlier)
+    kept = (_kept_alone(trail, f.term, terms, both) for f in earlier)
+    return any(own >= MOST_OF_BOTH and (len(terms) > 1 or own >= later) for own, later in kept)
 
 
 def _alike(trail: Trail, one: Term, other: Term) -> bool:
@@ -439,15 +456,15 @@ def _alike(trail: Trail, one: Term, other: Term) -> bool:
     return not contained and (one_info.one_form or same_signals(one_info, other_info))
 
 
-def _redundant_of(trail: Trail, earlier: Term, terms: Sequence[Term], both: Step) -> int | None:
-    """As `redundant` of an earlier finding and later terms; both: the step with all of them."""
+def _kept_alone(trail: Trail, earlier: Term, terms: Sequence[Term], both: Step) -> list[float]:
+    """As `kept_alone` of an earlier finding and of later terms; both: the step with all of them."""
     added = {f.term for f in trail.findings} | set(terms)
     shapes = [(t, v) for t, v in both.shapes.items() if t in added]
     none, first, second = (
         trail.refitted(trail.structure([(t, v) for t, v in shapes if t not in gone]), both)
         for gone in ((earlier, *terms), tuple(terms), (earlier,))
     )
-    return redundant(none, (first, second), both, (earlier.joint or 1) - 1)
+    return kept_alone(none, (first, second), both, (earlier.joint or 1) - 1)
 
 
 # rivals followed to their ends ---------------------------------------------------------------------------------------

@@ -114,6 +114,11 @@ LEAST_EXPLAINED: Final = 0.5
 """part of what is above the noise floor; findings must explain so much where physics is left after them, or they only
 came nearest; development recordings with forms that are not the library's."""
 
+MOST_LEFT: Final = 0.5
+"""part of the squared error that findings explain; where more than that surely comes back with the motion after them,
+they only came nearest; development recordings: 0.18 at most beside right findings, 0.7 and more with laws that the
+library lacks."""
+
 FAR_MORE: Final = 1.8
 """ratio of falls of BIC; a guess whose evidence is so much more than that of the findings says that these stand for it;
 development recordings with laws that the library lacks."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from runtime.diagnosis import credibility, detection_limits
-from runtime.diagnosis.acceptance import error_falls
+from runtime.diagnosis.acceptance import error_falls, only_nearest
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
@@ -211,7 +211,8 @@ def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | 
         return None  # an encoder on either side shows it, whatever the torque says
     if credibility.tangled(first.fit, joint):
         return JointVerdict(joint, "excitation", withdrawn=here)
-    if physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED:
+    weak = physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED
+    if weak or only_nearest(first, last, joint):
         return JointVerdict(joint, "comes nearest", withdrawn=here)
     draft = None if wider is None else _outdone(trail, here, joint, wider)
     return None if draft is None else JointVerdict(joint, "outdone", withdrawn=here, draft=draft)

@@ -13,7 +13,6 @@ from runtime.diagnosis.settings import LEAST_MOVING_S
 from runtime.diagnosis.steps import (
     Disturbance,
     Remainder,
-    RepeatingResidual,
     Step,
     lines_above,
     physics,
@@ -348,8 +347,9 @@ def _excitation(fit: Fit, joint: int) -> str:
 def _comes_nearest(diagnosis: Diagnosis, said: JointVerdict) -> str:
     searched, near = diagnosis.searched, ", ".join(str(f.term) for f in said.withdrawn)
     share = 100 * explained(searched.first, searched.last, said.joint)
-    rest = physics(searched.last, said.joint) or RepeatingResidual(0.0)
-    return f"{near} comes nearest, but explains only {share:.0f} % of what is above the noise: {left_over(rest)}"
+    rest = physics(searched.last, said.joint)
+    left = "as much as half of that is left, and is no noise" if rest is None else left_over(rest)
+    return f"{near} comes nearest, but explains only {share:.0f} % of what is above the noise: {left}"
 
 
 def _outdone(said: JointVerdict) -> str:

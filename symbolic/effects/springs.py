@@ -156,7 +156,7 @@ END_STOP = _spring(
             "shape",
             grid=Grid(0, 0.4, 13, of="end", spacing="linear"),
         ),
-        Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE),
+        Parameter("stiffness", u.STIFFNESS, "of the stop", bounds=NOT_NEGATIVE, kind="contact"),
         Parameter("damping", u.VISCOUS, "of the stop while it is touched", bounds=NOT_NEGATIVE),
         Parameter(
             "side",
