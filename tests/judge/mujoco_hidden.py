@@ -81,14 +81,14 @@ def _(s: Setup) -> Hidden:
 @mechanism("drives_late", "single", least_joints=4)
 def _(s: Setup) -> Hidden:
     """All actuators' own delay, of some steps of the recording; the first half step is what any hold makes."""
-    late = min(float(s.rng.uniform(2.0, 3.5)) * s.step, 0.012)
+    late = min(float(s.rng.uniform(2.0, 3.5)) * s.step, 0.008)  # more is not borne by all controllers at once
     return Hidden("command_delay", late, (late, late), _of_all("DELAY"), of_arm=True, rivals=("command_lag",))
 
 
 @mechanism("drives_filtered", "single", least_joints=4)
 def _(s: Setup) -> Hidden:
     """All actuators' own first-order filter; at low frequencies it is a delay."""
-    lag = float(s.rng.uniform(0.004, 0.01))
+    lag = float(s.rng.uniform(0.004, 0.008))
     return Hidden("command_lag", lag, (lag, lag), _of_all("LAG"), of_arm=True, accept=("command_delay",))
 
 
