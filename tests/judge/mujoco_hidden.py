@@ -68,7 +68,7 @@ def _(s: Setup) -> Hidden:
     inertia = s.bodies[s.joint].rotor + s.link_inertia
     level = float(np.mean(s.bodies[s.joint].dry))
     put = at(s.joint, SOFT=lambda a: 2.0 * a * inertia / level)
-    return Hidden("velocity_strengthening", 0.05, (0.02, 0.6), put)
+    return Hidden("velocity_strengthening", 0.1, (0.05, 0.6), put)
 
 
 @mechanism("torque_lag", "forms")
