@@ -17,8 +17,8 @@ from runtime.model.terms import joints_of
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import map_option
 from runtime.recordings.recording import TORQUE as TORQUE_MEANING
-from runtime.wording import number, quantity
-from symbolic.model_file.arm import MOTOR_TORQUE, WEIGHTLESS
+from runtime.wording import joints_said, number, quantity
+from symbolic.model_file.arm import LINK_TORQUE, MOTOR_TORQUE, WEIGHTLESS
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ class _Words:
             *(self._without_ratio(i) for i in self._by_factor(RATIO)),
             *(self._twice(i) for i in self._by_factor(TWICE)),
             *self._weightless(),
+            *self._rotorless(),
         )
 
     def _by_factor(self, kind: str) -> list[int]:
@@ -137,6 +138,16 @@ class _Words:
         once = "" if kind == RATIO else "once "
         what = f"{do} tau{joint + 1}, or the joint's torque_constant, by it"
         return f"the motor's torque {once}times {ratio}: {what}{stated}"
+
+    def _rotorless(self) -> list[Suspicion]:
+        """Torques that were measured behind the gear."""
+        option = f"--map {TORQUE_MEANING}={LINK_TORQUE}"
+        if not self.wrong.rotorless:
+            return []
+        joints = joints_said([i + 1 for i in self.wrong.rotorless])
+        said = f"the torque at {joints} has neither friction nor the inertia of the rotors in the model file"
+        cure = f'if it is measured at the link, pass {option}, or state torque = "{LINK_TORQUE}" in the model file'
+        return [Suspicion(min(self.wrong.rotorless) + 1, "link", said, cure, maps=(option,))]
 
     def _weightless(self) -> list[Suspicion]:
         """Gravity that the torques lack, or have, against what is declared."""

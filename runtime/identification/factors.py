@@ -22,7 +22,9 @@ from runtime.identification.settings import (
     AS_STATED,
     BEYOND_LIMIT,
     EXCERPT,
+    LITTLE_FRICTION,
     SUSPECTED_RATIO,
+    TAKEN_OUT,
     USUAL_CONSTANTS,
     USUAL_RATIOS,
     WEIGHTLESS_FALLS_TO,
@@ -32,11 +34,13 @@ from runtime.identification.stated_parts import (
     StatedPart,
     of_all_stated,
     of_stated_gravity,
+    stated_lumps,
     stated_part,
     without_weight,
 )
 from runtime.model.terms import Term, Values
 from runtime.recordings.columns import UNITS, normal_unit
+from symbolic.model_file.arm import LINK_TORQUE
 from symbolic.model_file.checks import SMALLEST
 
 Array = NDArray[np.float64]
@@ -149,6 +153,36 @@ def _left(rows: Sequence[Array], right: Sequence[Array]) -> Array:
     scale = np.maximum(np.linalg.norm(columns, axis=0), SMALLEST)
     found = np.linalg.lstsq(columns / scale, np.concatenate(right), rcond=None)[0] / scale
     return np.array([float(np.linalg.norm(y - found @ x)) for x, y in zip(rows, right, strict=True)])
+
+
+def rotorless_torques(fit: Fit) -> tuple[int, ...]:
+    """Joints (0-based) whose recorded torque has neither the stated rotor's inertia nor friction, where it is so at all
+    that tell; empty where one of them has."""
+    if fit.motion.rigid_given or any(p.torque == LINK_TORQUE for p in fit.motion.pieces):
+        return ()
+    trials, given, found, links = Trials(fit), Reading.given(fit.model.n), [], []
+    known, values = stated_lumps(fit.model)
+    for i in trials.able:
+        rotor, (columns, acceleration, torque) = fit.model.joints[i].rotor_inertia, trials.equation(given, i)
+        if not rotor:
+            continue
+        lumps, own = columns[: len(known)], rotor * acceleration
+        rest, others = values @ lumps - own, np.vstack([lumps[~known], columns[len(known) :]])
+        part, link = (stated_part(x, np.vstack([y, others]), torque) for x, y in ((own, rest), (rest, own)))
+        links += [link] if link.weighs else []
+        if part.weighs:
+            if part.present or part.spread > TAKEN_OUT or _friction(fit, columns, i) > LITTLE_FRICTION * part.recorded:
+                return ()
+            found.append(i)
+    # A torque in another unit has little of the rotors, too, but of the links as well.
+    return tuple(found) if links and all(link.present for link in links) else ()
+
+
+def _friction(fit: Fit, columns: Array, joint: int) -> float:
+    """RMS of the fitted friction of a joint (0-based), in the rows of these columns (K, M)."""
+    layout, library = fit.problem.layout, fit.model.library
+    rubbing = [layout.slices[t] for t in layout.terms if t.joint == joint + 1 and library.effects[t.effect].rubs]
+    return float(np.linalg.norm(sum((fit.coefficients[s] @ columns[s] for s in rubbing), start=np.zeros(1))))
 
 
 # --- inertias, where the model file states all ---

@@ -156,6 +156,10 @@ AS_STATED: Final = 1.1
 """ratio; a factor this near to one that the model file knows is that one, whatever is likelier otherwise: masses of a
 weighed arm; a choice."""
 
+LITTLE_FRICTION: Final = 0.03
+"""part of a joint's torque, RMS; a geared motor has more friction, and a sensor behind the gear feels less; simulated
+recordings of whole arms."""
+
 WEIGHTLESS_FALLS_TO: Final = 0.4
 """part of an error, RMS; to less it must fall without gravity before that is said of an arm of unknown masses: with
 gravity in the torque it rises several times; simulated arms."""

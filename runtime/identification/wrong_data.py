@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification.compare import errors
-from runtime.identification.factors import Factor, Weightless, factors, weightless_torque
+from runtime.identification.factors import Factor, Weightless, factors, rotorless_torques, weightless_torque
 from runtime.identification.fit import Fit
 from runtime.identification.readings import DEGREES, MOTOR, POSITION, TORQUE, Reading, Trials, moving_joints
 from runtime.identification.settings import (
@@ -42,6 +42,7 @@ class WrongData:
     factors      joint (0-based) -> what its inertia, or what the file states of its links, says besides
     alike        joints (0-based) whose positions are in degrees, or as well the motor's
     weightless   gravity that is not in the torques; then nothing else was looked for
+    rotorless    joints (0-based) whose torque has neither rotor nor friction
     """
 
     reading: Reading
@@ -49,6 +50,7 @@ class WrongData:
     factors: Mapping[int, Factor] = field(default_factory=dict)
     alike: Collection[int] = ()
     weightless: Weightless | None = None
+    rotorless: Collection[int] = ()
 
 
 def wrong_data(fit: Fit) -> WrongData:
@@ -59,12 +61,12 @@ def wrong_data(fit: Fit) -> WrongData:
         return WrongData(given, weightless=weightless)
     trials = _trials(fit)
     if trials is None:
-        return WrongData(given, factors=factors(fit, given, lumps, SUSPECTED_RATIO))
+        return WrongData(given, factors=_factors(fit, given, lumps, SUSPECTED_RATIO))
     search = _Search(trials, lambda reading: trials.fit(reading).physical_errors, _errors(fit))
     before = search.before
     reading, alike = search.degrees_first(search.all_mistakes())
     lumps = lumps if reading == given else trials.fit(reading).lumps
-    apart = factors(fit, reading, lumps, SUSPECTED_RATIO)
+    apart = _factors(fit, reading, lumps, SUSPECTED_RATIO)
     return WrongData(reading, (before, search.errors(reading)), apart, alike)
 
 
@@ -80,13 +82,21 @@ def doubtful_data(fit: Fit) -> WrongData:
         return WrongData(given, weightless=weightless)
     if trials is None or trials.fit(given).physical:
         lumps = fit.prediction.lumps
-        return WrongData(given, factors=factors(fit, given, lumps, DOUBTED_RATIO))
+        rotorless = rotorless_torques(fit)
+        return WrongData(given, factors=_factors(fit, given, lumps, DOUBTED_RATIO), rotorless=rotorless)
     search = _Search(trials, lambda reading: trials.fit(reading).errors, _errors(fit))
     reading = search.likeliest()
     return WrongData(reading, (search.before, search.errors(reading)))
 
 
 # --- the fit of the data as they are ---
+
+
+def _factors(fit: Fit, reading: Reading, lumps: Array, least: float) -> dict[int, Factor]:
+    """As `factors`, without inertias from which a rotor is missing: a torque at the link has none."""
+    apart = factors(fit, reading, lumps, least)
+    rotorless = rotorless_torques(fit) if apart else ()
+    return {i: factor for i, factor in apart.items() if i not in rotorless}
 
 
 def _errors(fit: Fit) -> Array:

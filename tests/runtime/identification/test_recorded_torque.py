@@ -87,6 +87,17 @@ def test_a_torque_at_the_link_has_no_rotors(arm: str) -> None:
         assert found == pytest.approx(expected, abs=0.15 * stated.max())
 
 
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_torque_at_the_link_that_nobody_declared_is_mentioned(arm: str) -> None:
+    """Friction and rotors are missing at once; a sound torque has both."""
+    model, r = t.true_model(arm), at_the_link(arm)
+    assert kept(t.suspected, model, r) == ()
+    (found,) = kept(t.doubted, model, r)
+    assert (found.kind, found.maps) == ("link", ("--map torque=link",))
+    assert kept(t.doubted, model, replace(r, torque="link")) == ()
+    assert kept(t.doubted, model, t.sound(arm)) == ()
+
+
 def test_recordings_of_both_sides_are_not_fitted_together() -> None:
     model = t.users_model("vishard4", "rotors")
     r = t.sound("vishard4")
