@@ -15,6 +15,7 @@ import numpy as np
 from runtime.diagnosis.gates import ERROR
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
+    AS_WELL,
     AT_THE_FLOOR,
     BIC_APART,
     CLEARLY_LESS,
@@ -138,8 +139,8 @@ def _comes_back(before: Step, after: Step, term: Term) -> bool:
     """Whether a line over the motor's angle comes back after a turn of the motor or of the joint: the nearest whole
     order of one of them is not clearly less likely than the line's own. True of a term that is no line.
 
-    Any other line is one over time, a law over the position, or chance. An interval that is wide beside the distance
-    of whole orders holds one wherever the line is, and shows nothing.
+    Any other line is one over time, a law over the position, or chance. Where the interval is wide beside the distance
+    of whole orders, one is near wherever the line is: it must explain as well as the line's own order does.
     """
     model = after.fit.model
     line = model.library.effects[term.effect].line
@@ -149,11 +150,13 @@ def _comes_back(before: Step, after: Step, term: Term) -> bool:
     if order.interval is None:
         return False
     width = order.interval[1] - order.interval[0]
-    counts = sorted({1.0, model.joints[term.joint - 1].gear_ratio})
-    whole = [round(order.value * count) / count for count in counts if width * count < WIDEST_ORDER]
-    others = (_with_shape(after, term, {line.name: value}) for value in whole if value)
-    scores = (whitened_bic(before.base.system, [after, other]) for other in others)
-    return any(other - own < BIC_APART for own, other in scores)
+    for count in {1.0, model.joints[term.joint - 1].gear_ratio}:
+        whole, apart = round(order.value * count) / count, BIC_APART if width * count < WIDEST_ORDER else AS_WELL
+        if whole and width * count < 1.0:
+            own, other = whitened_bic(before.base.system, [after, _with_shape(after, term, {line.name: whole})])
+            if other - own < apart:
+                return True
+    return False
 
 
 def _with_shape(step: Step, term: Term, shape: Values) -> Step:

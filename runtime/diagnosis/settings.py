@@ -95,8 +95,12 @@ are not the library's, and with two effects."""
 
 WIDEST_ORDER: Final = 0.5
 """part of the distance between whole orders a turn; where the 95 % interval of a line's order is wider, a whole order
-lies near enough by chance more often than not, and nothing says that the line comes back after a turn; half, by
-construction; intervals of ripples of half a noise floor and more are 0.07 to 0.4 wide on development recordings."""
+lies near enough by chance more often than not, and must explain as well; half, by construction; intervals of ripples of
+half a noise floor and more are 0.07 to 0.4 wide on development recordings."""
+
+AS_WELL: Final = 1.0
+"""natural logarithm, doubled; a whole order explains as well as a line's own within it; one standard deviation of a
+normal distribution; a choice, with simulated lines at 45.5 periods a turn in view."""
 
 HELD_OUT_FALLS_TO: Final = 0.93
 """part of the squared error on held-out recordings; an effect must bring it below, which chance does not; two effects
