@@ -106,7 +106,7 @@ class DescribedParameter:
     scale     a typical size in SI, by which an optimization scales its unknown
     says      the words that introduce its value in a plan; None: its name
     abroad    its word in simulators' files (URDF, MJCF), if they have one: "damping" or dry "friction" of a joint,
-              "stiffness" and "rest" of a spring, gravity along base axes
+              "stiffness" and "rest" of a spring, "lag" of an actuator, gravity along base axes
     space     exists on spatial arms only; on a planar arm the effect behaves as if it were zero
     """
 
@@ -123,7 +123,7 @@ class DescribedParameter:
     planned: Literal["", "size", "place"] = ""
     scale: float = 1.0
     says: str | None = None
-    abroad: Literal["", "damping", "friction", "stiffness", "rest", "gravity x", "gravity y", "gravity z"] = ""
+    abroad: Literal["", "damping", "friction", "stiffness", "rest", "lag", "gravity x", "gravity y", "gravity z"] = ""
     space: bool = False
 
 

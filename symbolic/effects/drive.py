@@ -133,6 +133,7 @@ TORQUE_LAG = _drive(
             "after it, 1/e of a step of the recorded torque is still missing from the acting one",
             bounds=NOT_NEGATIVE,
             kind="lag",
+            abroad="lag",
         ),
     ),
     summary="The acting torque follows the recorded one with a first-order lag: winding, current control, filter.",

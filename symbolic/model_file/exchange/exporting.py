@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Language = Literal["urdf", "mjcf"]
 WORDS: Mapping[Language, tuple[str, ...]] = {
     "urdf": ("damping", "friction"),
-    "mjcf": ("damping", "friction", "stiffness", "rest"),
+    "mjcf": ("damping", "friction", "stiffness", "rest", "lag"),
 }
 """The words of each format for a joint's effects; see DescribedParameter.abroad."""
 GRAVITY = ("gravity x", "gravity y", "gravity z")
@@ -72,8 +72,9 @@ def exported(
     """
     missing: Unsaid = {}
     joints = []
+    alike = {name: values for name, values in arm.effects.items() if _at_joints(name, library)}
     for k, (joint, body, rotor) in enumerate(zip(arm.joints, bodies, rotors, strict=True), 1):
-        said, unknown = _dynamics(joint.effects, library, language, joint=k, unsaid=missing)
+        said, unknown = _dynamics({**joint.effects, **alike}, library, language, joint=k, unsaid=missing)
         joints.append(
             ExportedJoint(joint.name or f"joint{k}", joint, body, rotor=rotor, dynamics=said, unknown=unknown)
         )
@@ -97,10 +98,17 @@ def exported(
     return ExportedArm(made, tuple(joints), tuple(unsaid))
 
 
+def _at_joints(name: str, library: Mapping[str, Effect]) -> bool:
+    """Whether an effect of the arm is one of every joint, with the same values."""
+    return name in library and bool(library[name].alike_at_joints)
+
+
 def _with_gravity(arm: Arm, library: Mapping[str, Effect]) -> tuple[Arm, list[str]]:
     """The arm with its gravity effects added to gravity, and a list of its other or unknown effects."""
     gravity, unsaid = list(arm.gravity), []
     for name, values in arm.effects.items():
+        if _at_joints(name, library):
+            continue
         own = [p for p in library[name].parameters if arm.space or not p.space] if name in library else []
         if not own or any(p.abroad not in GRAVITY for p in own):
             unsaid.append(f"{name} of the arm")
@@ -303,8 +311,9 @@ def mjcf_text(made: ExportedArm) -> str:
     lines += [f"{'  ' * (depth + 2)}</body>" for depth in reversed(range(len(made.joints)))]
     lines += ["  </worldbody>", "  <actuator>"]
     for joint in made.joints:
-        name = quoteattr(joint.name)
-        lines.append(f'    <motor name={name} joint={name} gear="{number(joint.joint.gear_ratio)}"/>')
+        name, lag = quoteattr(joint.name), joint.dynamics.get("lag", 0.0)
+        kind, more = ("general", f' dyntype="filterexact" dynprm="{number(lag)}"') if lag else ("motor", "")
+        lines.append(f'    <{kind} name={name} joint={name} gear="{number(joint.joint.gear_ratio)}"{more}/>')
     return "\n".join([*lines, "  </actuator>", "</mujoco>"]) + "\n"
 
 

@@ -482,6 +482,21 @@ def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - a folder with small.
     result.show()
 
 
+def test_a_lag_of_the_drives_is_one_of_the_simulator_s_actuators(run: Run) -> None:
+    """After a time constant, MuJoCo's force is within 1/e of a step; URDF has no word for it."""
+    mujoco = pytest.importorskip("mujoco")
+    Path("lagging.toml").write_text(SMALL + "\n[effects.command_lag]\ntime_constant = 0.02\n", encoding="utf-8")
+    document = said(run, "lagging.toml", "--to", "mjcf", "--out", "lagging.xml")
+    assert not any("command_lag" in item for item in document["unsaid"])
+    model = mujoco.MjModel.from_xml_path("lagging.xml")
+    data, step = mujoco.MjData(model), float(model.opt.timestep)
+    data.ctrl[:] = 1.0
+    for _ in range(round(0.02 / step) + 1):
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.actuator_force, 1 - np.exp(-1.0), atol=0.01)
+    assert "command_lag at" in str(said(run, "lagging.toml", "--to", "urdf", "--out", "lagging.urdf")["unsaid"])
+
+
 def test_another_arm_of_the_same_names_is_told_apart(run: Run) -> None:
     said(run, "small.toml", "--to", "urdf", "--out", "plain.urdf")
     text = Path("plain.urdf").read_text()
