@@ -272,7 +272,8 @@ def _why_not_named(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -
 
 def _is_far_above(series: JointSeries) -> bool:
     """Whether a joint's error is too far above its noise floor to be noise, though it is as white."""
-    return series.rms > ONLY_NOISE * series.floor.value
+    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
+    return series.rms > ONLY_NOISE * max(series.floor.value, series.floor.spectrum)
 
 
 def _is_blind(step: Step, joint: int, seen: Sequence[detection_limits.Limit]) -> bool:

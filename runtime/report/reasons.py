@@ -333,7 +333,7 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
 
 def _above(series: JointSeries) -> str:
     rms = quantity(series.rms, series.force_unit, 3)
-    return f"{rms} are left, {series.rms / series.floor.value:.2g} times the noise floor"
+    return f"{rms} are left, {series.rms / max(series.floor.value, series.floor.spectrum):.2g} times the noise floor"
 
 
 def _excitation(fit: Fit, joint: int) -> str:
