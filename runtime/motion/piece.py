@@ -265,7 +265,7 @@ class Piece:
         # A joint that is stopped again and again would have no rows left.
         clear = (quiet > 0) & (standstill < SLOW_MOTION * np.max(np.abs(self.qd), axis=1, initial=0.0))
         found = zip(whole.without, clear, strict=True)
-        return replace(self, without=tuple(x.resolved(self.low_pass) if c and x.too_much else x for x, c in found))
+        return replace(self, without=tuple(x.relaxed(self.low_pass) if c and x.too_much else x for x, c in found))
 
     def unknown_at(self, samples: Mask, quiet: Array) -> Piece:
         """With the joints' torques unknown at more samples (n, N)."""

@@ -151,3 +151,17 @@ def test_rests_that_leave_no_rows_are_let_in_if_the_band_does_not_resolve_them(b
 
 def test_rests_that_are_as_quick_but_few_leave_enough(band: LowPass):
     assert not UnknownTorque.of(band, resting(*((k, 8) for k in range(500, 3500, 300))), 0.01).too_much
+
+
+def test_many_turns_are_eliminated_as_far_as_half_of_the_rows_allow(band: LowPass) -> None:
+    """A joint that turns ten times a second leaves less than half; its friction at the turns stays out for the most
+    part, where a torque that is known there would let in all of it."""
+    turns = resting(*((k, 20) for k in range(300, 3900, 100)))
+    strict = UnknownTorque.of(band, turns, 0.01)
+    found = strict.relaxed(band)
+    assert strict.too_much
+    assert not found.too_much
+    assert 0 < found.directions.shape[1] < strict.directions.shape[1]
+    friction = np.where(turns, np.random.default_rng(2).choice([-1.0, 1.0], SAMPLES // 100).repeat(100), 0.0)
+    let_in = band(friction)
+    assert np.linalg.norm(found(let_in)[found.counts]) < 0.2 * np.linalg.norm(let_in[found.counts])
