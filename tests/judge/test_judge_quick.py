@@ -203,6 +203,7 @@ def test_every_form_of_the_library_has_another_or_a_reason() -> None:
     }
     without = classes["single"] - classes["forms"]
     plain = {"coulomb", "coulomb_asymmetric", "offset", "viscous", "linear_spring", "torque_scale", "gravity"}
+    plain |= {"torque_delay"}
     assert without == plain | {"coupled_gear"}
     assert all(name in str(forms.__doc__) for name in without)
 

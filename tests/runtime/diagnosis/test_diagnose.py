@@ -176,7 +176,9 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     result = kept(improve, source, [fitted], [held])
     history = improved(result).to_json()["history"]
     added = [step["added"] for step in history]
-    assert {"viscous_asymmetric@1", "viscous_power@1"} == set(added[1:3])
+    # Friction that grows less than the speed does has two laws here, of which neither is likelier by much.
+    assert "viscous_asymmetric@1" in added[1:3]
+    assert {"viscous_power@1", "velocity_strengthening@1"} & set(added[1:3])
     for key in ("relative", "held_out_relative"):
         errors = [step[key][0] for step in history]
         assert errors == sorted(errors, reverse=True)
