@@ -3,7 +3,8 @@
 Every effect with a law that could be another has one here. Without: coulomb, coulomb_asymmetric and offset (a number
 has no shape), viscous (bent, it is viscous_cubic or viscous_power), linear_spring (bent, it is a cable), torque_scale
 (bent, it is a saturation or a load friction), torque_delay (another phase is a torque_lag's), gravity (a uniform field
-has one form) and coupled_gear (its frictions are those of a joint, on another rate). quadratic_drag is viscous_power at another exponent, the library's own.
+has one form) and coupled_gear (its frictions are those of a joint, on another rate). quadratic_drag is viscous_power at
+another exponent, the library's own.
 """
 
 from __future__ import annotations
