@@ -17,7 +17,14 @@ from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
 from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.search import undecided, with_rivals
-from runtime.diagnosis.settings import FAR_MORE, LEAST_EXPLAINED, LEAST_MOVING_S, LIMIT_PART, ONLY_NOISE
+from runtime.diagnosis.settings import (
+    FAR_ABOVE_NOISE,
+    FAR_MORE,
+    LEAST_EXPLAINED,
+    LEAST_MOVING_S,
+    LIMIT_PART,
+    ONLY_NOISE,
+)
 from runtime.diagnosis.steps import (
     Step,
     Trail,
@@ -31,6 +38,7 @@ from runtime.identification.compare import JointSeries
 from runtime.identification.identify import unsound
 from runtime.model.loader import Model
 from runtime.model.terms import joints_of
+from runtime.motion.band import Band
 
 Verdict = Literal["effect", "clean", "unexplained", "refused"]
 Why = Literal[
@@ -265,15 +273,18 @@ def _why_not_named(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -
         return "excitation"
     if remainder(last, joint):
         return "nothing explains"
-    if _is_far_above(last.joints[joint]):
+    band = trail.motion.band
+    if _is_far_above(last.joints[joint], band):
         return "above the floor"
-    return "held out" if elsewhere and _is_far_above(elsewhere[joint]) else "noise"
+    return "held out" if elsewhere and _is_far_above(elsewhere[joint], band) else "noise"
 
 
-def _is_far_above(series: JointSeries) -> bool:
+def _is_far_above(series: JointSeries, band: Band) -> bool:
     """Whether a joint's error is too far above its noise floor to be noise, though it is as white."""
-    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
-    return series.rms > ONLY_NOISE * max(series.floor.value, series.floor.spectrum)
+    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise. What uncertain
+    # instants add is not.
+    most = FAR_ABOVE_NOISE if band.jittered else ONLY_NOISE
+    return series.rms > most * max(series.floor.value, series.floor.spectrum)
 
 
 def _is_blind(step: Step, joint: int, seen: Sequence[detection_limits.Limit]) -> bool:
