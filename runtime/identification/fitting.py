@@ -236,7 +236,7 @@ def _search(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[P
     rotors have in the inertia of their joints, where the model file leaves them out and a term tells them."""
     # On either side of a rotor's part something is left.
     rotors = {i: (share * both, (0.02 * both, 0.98 * both)) for i, (share, both) in _open_rotors(problem).items()}
-    if rotors:
+    if rotors or problem.rotors:  # those of a start with a transmission that this structure lacks go
         problem = problem.with_rotors(
             {i: float(np.clip(problem.rotors.get(i, assumed), *ends)) for i, (assumed, ends) in rotors.items()}
         )

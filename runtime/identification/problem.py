@@ -224,7 +224,8 @@ class Problem:
         """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
         prediction = self.regressors.prediction
         assert prediction is not None
-        made = Problem(self.model, self.motion, self.layout.terms, replace(prediction, rotors=dict(rotors)))
+        told, ahead = replace(prediction, rotors=dict(rotors)), self.regressors.ahead
+        made = Problem(self.model, self.motion, self.layout.terms, told, ahead)
         made.weights = self.weights
         return made
 

@@ -16,9 +16,10 @@ from runtime.cli.main import app
 from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
-from runtime.identification.identify import fit_document, identify
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import fit_document, identify, prepared
 from runtime.loop.improve import improve
-from runtime.model.terms import Term
+from runtime.model.terms import Term, structure
 from runtime.motion.band import credible_inertia
 from runtime.report.diagnosed import document as diagnosed
 from runtime.report.reasons import reason
@@ -122,6 +123,19 @@ def test_a_transmission_tells_the_rotor_from_its_link(sourced: Sourced) -> None:
     model = source.with_text(better.model_text).compiled.model()
     assert model.joints[0].rotor_inertia == pytest.approx(fitted.inference.open[0].value, rel=1e-6)
     assert model.lumps_known
+
+
+def test_a_rotor_that_a_transmission_told_goes_with_it(sourced: Sourced) -> None:
+    """A fit without the transmission, begun at one with it, is the fit without."""
+    model = sourced(bare(DRIVE)).compiled.model()
+    motion = prepared(model, [recorded("elasticity", seed=1)])
+    known = structure(model)
+    without = fit_motion(model, motion, known)
+    told = fit_motion(
+        model, motion, {**known, Term("elasticity", 1): {"stiffness": 4000.0, "damping": 1.0}}, start=without
+    )
+    again = fit_motion(model, motion, known, start=told)
+    assert again.coefficients == pytest.approx(without.coefficients, rel=1e-2)
 
 
 def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced: Sourced) -> None:
