@@ -104,15 +104,10 @@ class UnknownTorque:
         return bool(self.left.sum() < 0.5 * np.count_nonzero(self.left))
 
     def relaxed(self, low_pass: LowPass) -> UnknownTorque:
-        """The same with half of the rows left: only combinations that the unknown torque reaches more are eliminated,
-        by as little as suffices; where none suffices, it is `resolved`."""
-        quiet = self.quiet
-        while UNKNOWN_OVER_NOISE * quiet < 1.0:
-            quiet *= 2.0
-            found = self.of(low_pass, self.samples, quiet)
-            if not found.too_much:
-                return found
-        return self.resolved(low_pass)
+        """The same with at least half of the rows left: what the unknown torque puts in below the noise stays; where
+        that does not suffice, it is `resolved`."""
+        found = self.of(low_pass, self.samples, self.quiet / UNKNOWN_OVER_NOISE)
+        return self.resolved(low_pass) if found.too_much else found
 
     def resolved(self, low_pass: LowPass) -> UnknownTorque:
         """The same with the torque known in rests shorter than a period of the cut-off, which the band does not
