@@ -110,7 +110,8 @@ def improve(
             raise RuntimeError(f"the edited model file and the fitted model differ in {apart}")
         alone = replace(last, chosen=None, before=None)
         left = conclude(replace(trail, model=model, last=alone), budget=budget)
-    if found.verdict != "refused":
+    # All joints share the inertial parameters: values of a fit that contradicts itself at one are not written.
+    if found.verdict != "refused" and not any(v.why == "unsound fit" for v in found.joints):
         edits = edits.set(fit_document(last.fit))
     return Improvement(edits.text, found, left)
 

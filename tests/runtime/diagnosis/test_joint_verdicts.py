@@ -14,8 +14,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from runtime.diagnosis.detection_limits import Limit
 from runtime.diagnosis.stages import diagnose
-from runtime.diagnosis.verdict import Diagnosis
+from runtime.diagnosis.verdict import Diagnosis, decide
+from runtime.model.terms import Term
+from runtime.motion.repeats import Floor
 from runtime.recordings.recording import Recording
 from runtime.report import diagnosed
 from runtime.report.reasons import reason
@@ -114,16 +117,33 @@ def test_a_single_pass_names_nothing() -> None:
 
 
 def test_white_is_not_noise_far_above_the_floor() -> None:
-    """What is left looks as even as noise, but a torque of its size was never measured as noise."""
-    run = kept(wrist.record, bank.NONE, 7)
-    rng = np.random.default_rng(3)
-    v = rates(run)[0]
-    step = 60  # samples: as even as noise up to the band's end, and quiet where the noise is measured
-    held = np.repeat(rng.standard_normal(len(run.t) // step + 1), step)[: len(run.t)]
-    smooth = np.convolve(held, np.hanning(step) / np.hanning(step).sum(), "same")
-    diagnosis = kept(diagnose, bank.model("wrist"), [with_torque(run, 0, 0.3 * smooth * (np.abs(v) > 0))])
-    assert diagnosis.joints[0].verdict == "unexplained"
-    assert diagnosis.verdict != "clean"
+    """What is left is even, but the instruments' noise is a thirteenth of it, as with a base model that is wrong."""
+    clean = found("", "")
+
+    def with_floor(times: float) -> Diagnosis:
+        first = clean.last.joints[0]
+        level = first.rms / times
+        joints = (replace(first, floor=Floor(level, "spectrum", level, None)), *clean.last.joints[1:])
+        return decide(clean.found.to(replace(clean.last, joints=joints)))
+
+    assert [v.why for v in with_floor(1.1).joints] == ["noise", "noise"]
+    white = with_floor(13.0)
+    assert [v.why for v in white.joints] == ["above the floor", "noise"]
+    assert (white.verdict, "13 times the noise floor" in reason(white)) == ("unexplained", True)
+
+
+def test_a_joint_whose_torque_could_be_missed_whole_is_not_clean() -> None:
+    clean = found("", "")
+    assert [v.why for v in clean.joints] == ["noise", "noise"]
+    torque = clean.last.joints[0].rms / clean.last.joints[0].relative
+
+    def limit(part: float) -> Limit:
+        return Limit(Term("stribeck", 1), "torque", "above", 1.0, "N m", joint=0, rms=part * torque)
+
+    assert [v.why for v in clean.within([limit(0.4)]).joints] == ["noise", "noise"]
+    blind = clean.within([limit(0.6)])
+    assert [v.why for v in blind.joints] == ["blind", "noise"]
+    assert (blind.verdict, "could be there unseen" in reason(blind)) == ("refused", True)
 
 
 def test_what_there_was_no_time_for_is_said() -> None:
