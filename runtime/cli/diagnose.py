@@ -50,7 +50,7 @@ def diagnose(
     budget: Budget = BUDGET_S,
     json: Json = None,
 ) -> None:
-    """Find the physical effects that the model lacks. Exit status 1 if the verdict is "unexplained" or "refused"."""
+    """Exit status 1 if the verdict is "unexplained" or "refused"."""
     from runtime.report import loop, terminal
 
     if draft is not None:

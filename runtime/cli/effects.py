@@ -22,7 +22,7 @@ def show_effects(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """List the physical effects of the library. With NAME: equation, parameters, trace in a residual, literature."""
+    """With NAME: equation, parameters, trace in a residual, literature."""
     from codegen import metadata
     from runtime.report import models, terminal
 

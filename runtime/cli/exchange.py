@@ -70,7 +70,7 @@ def import_arm(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Make a model file from a URDF or MJCF. What the file does not state is unknown and can be identified."""
+    """What the file does not state is unknown and can be identified."""
     from runtime.report import models, terminal
     from symbolic.model_file.exchange.importing import imported
 
@@ -127,7 +127,7 @@ def export_arm(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Write an arm as URDF or MJCF. With physically possible bodies and the effects that the format can state."""
+    """With physically possible bodies and the effects that the format can state."""
     from runtime.report import models, terminal
     from runtime.workspace.exporting import export
 

@@ -74,7 +74,7 @@ def execute(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Execute a planned motion on a simulated or real arm. Shows cost, tracking and contact beside those planned; exit
+    """Shows cost, tracking and contact beside those planned; exit
     status 1 after a safe stop."""
     from runtime import files
     from runtime.documents.plans import ImageEntry

@@ -37,7 +37,7 @@ def experiment(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Design a motion that separates rival effects. Within the limits of the joints and confirmed in simulation; exit
+    """Within the limits of the joints and confirmed in simulation; exit
     status 1 if there is none."""
     from runtime.report import recordings, terminal
 

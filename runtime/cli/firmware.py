@@ -35,7 +35,7 @@ def firmware(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Generate the firmware of the controller and compile it. Files in the directory that were not generated are kept;
+    """Files in the directory that were not generated are kept;
     exit status 1 if the stack does not suffice."""
     from runtime.report.terminal import working
 

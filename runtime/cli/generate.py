@@ -32,7 +32,7 @@ def generate(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Derive the equations and generate C and CasADi code. The library of effects is written beside it, into
+    """The library of effects is written beside it, into
     ../effects."""
     source = opened(model, effects)
     rendered = render_all(source, out, effects)
@@ -69,7 +69,7 @@ def add(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Add an effect to the model file and generate its code again. A second torque_ripple is added beside the first."""
+    """A second torque_ripple is added beside the first."""
     check_own(model)
     source = opened(model, effects)
     number = None if joint is None else source.joint_number(joint)
@@ -97,7 +97,7 @@ def verify(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Compare the generated code of an arm with SymPy. In C double, C float and CasADi; exit status 1 if it differs."""
+    """In C double, C float and CasADi; exit status 1 if it differs."""
     from runtime.report import models, terminal
 
     source = opened(model, effects)

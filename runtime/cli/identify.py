@@ -36,7 +36,7 @@ def identify(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Fit base inertial parameters and effects to recordings. With 95 % confidence intervals. Exit status 1 if the
+    """With 95 % confidence intervals. Exit status 1 if the
     fit is not to be believed."""
     from runtime.report import diagnosed, fits, terminal
 
@@ -89,7 +89,7 @@ def compare(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Show where the model fails. The residual torque of each joint after a fit, its noise floor, and the signals that
+    """The residual torque of each joint after a fit, its noise floor, and the signals that
     it follows."""
     from runtime.report import loop, terminal
 

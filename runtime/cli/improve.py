@@ -41,7 +41,7 @@ def improve(
     budget: Budget = BUDGET_S,
     json: Json = None,
 ) -> None:
-    """Add missing effects until none improves the model. Fits, diagnoses, adds and fits again; nothing is written
+    """Fits, diagnoses, adds and fits again; nothing is written
     without --write or --out. Exit status 1 if the data are refused."""
     from runtime.report import loop, terminal
 
@@ -79,7 +79,7 @@ def demo(
     ] = Path("demo-report"),
     json: Json = None,
 ) -> None:
-    """Improve the model of a simulated drive that has a hidden effect. Two minutes, no hardware."""
+    """Two minutes, no hardware."""
     from runtime.report import loop, terminal
     from runtime.simulation.demo import record_files
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_HELP = """Make a model file for your own arm. From options and at most six questions, from a URDF, or as a copy.
+_HELP = """From options and at most six questions, from a URDF, or as a copy.
 
 Asks on the terminal for what no option states, or reads the answers from standard input, a line each. Enter takes the
 value in brackets; ? means unknown. Unknown keys are comments in the file, to be filled in."""

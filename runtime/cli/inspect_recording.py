@@ -36,7 +36,7 @@ def inspect(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Show what is in a recording and what looks wrong with it. Exit status 1 if it cannot be used as it is."""
+    """Exit status 1 if it cannot be used as it is."""
     from runtime.inspection.inspection import inspect as inspected
     from runtime.inspection.inspection import with_model
     from runtime.report import diagnosed, recordings, terminal

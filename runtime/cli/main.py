@@ -1,4 +1,4 @@
-"""The command line: `tendon VERB ...`. Each module here declares a verb, or a few that belong together."""
+"""The command line: `tendon VERB ...`. `verbs` lists the verbs and the modules that declare them."""
 
 from __future__ import annotations
 
@@ -7,57 +7,16 @@ from typing import Annotated
 
 import typer
 
-from runtime.cli import (
-    diagnose,
-    effects,
-    exchange,
-    execute,
-    experiment,
-    firmware,
-    generate,
-    identify,
-    improve,
-    init,
-    inspect_recording,
-    optimize,
-    output,
-    paper,
-    places,
-    schema,
-    simulate,
-    studio,
-    sweep,
-)
+from runtime.cli import output
+from runtime.cli.verbs import Verbs
 
 app = typer.Typer(
+    cls=Verbs,
     help="Models of robot arms: derive them, generate code, fit them to recordings, find missing physical effects.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-for _verbs in (
-    init,
-    exchange,
-    inspect_recording,
-    generate,
-    firmware,
-    effects,
-    identify,
-    diagnose,
-    improve,
-    simulate,
-    experiment,
-    studio,
-    optimize,
-    execute,
-    sweep,
-    paper,
-    schema,
-):
-    for _command in _verbs.app.registered_commands:
-        if _command.callback is not None:
-            _command.callback = places.guarded(_command.callback)
-    app.add_typer(_verbs.app)
 
 
 def _version(wanted: bool) -> None:

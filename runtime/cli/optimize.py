@@ -54,7 +54,7 @@ def optimize(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Plan motion and springs together. Exit status 1 if no motion meets all constraints; shows which fails, and by how
+    """Exit status 1 if no motion meets all constraints; shows which fails, and by how
     much."""
     from dataclasses import replace
 

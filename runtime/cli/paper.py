@@ -33,7 +33,7 @@ def paper(
     ] = False,
     json: Json = None,
 ) -> None:
-    """Reproduce the tables and figures of the paper. Shows its numbers beside ours; exit status 1 if an expected
+    """Shows its numbers beside ours; exit status 1 if an expected
     claim does not hold."""
     from runtime.documents.paper import PaperDocument
     from runtime.report import terminal

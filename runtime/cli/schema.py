@@ -30,7 +30,7 @@ def show_schema(
     ] = None,
     json: Json = None,
 ) -> None:
-    """Print the JSON schema of what --json writes. Every key with its type, unit and meaning."""
+    """Every key with its type, unit and meaning."""
     from runtime.documents.verbs import BY_VERB, schema
 
     if verb is not None and verb not in BY_VERB:

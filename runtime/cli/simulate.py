@@ -35,7 +35,7 @@ def simulate(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Simulate a recording of an arm. With effects that the model file lacks, to try a diagnosis."""
+    """With effects that the model file lacks, to try a diagnosis."""
     from runtime.report import recordings, terminal
 
     source = opened(model, effects)

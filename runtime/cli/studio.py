@@ -55,7 +55,7 @@ def studio(
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
 ) -> None:
-    """Work on a model in the browser: compare, diagnose, add effects, see the error fall.
+    """Compare, diagnose, add effects, see the error fall.
 
     The page is served to this machine only. A session is a directory; tendon studio DIR opens it again.
     """

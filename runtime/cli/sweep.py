@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-_HELP = """Optimize all combinations of the values of --over. Exit status 1 if a combination has no plan.
+_HELP = """Exit status 1 if a combination has no plan.
 
 \b
 cycle_time=1.0:3.0:0.2    cycle time, s; or a list: cycle_time=1.0,1.2

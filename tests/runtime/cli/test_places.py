@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
-import typer
 
-from runtime.cli import output, places
+from runtime.cli import output, places, verbs
 from runtime.cli.main import app
 from runtime.report import page
 from runtime.workspace.names import UsageError
 from tests import one_joint
 
-COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+COMMANDS: dict[str, Any] = {name: verbs.command(name) for name in verbs.VERBS}
 NEEDED = {
     "effect": "stribeck",
     "between": "gravity",
@@ -30,21 +29,10 @@ NEEDED = {
 DRIVE = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
 
 
-def _callbacks() -> dict[str, Any]:
-    found = {}
-    for group in app.registered_groups:
-        for info in group.typer_instance.registered_commands:
-            found[info.name or info.callback.__name__.replace("_", "-")] = info.callback
-    return found
-
-
-VERBS = _callbacks()
-
-
 def collisions() -> Iterator[tuple[str, str, str]]:
     """Every verb with each of the options that it writes to and each of those that it reads."""
-    for verb, callback in VERBS.items():
-        known = places.roles(callback)
+    for verb, command in COMMANDS.items():
+        known = places.roles(command.callback)
         for target, role in known.items():
             if role.writes and (role.names is None or role.names):
                 yield from ((verb, target, source) for source, other in known.items() if not other.writes)
@@ -63,7 +51,8 @@ def call(verb: str, files: dict[str, str]) -> list[str]:
 
 
 def test_every_file_of_every_verb_has_a_role():
-    for verb, callback in VERBS.items():
+    for verb, command in COMMANDS.items():
+        callback = command.callback
         hints = get_type_hints(callback)
         files = {name for name, hint in hints.items() if "Path" in str(hint)} | {"json"} & hints.keys()
         assert files == places.roles(callback).keys(), verb
