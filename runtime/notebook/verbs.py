@@ -16,16 +16,14 @@ from runtime.diagnosis.settings import BUDGET_S
 from runtime.identification import compare as comparison
 from runtime.identification import identify as identification
 from runtime.loop import improve as loop
+from runtime.notebook.arm import LoadedArm, PathOrText, Recorded
 from runtime.notebook.results import (
     ComparisonResult,
     DiagnosisResult,
     ExportResult,
     IdentificationResult,
     ImprovementResult,
-    LoadedArm,
-    PathOrText,
     PlanResult,
-    Recorded,
 )
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file

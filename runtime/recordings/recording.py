@@ -168,15 +168,26 @@ def read(
     mapping: Mapping[str, str] | None = None,
     allow_gaps: bool = False,
 ) -> Recording:
-    """The recording at `path`, in any format of `formats`.
+    """The recording at `path`, in any format of EXPECTED; arguments as in `checked`. Raises RecordingError."""
+    refuse = Refusal(printable(path))
+    return checked(opened(Path(path), refuse), Path(path), arm, mapping, allow_gaps, refuse)
 
-    arm         None: as many revolute joints as the file names
-    mapping     signal name -> field of the file, where the file has other names; TORQUE -> what its torques are
-    allow_gaps  split at gaps and drop samples with a NaN instead of refusing the file
+
+def checked(
+    contents: Contents,
+    path: Path,
+    arm: RecordedArm | None,
+    mapping: Mapping[str, str] | None,
+    allow_gaps: bool,
+    refuse: Refusal,
+) -> Recording:
+    """Contents as a recording in SI, named by its path.
+
+    arm         None: as many revolute joints as the contents name
+    mapping     signal name -> field, where the contents have other names; TORQUE -> what the torques are
+    allow_gaps  split at gaps and drop samples with a NaN instead of refusing them
     Raises RecordingError.
     """
-    refuse = Refusal(printable(path))
-    contents = opened(Path(path), refuse)
 
     def fail(message: str) -> NoReturn:
         refuse(message, contents.header)
@@ -190,7 +201,7 @@ def read(
     used = columns(header, understood.known, arm=arm, mapping=understood.mapping, fail=fail)
     table, apart = clocks.on_one(contents, used, allow_gaps, refuse)
     cells = {name: column.cell for name, column in used.items()}
-    made = _recording(Path(path), table, cells, arm=arm, allow_gaps=allow_gaps, refuse=refuse)
+    made = _recording(path, table, cells, arm=arm, allow_gaps=allow_gaps, refuse=refuse)
     units = {name: column.unit for name, column in used.items() if column.unit}
     in_ampere = {name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current"}
     currents = frozenset(in_ampere if arm.keeps_currents else ())

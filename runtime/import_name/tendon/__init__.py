@@ -11,6 +11,8 @@
 Errors are ValueErrors whose message is the line that the command line prints.
 """
 
+from runtime.notebook.arm import LoadedArm as Arm
+from runtime.notebook.arm import load, recording
 from runtime.notebook.results import (
     ComparisonResult,
     DiagnosisResult,
@@ -18,10 +20,7 @@ from runtime.notebook.results import (
     IdentificationResult,
     ImprovementResult,
     PlanResult,
-    load,
-    recording,
 )
-from runtime.notebook.results import LoadedArm as Arm
 from runtime.notebook.verbs import add, compare, diagnose, export, identify, import_, improve, optimize, simulate
 from runtime.planning.optimize import Infeasible
 from runtime.recordings.recording import Recording

@@ -27,7 +27,7 @@ from runtime.exchange.bodies import (
     rotors_asked,
 )
 from runtime.notebook import verbs
-from runtime.notebook.results import load
+from runtime.notebook.arm import load
 from runtime.workspace.source import Source
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Arm, Joint, Link

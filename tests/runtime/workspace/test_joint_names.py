@@ -10,7 +10,7 @@ import pytest
 
 from runtime.experiments.design import parse_rivals
 from runtime.notebook import verbs
-from runtime.notebook.results import load
+from runtime.notebook.arm import load
 from runtime.sweep import grid
 from runtime.workspace.source import Source
 from symbolic.effects import LIBRARY
