@@ -114,6 +114,10 @@ class FindingEntry(Document, frozen=True, kw_only=True):
     held_out_after: Annotated[
         float | None, key("the same on held-out recordings, with it; null without any", "the joint's `unit`")
     ]
+    error_before: Annotated[float, key("residual of the joint over its torque, without the effect", "1")]
+    error_after: Annotated[float, key("the same with it", "1")]
+    held_out_error_before: Annotated[float | None, key("error_before on held-out recordings; null without any", "1")]
+    held_out_error_after: Annotated[float | None, key("error_after on held-out recordings; null without any", "1")]
     evidence: Annotated[EvidenceEntry, key("what speaks for it")]
     parameters: Annotated[dict[str, EstimateEntry], key("fitted parameters by name")]
     rivals: Annotated[list[EffectAt], key("effects from which these data cannot separate it")]
@@ -124,6 +128,10 @@ class FindingEntry(Document, frozen=True, kw_only=True):
     mounting: Annotated[
         str | UnsetType, key("how the base is mounted and what to type; absent for effects other than gravity")
     ] = UNSET
+
+    def __repr__(self) -> str:
+        at = "" if self.joint is None else f"@{self.joint}"
+        return f"<{self.effect}{at}: error {self.error_before:.3g} -> {self.error_after:.3g}, {self.parameters}>"
 
 
 class SensorEntry(Document, frozen=True, kw_only=True):

@@ -26,7 +26,7 @@ def given(value: T | UnsetType) -> T | None:
     return None if isinstance(value, UnsetType) else value
 
 
-class Document(msgspec.Struct, frozen=True, kw_only=True):
+class Document(msgspec.Struct, frozen=True, kw_only=True, repr_omit_defaults=True):
     """A JSON object with fixed keys, in the order in which they are declared."""
 
     def to_json(self) -> Any:
@@ -65,6 +65,11 @@ class EstimateEntry(Document, frozen=True, kw_only=True):
     unit: Unit
     interval: Interval95
     inseparable_from: Inseparable = UNSET
+
+    def __repr__(self) -> str:
+        between = "" if self.interval is None else f" in [{self.interval[0]:.4g}, {self.interval[1]:.4g}]"
+        value = "unknown" if self.value is None else f"{self.value:.4g}"
+        return f"<{value} {self.unit}{between}>"
 
 
 class EncoderSkewEntry(Document, frozen=True, kw_only=True):

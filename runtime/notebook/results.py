@@ -7,15 +7,32 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, cast
 
 from runtime.diagnosis.credibility import JudgedFit
 from runtime.diagnosis.verdict import Diagnosis
-from runtime.documents.fits import JudgedFitDocument
+from runtime.documents.diagnosis import (
+    DiagnosedJoint,
+    DiagnosisDocument,
+    FindingEntry,
+    HistoryEntry,
+    ImprovementDocument,
+    LimitEntry,
+)
+from runtime.documents.fits import (
+    ComparedJoint,
+    CompareDocument,
+    FittedEffect,
+    InertialEntry,
+    JointEntry,
+    JudgedFitDocument,
+)
 from runtime.documents.models import ExportDocument
+from runtime.documents.parts import Document, given
 from runtime.documents.plans import OptimizeDocument
 from runtime.identification.compare import Comparison
 from runtime.loop.improve import Improvement
+from runtime.notebook import html
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.plain_json import plain
 from runtime.planning.optimize import Plan
@@ -27,7 +44,7 @@ from runtime.report.page.page_figures import Drawn
 from runtime.report.page.reports import write_report
 from runtime.report.plots import motion_plots
 from runtime.report.sections import Section
-from runtime.report.summary import LoopDocument, ResultSummary
+from runtime.report.summary import ResultSummary
 
 
 class ResultFigures(tuple[Drawn, ...]):
@@ -43,22 +60,30 @@ class ResultFigures(tuple[Drawn, ...]):
 
 
 class _Result(ABC):
-    """What all results have in common: `result` says a few lines, `result.show()` what the terminal says."""
+    """What all results have in common. Printed it says a few lines; in a notebook everything else is folded below."""
 
     _sections: Callable[[Any], Sequence[Section]]
 
     @property
     @abstractmethod
-    def document(self) -> Any:
+    def document(self) -> Document:
         """Every figure, as a struct of runtime/documents."""
 
-    @cached_property
-    def json(self) -> Any:
-        """The same as plain dicts and lists, as --json writes it."""
-        return plain(self.document)
+    def to_dict(self) -> dict[str, Any]:
+        """Every figure as plain dicts, lists and numbers, with the keys of --json."""
+        made: dict[str, Any] = plain(self.document)
+        return made
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The same as `to_dict()`."""
+        return self.to_dict()
 
     def __repr__(self) -> str:
         return "\n".join(loop.in_short(self.document))
+
+    def _repr_html_(self) -> str:
+        return html.shown(repr(self).splitlines(), type(self)._sections(self.document))
 
     def show(self) -> None:
         """Print what the command line prints."""
@@ -67,7 +92,10 @@ class _Result(ABC):
 
 @dataclass(frozen=True, repr=False)
 class IdentificationResult(_Result):
-    """arm: with the values that were identified in its text."""
+    """The fitted parameters.
+
+    arm   with the values that were identified in its text
+    """
 
     judged: JudgedFit
     arm: LoadedArm
@@ -79,6 +107,31 @@ class IdentificationResult(_Result):
         """As `tendon identify --json`, but for what was written."""
         return diagnosed.judged(self.judged)
 
+    @property
+    def verdict(self) -> Literal["fitted", "refused"]:
+        """ "refused": the fit is not to be believed, and `reason` says why."""
+        return self.document.verdict
+
+    @property
+    def reason(self) -> str:
+        """The verdict in one sentence."""
+        return self.document.reason
+
+    @property
+    def inertial(self) -> list[InertialEntry]:
+        """Base inertial parameters: `.name`, `.fit`, `.interval`, `.unit`, and `.model`, the file's value."""
+        return self.document.inertial
+
+    @property
+    def effects(self) -> list[FittedEffect]:
+        """The effects with their fitted values: `.effect`, `.joint`, `.parameters["torque"].value`."""
+        return self.document.effects
+
+    @property
+    def joints(self) -> list[JointEntry]:
+        """The residual of each joint: `.rms`, `.relative` to the torque, `.floor` of the noise."""
+        return self.document.joints
+
     def save(self, path: PathOrText) -> None:
         """Write the model file with the identified values. Raises OSError."""
         self.arm.save(path)
@@ -88,11 +141,6 @@ class _Loop(_Result):
     """Results that have steps of a model, each fitted: they draw figures and write a report."""
 
     summary: ResultSummary
-
-    @property
-    def document(self) -> LoopDocument:
-        """As --json writes it."""
-        return self.summary.document
 
     @cached_property
     def figures(self) -> ResultFigures:
@@ -113,9 +161,54 @@ class ComparisonResult(_Loop):
 
     _sections = staticmethod(fits.comparison)
 
+    @property
+    def document(self) -> CompareDocument:
+        """As `tendon compare --json`."""
+        return cast(CompareDocument, self.summary.document)
+
+    @property
+    def joints(self) -> list[ComparedJoint]:
+        """The residual of each joint: `.rms`, `.relative` to the torque, `.floor` of the noise, and `.structure`, the
+        signals that it follows."""
+        return self.document.joints
+
+
+class _Judged(_Loop):
+    """Results with a verdict."""
+
+    @property
+    @abstractmethod
+    def document(self) -> DiagnosisDocument | ImprovementDocument:
+        """As --json writes it."""
+
+    @property
+    def verdict(self) -> Literal["effect", "clean", "unexplained", "refused"]:
+        """On the model as given; after improve, on what is left."""
+        return self.document.verdict
+
+    @property
+    def reason(self) -> str:
+        """The verdict in one sentence."""
+        return self.document.reason
+
+    @property
+    def joints(self) -> list[DiagnosedJoint]:
+        """The residual and the verdict of each joint: `.rms`, `.relative` to the torque, `.floor`, `.verdict`."""
+        return self.document.joints
+
+    @property
+    def parameters(self) -> list[InertialEntry]:
+        """Base inertial parameters, fitted with all findings: `.name`, `.fit`, `.interval`, `.unit`."""
+        return self.document.parameters
+
+    @property
+    def would_have_seen(self) -> list[LimitEntry]:
+        """How large each other effect must be to be found in these recordings."""
+        return self.document.would_have_seen
+
 
 @dataclass(frozen=True, repr=False)
-class DiagnosisResult(_Loop):
+class DiagnosisResult(_Judged):
     """Which effect is missing."""
 
     diagnosis: Diagnosis
@@ -124,20 +217,45 @@ class DiagnosisResult(_Loop):
     _sections = staticmethod(loop.diagnosis)
 
     @property
-    def verdict(self) -> str:
-        """ "effect", "clean", "unexplained" or "refused"."""
-        return self.diagnosis.verdict
+    def document(self) -> DiagnosisDocument:
+        """As `tendon diagnose --json`."""
+        return cast(DiagnosisDocument, self.summary.document)
+
+    @property
+    def findings(self) -> list[FindingEntry]:
+        """The missing effects, the first first: `.effect`, `.joint`, `.parameters["torque"].value`, `.error_before`,
+        `.error_after`, `.rivals`."""
+        return self.document.findings
 
 
 @dataclass(frozen=True, repr=False)
-class ImprovementResult(_Loop):
-    """What was added, and how the error fell; arm: the improved one."""
+class ImprovementResult(_Judged):
+    """What was added, and how the error fell.
+
+    arm   the improved one
+    """
 
     improvement: Improvement
     summary: ResultSummary
     arm: LoadedArm
 
     _sections = staticmethod(loop.improvement)
+
+    @property
+    def document(self) -> ImprovementDocument:
+        """As `tendon improve --json`."""
+        return cast(ImprovementDocument, self.summary.document)
+
+    @property
+    def added(self) -> list[FindingEntry]:
+        """The effects that were added, as `findings` of a diagnosis has them."""
+        return [found for step in self.history if (found := given(step.finding)) is not None]
+
+    @property
+    def history(self) -> list[HistoryEntry]:
+        """The model as given, then after each addition: `.added`, and a number a joint in `.relative`, the error, and
+        `.held_out_relative`."""
+        return self.document.history
 
     def save(self, path: PathOrText) -> None:
         """Write the improved model file. Raises OSError."""

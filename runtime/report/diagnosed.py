@@ -113,7 +113,9 @@ def finding_entry(diagnosis: Diagnosis, finding: Step) -> FindingEntry:
     later = diagnosis.findings[diagnosis.findings.index(finding) + 1 :]
     left = None if any(f.joint_index == i for f in later) else after_effect(diagnosis.last, i, info)
     values = diagnosis.last.fit.inference.values.get(term, {})
-    held = [None if s.held_out is None else s.held_out.rms[i] for s in (finding.previous, finding)]
+    both = finding.previous, finding
+    held = [None if s.held_out is None else s.held_out.rms[i] for s in both]
+    held_error = [None if s.held_out is None else s.held_out.relative[i] for s in both]
     return FindingEntry(
         effect=term.effect,
         joint=term.joint,
@@ -122,6 +124,10 @@ def finding_entry(diagnosis: Diagnosis, finding: Step) -> FindingEntry:
         rms_after=finding.fitted.rms[i],
         held_out_before=held[0],
         held_out_after=held[1],
+        error_before=finding.previous.fitted.relative[i],
+        error_after=finding.fitted.relative[i],
+        held_out_error_before=held_error[0],
+        held_out_error_after=held_error[1],
         evidence=evidence_entry(finding.candidate, diagnosis.model),
         parameters={name: e.document() for name, e in values.items()},
         rivals=[EffectAt(effect=t.effect, joint=t.joint) for t in finding.rivals],
