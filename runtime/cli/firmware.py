@@ -10,13 +10,14 @@ from msgspec.json import decode
 from msgspec.structs import replace
 
 from runtime import files
-from runtime.cli.generate import own_directory
 from runtime.cli.inputs import opened
 from runtime.cli.options import Check, EffectsFile, Json, ModelFile
 from runtime.cli.output import NO, emit
-from runtime.cli.places import FILLED, check_directory
+from runtime.cli.places import FILLED
 from runtime.documents.generated import BuildEntry, FirmwareDocument
 from runtime.documents.parts import given
+from runtime.workspace.generated import own_directory
+from runtime.workspace.writing import check_directory
 
 app = typer.Typer()
 

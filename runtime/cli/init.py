@@ -18,11 +18,12 @@ from runtime.cli.exchange import ROOT_TO_END, ChainOptions
 from runtime.cli.inputs import opened
 from runtime.cli.options import EffectsFile, Json, with_settings
 from runtime.cli.output import emit
-from runtime.cli.places import READ, WRITTEN, check_writable
+from runtime.cli.places import READ, WRITTEN
 from runtime.documents.models import InitDocument
 from runtime.setting import Checked, Setting
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import effects_described
+from runtime.workspace.writing import check_writable
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.keys import MAX_JOINTS
 from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motors

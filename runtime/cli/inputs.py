@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.cli.places import check_writable
 from runtime.workspace.names import UsageError, column_mapping, is_name
 from runtime.workspace.source import Source
+from runtime.workspace.writing import check_writable
 from symbolic.model_file.arm import LINK_TORQUE
 
 if TYPE_CHECKING:

@@ -11,10 +11,11 @@ import typer
 from runtime.cli.inputs import print_notes
 from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, with_settings
 from runtime.cli.output import NO, costs_itself, draw, emit
-from runtime.cli.places import DRAWN, WRITTEN, keep
+from runtime.cli.places import DRAWN, WRITTEN
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE, PlanningSettings
 from runtime.workspace.names import is_name, scenario_path
 from runtime.workspace.source import scenario_source
+from runtime.workspace.writing import keep
 
 app = typer.Typer()
 

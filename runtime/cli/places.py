@@ -6,15 +6,14 @@ starts; the verb itself calls `keep` for files that only it knows (a scenario's 
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import wraps
-from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from runtime.workspace.names import UsageError, shipped_or_given
+from runtime.workspace.names import UsageError
+from runtime.workspace.writing import check_directory, check_writable, keep
 
 
 @dataclass(frozen=True)
@@ -78,49 +77,7 @@ def check(known: Mapping[str, Role], given: Mapping[str, Any]) -> None:
                 raise UsageError(f"{path}: expected a name that ends in {', '.join(some)} or {last}")
 
 
-def keep(read: Iterable[Path], written: Iterable[Path]) -> None:
-    """Raises UsageError if a written file is also read, by any name, or is written twice."""
-    # Writing to /dev/null, /dev/stdout or a pipe replaces nothing.
-    targets = [path for path in written if path.is_file() or not path.exists()]
-    sources = [shipped_or_given(path) for path in read]
-    for target in targets:
-        if any(_same(target, source) for source in sources):
-            raise UsageError(f"{target}: is read here; choose another name to write to")
-    for one, other in combinations(targets, 2):
-        if _same(one, other):
-            raise UsageError(f"{other}: is written twice; choose two names")
-
-
-def check_writable(path: Path) -> None:
-    """Raises UsageError if a file cannot be written."""
-    if path.is_dir():
-        raise UsageError(f"{path}: is a directory; expected a file to write")
-    if not path.parent.is_dir():
-        raise UsageError(f"{path}: there is no directory {path.parent}; make it first")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise UsageError(f"{path}: cannot be written; check its permissions")
-
-
-def check_directory(target: Path) -> None:
-    """Raises UsageError if a directory is a file, or cannot be made or written into."""
-    if target.exists() and not target.is_dir():
-        raise UsageError(f"{target}: is a file; expected a directory to write into")
-    there = next(path for path in (target, *target.absolute().parents) if path.exists())
-    if not there.is_dir():
-        raise UsageError(f"{target}: cannot be made, as {there} is a file; choose another directory")
-    if not os.access(there, os.W_OK):
-        raise UsageError(f"{target}: cannot be written; check the permissions of {there}")
-
-
 def _paths(value: Any) -> list[Path]:
     """Paths of one option; standard output is none."""
     several = value if isinstance(value, list | tuple) else [value]
     return [Path(str(one)) for one in several if one is not None and str(one) != "-"]
-
-
-def _same(one: Path, other: Path) -> bool:
-    """Whether two paths are one file, also through links."""
-    try:
-        return one.samefile(other)
-    except OSError:
-        return os.path.realpath(one) == os.path.realpath(other)

@@ -14,10 +14,11 @@ import typer
 from runtime.cli.inputs import print_notes
 from runtime.cli.options import EffectsFile, Json, ScenarioFile, with_settings
 from runtime.cli.output import NO, emit
-from runtime.cli.places import WRITTEN, keep
+from runtime.cli.places import WRITTEN
 from runtime.planning.settings import Starts
 from runtime.workspace.names import UsageError, scenario_path
 from runtime.workspace.source import effects_described, scenario_source
+from runtime.workspace.writing import keep
 
 if TYPE_CHECKING:
     from runtime.sweep.job import Code, Pool

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from codegen import disk
 from runtime import files
 from runtime.cli import generate, output
-from runtime.cli.generate import render_all
 from runtime.cli.main import app
 from runtime.cli.verbs import GROUPS, VERBS
+from runtime.workspace.generated import render_all
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import CompiledArm, Source
 from tests import one_joint
@@ -116,7 +116,7 @@ def test_help_imports_no_verb_and_nothing_heavy():
     assert imported <= {
         *("runtime.cli", "runtime.cli.main", "runtime.cli.output", "runtime.cli.places", "runtime.cli.verbs"),
         *("runtime.documents", "runtime.documents.parts", "runtime.plain_json"),
-        *("runtime.workspace", "runtime.workspace.names", "symbolic"),
+        *("runtime.workspace", "runtime.workspace.names", "runtime.workspace.writing", "symbolic"),
         *("symbolic.model_file", "symbolic.model_file.checks"),
     }
 

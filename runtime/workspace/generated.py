@@ -1,0 +1,119 @@
+"""The generated code of a model file as source files: rendered completely, then compared or written."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from json import loads
+from pathlib import Path
+
+from runtime.documents.generated import GeneratedFiles
+from runtime.workspace.names import ARMS, UsageError, check_unchanged
+from runtime.workspace.source import Source
+from runtime.workspace.writing import check_directory, keep
+
+NOTE, SHIPPED = ".model", "tendon: "
+"""File beside generated code that names the model file; one that comes with Tendon is named with this prefix."""
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Everything that `generate` writes, complete before the first file is written.
+
+    source      model file with the text from which everything was derived
+    made_from   its path relative to the directory, or its name if it comes with Tendon
+    beside      directory of the library of effects
+    """
+
+    name: str
+    source: Source
+    made_from: str
+    directory: Path
+    beside: Path
+    files: dict[str, str]
+    effect_files: dict[str, str]
+
+    def stale(self) -> list[str]:
+        from codegen import disk
+
+        return disk.stale(self.files, self.directory) + disk.stale(self.effect_files, self.beside)
+
+    def write(self) -> None:
+        """Write all files, unless another process changed the model file meanwhile. Raises UsageError, OSError."""
+        from codegen import disk
+        from runtime import files
+
+        # The directory is locked, or a file in it where the parent directory cannot be written.
+        folder = Path(os.path.realpath(self.directory))
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with files.locked(folder if os.access(folder.parent, os.W_OK) else folder / NOTE):
+            if self.source.path.is_file():  # a pipe can be read only once
+                check_unchanged(self.source.path, self.source.text)
+            disk.write(self.files, self.directory)
+            disk.write(self.effect_files, self.beside)
+            files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
+
+    def document(self) -> GeneratedFiles:
+        functions = loads(self.files["metadata.json"])["functions"]
+        return GeneratedFiles(
+            name=self.name,
+            directory=str(self.directory),
+            effects_directory=str(self.beside),
+            files=sorted(self.files),
+            effects_files=sorted(self.effect_files),
+            operations={name: function["operations"] for name, function in functions.items()},
+        )
+
+
+def render_all(source: Source, out: Path | None, effects: Path | None) -> Rendered:
+    """All generated files of an arm; effects: the user's file of effects.
+
+    Raises UsageError where a generated file would replace one of the two files that are read.
+    """
+    from codegen import render
+    from symbolic.model import derive
+
+    arm = source.arm()
+    directory = out if out is not None else own_directory(source, arm.name)
+    beside = directory.parent / "effects"
+    if directory.resolve() == beside.resolve():
+        raise UsageError(f"{directory}: the library of effects is written there; choose another --out")
+    check_directory(directory)
+    check_directory(beside)
+    library = source.compiled.library
+    model = derive(arm)
+    files = render.arm_files(model) | render.controller_files(model, library)
+    effect_files = render.effect_files(tuple(library.values()))
+    places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
+    keep([source.path, *([effects] if effects else [])], places)
+    return Rendered(
+        name=arm.name,
+        source=source,
+        made_from=_origin(source, directory),
+        directory=directory,
+        beside=beside,
+        files=files,
+        effect_files=effect_files,
+    )
+
+
+def own_directory(source: Source, name: str) -> Path:
+    """Default directory of an arm's generated files. Raises UsageError if it holds those of another model file."""
+    directory = Path("generated") / name
+    note = directory / NOTE
+    other = note.read_text(encoding="utf-8").strip() if note.is_file() else None
+    if other is None or other == _origin(source, directory):
+        return directory
+    if other.startswith(SHIPPED) or (directory / other).is_file():
+        shown = other if other.startswith(SHIPPED) else os.path.relpath(directory / other)
+        raise UsageError(
+            f"{directory}: holds what was generated from {shown}, which has the same name; give one of them another, "
+            "or choose another --out"
+        )
+    return directory
+
+
+def _origin(source: Source, directory: Path) -> str:
+    if source.path.resolve().parent == ARMS.resolve():
+        return f"{SHIPPED}{source.path.stem}"
+    return Path(os.path.relpath(source.path.resolve(), directory.resolve())).as_posix()
