@@ -154,7 +154,7 @@ def evidence_entry(candidate: Candidate, model: Model) -> EvidenceEntry:
         eff=candidate.eff,
         share_of_excess=candidate.share,
         delta_bic=candidate.delta_bic,
-        cv_gain=1 - (1 - candidate.value(ERROR)) ** 2,
+        cv_gain=reasons.squared_fall(candidate.value(ERROR)),
         cv_log_likelihood_gain=likelihood if np.isfinite(likelihood) else None,
         failed_gates=reasons.closed_gates(candidate, model),
         twist=UNSET

@@ -89,16 +89,18 @@ def lead(finding: FindingEntry, context: Context) -> str:
     """How far a finding lowers the residual."""
     twist = given(finding.evidence.twist)
     before, after = (finding.rms_before, finding.rms_after) if twist is None else (twist.rms_before, twist.rms_after)
-    what = "residual" if twist is None else f"twist by the link-side encoder, {unit(twist.unit)},"
+    what = "residual" if twist is None else "twist by the link-side encoder"
+    of = context.at(finding).unit if twist is None else twist.unit
     return (
-        f"{context.called(finding)}: {what} {number(before)} → {number(after)}, "
+        f"{context.called(finding)}: {what} {number(before)} → {quantity(after, of)}, "
         f"{percent(finding.share)} of what was missing."
     )
 
 
 def brief(finding: FindingEntry, context: Context) -> list[Section]:
     """A finding in a few lines: its values and evidence, and the strongest candidates beside it."""
-    items = _mounting(finding) + _held_out(finding) + [valued(name, p) for name, p in finding.parameters.items()]
+    values = [valued(name, p) for name, p in finding.parameters.items()]
+    items = [*_mounting(finding), *_held_out(finding, context), *values]
     rivals = {key(r) for r in finding.rivals}
     others = [
         e
@@ -128,7 +130,7 @@ def card(finding: FindingEntry, context: Context, info: EffectInfo, figures: Seq
         Paragraph(info.summary),
         Paragraph(f"torque = {info.equation}", "code"),
         Paragraph(lead(finding, context)),
-        *texts(map(sentence, [*_mounting(finding), *_held_out(finding)])),
+        *texts(map(sentence, [*_mounting(finding), *_held_out(finding, context)])),
         Bullets(values),
         evidence(finding.evidence, context.at(finding)),
         *([Plots(tuple(figures))] if figures else []),
@@ -144,10 +146,11 @@ def _mounting(finding: FindingEntry) -> list[str]:
     return [] if said is None else [said]
 
 
-def _held_out(finding: FindingEntry) -> list[str]:
-    if finding.held_out_before is None:
+def _held_out(finding: FindingEntry, context: Context) -> list[str]:
+    if finding.held_out_before is None or finding.held_out_after is None:
         return []
-    return [f"held out: {number(finding.held_out_before)} → {number(finding.held_out_after)}"]
+    after = quantity(finding.held_out_after, context.at(finding).unit)
+    return [f"held out: {number(finding.held_out_before)} → {after}"]
 
 
 def _rivals(finding: FindingEntry, context: Context) -> list[str]:
@@ -221,7 +224,7 @@ def _candidates(finding: FindingEntry, context: Context) -> list[Section]:
     rows += [
         (Cell(context.called(r), note="rival"), "–", "–", "–", "–", pair) for k, r in rivals.items() if k not in weighed
     ]
-    shown = _table(rows, "missing", "Candidates for its place")
+    shown = _table(rows, "Candidates for its place")
     return [TableSection(shown.columns, shown.rows, shown.caption, bold=(0,)), *_rest(rest, context, finding)]
 
 
@@ -235,7 +238,7 @@ def not_named(ranked: Iterable[RankedCandidate], held_out: bool, context: Contex
             rows.append(
                 _row(e, "", _as_reason(why_not_named(e, context, held_out)), place=context.at(e), context=context)
             )
-    table_ = [_table(rows, "left", "Candidates for what is left")] if rows else []
+    table_ = [_table(rows, "Candidates for what is left")] if rows else []
     return [*table_, *_rest(rest, context, None)]
 
 
@@ -258,8 +261,8 @@ def _row(e: RankedCandidate, kind: str, why: str, place: JointEntry, context: Co
     )
 
 
-def _table(rows: Iterable[Sequence[str | Cell]], left: str, caption: str) -> TableSection:
-    heads = ("torque that only it explains", f"of what is {left}", "cross-validated squared error falls by")
+def _table(rows: Iterable[Sequence[str | Cell]], caption: str) -> TableSection:
+    heads = ("torque that only it explains", "of the excess", "cross-validated squared error falls by")
     return table((words("candidate"), *heads, "BIC falls by", words("why, or why not")), rows, caption)
 
 
@@ -305,7 +308,7 @@ def in_place_of(other: RankedCandidate, finding: FindingEntry, context: Context)
     named, weighed = finding.evidence, other.evidence
     if key(other) in context.also and key(other) != key(finding):
         return f"is named too: beside {finding.effect}, it is a finding of its own"
-    shares = f"explains {_share(weighed)} of what is missing, {finding.effect} {_share(named)}"
+    shares = f"alone explains {_share(weighed)} of the excess, {finding.effect} {_share(named)}"
     better = finding if named.delta_bic > weighed.delta_bic else other
     apart = abs(named.delta_bic - weighed.delta_bic)
     bic = "BIC is the same for both" if apart < 0.5 else f"BIC prefers {context.called(better)} by {whole(apart)}"

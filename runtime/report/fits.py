@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -138,20 +138,32 @@ def delays(entries: Sequence[DelayEntry]) -> list[Section]:
 
 def residuals(joints: Sequence[JointEntry]) -> TableSection:
     """Residual of each joint beside its noise floor."""
+    heads, said = _in_units(("residual rms", "noise floor"), joints)
     rows = []
     for j in joints:
         repeats = {True: "yes", False: "no", None: "unknown"}[j.repeatable]
         rows.append(
             (
                 numbered(j.joint, given(j.name)),
-                number(j.rms or None),
+                said(j.rms or None, j),
                 percent(j.relative) if j.rms else "–",
-                number(j.floor),
+                said(j.floor, j),
                 j.floor_source,
                 (repeats if j.rms > MORE_THAN_NOISE * j.floor else "noise") if j.rms else "never moves",
             )
         )
-    return table(("joint", "residual rms", "of the torque", "noise floor", "floor from", "repeatable"), rows)
+    return table(("joint", heads[0], "of the torque", heads[1], "floor from", "repeatable"), rows)
+
+
+def _in_units(
+    heads: Sequence[str], joints: Sequence[JointEntry]
+) -> tuple[list[str], Callable[[float | None, JointEntry], str]]:
+    """Headings of columns of torques, and how a value of a joint is written: the unit stands in the heading where it
+    is that of all joints, else behind each value."""
+    units = {j.unit for j in joints}
+    if len(units) == 1:
+        return [f"{head} [{unit(*units)}]" for head in heads], lambda value, _: number(value)
+    return list(heads), lambda value, joint: "–" if value is None else quantity(value, joint.unit)
 
 
 def structure(joint: JointEntry, shares: Sequence[StructureShare]) -> str:
@@ -170,14 +182,15 @@ def errors_of_joint(
     written   rms and relative error with the values of the model file, if it states all
     """
     i, held = joint.joint - 1, any(step.held_out for step in history)
+    heads, _ = _in_units(("rms", "held-out rms"), [joint])
     rows = [] if written is None else [["the file's own values", percent(written[1]), number(written[0])]]
     for step in history:
         row = [step_name(step), percent(step.relative[i]), number(step.rms[i])]
         if step.held_out is not None and step.held_out_relative is not None:
             row += [percent_or_dash(step.held_out_relative[i]), number(step.held_out[i])]
         rows.append(row)
-    heads = ("model", "error", "rms", *(("held-out error", "held-out rms") if held else ()))
-    return table(heads, [row + ["–"] * (len(heads) - len(row)) for row in rows])
+    columns = ("model", "error", heads[0], *(("held-out error", heads[1]) if held else ()))
+    return table(columns, [row + ["–"] * (len(columns) - len(row)) for row in rows])
 
 
 def percent_or_dash(value: float | None) -> str:

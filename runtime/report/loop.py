@@ -118,8 +118,8 @@ def errors(document: ImprovementDocument) -> list[Section]:
     if len(document.joints) > 1:
         return fits.errors_by_joint(document.history, document.joints, held)
     (joint,) = document.joints
-    lines = [f"Noise floor (rms): joint 1 {number(joint.floor)} ({joint.floor_source})."]
-    lines += [f"  held out: joint 1 {number(f.floor)} ({f.floor_source})." for f in held]
+    lines = [f"Noise floor (rms): joint 1 {quantity(joint.floor, joint.unit)} ({joint.floor_source})."]
+    lines += [f"  held out: joint 1 {quantity(f.floor, joint.unit)} ({f.floor_source})." for f in held]
     return [fits.errors_of_joint(document.history, joint, None), *texts([*lines, ""])]
 
 

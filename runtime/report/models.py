@@ -63,7 +63,7 @@ def effect(document: EffectDocument) -> list[Section]:
 
 
 def verification(document: VerifyDocument) -> list[Section]:
-    """The worst case of each target relative to its tolerance, and every case that is not equal."""
+    """Whether all are equal; the worst case of each target relative to its tolerance, and every case that is not."""
     cases = document.cases
     worst: dict[str, ComparedFunction] = {}
     for case in cases:
@@ -81,23 +81,20 @@ def verification(document: VerifyDocument) -> list[Section]:
         )
         for case in [*worst.values(), *(case for case in wrong if case not in worst.values())]
     ]
-    made: list[Section] = [
-        table(("target", "functions", "worst", "of its tolerance", "SymPy", "target's", words("at")), rows)
-    ]
+    vectors = f"{len(document.vectors)} test vectors with --json"
+    answer = (
+        f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}."
+        if wrong
+        else f"Equal: {len(cases)} comparisons at {document.samples} point{'s' * (document.samples > 1)} each; {vectors}."
+    )
     proofs = document.proofs
     differing = [proof for proof in proofs if not proof.equal]
-    made += texts(f"NOT the Lagrangian's: {proof.function}, {proof.differs}." for proof in differing)
+    proved = [f"NOT the Lagrangian's: {proof.function}, {proof.differs}." for proof in differing]
     if proofs and not differing:
         points = proofs[-1].points
-        made.append(
-            Paragraph(f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {points} random points.")
-        )
-    vectors = f"{len(document.vectors)} test vectors with --json"
-    if wrong:
-        made.append(Paragraph(f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}."))
-    else:
-        made.append(Paragraph(f"Equal: {len(cases)} comparisons at {document.samples} points each; {vectors}."))
-    return made
+        proved = [f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {points} random points."]
+    heads = ("target", "functions", "worst", "of its tolerance", "SymPy", "target's", words("at"))
+    return [*texts([answer, *proved]), table(heads, rows)]
 
 
 def _ratio(case: ComparedFunction) -> float:

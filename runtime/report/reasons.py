@@ -27,7 +27,7 @@ from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.report import mounting
-from runtime.wording import joints_said, numbered, per_turn, percent, quantity, told_apart, whole_apart
+from runtime.wording import fall, joints_said, numbered, per_turn, percent, quantity, told_apart, whole_apart
 
 _MOVE_MORE = "move over more speeds, accelerations and positions"
 
@@ -125,6 +125,11 @@ def closed_gates(candidate: Candidate, model: Model) -> list[str]:
     return [_GATES[result.gate.name](result, candidate, model) for result in candidate.failed]
 
 
+def squared_fall(fall_of_error: float) -> float:
+    """Part by which a squared error falls, from that by which the error falls."""
+    return 1 - (1 - fall_of_error) ** 2
+
+
 def _part(result: GateResult) -> str:
     text = f"{100 * result.value:.0f} ± {100 * result.spread:.0f} % of its torque"
     return text.replace("-", "−")
@@ -148,13 +153,15 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
         f"its own torque is {told_apart(r.value, r.limit)} of the noise floor, not more than {r.limit:g}"
     ),
     gates.SHARE.name: lambda r, *_: (
-        f"it explains {whole_apart(100 * r.value, 100 * r.limit)} % of what is left, not {100 * r.limit:.0f} %"
+        f"it alone explains {whole_apart(100 * r.value, 100 * r.limit)} % of the excess, not {100 * r.limit:.0f} %"
     ),
     gates.EDGE.name: lambda *_: "its shape lies at the edge of what was searched",
     gates.LIKELIHOOD.name: lambda r, *_: (
-        f"held-out log-likelihood changes by {whole_apart(r.value, r.limit)}; at least {r.limit:g} is required"
+        f"cross-validated log-likelihood changes by {whole_apart(r.value, r.limit)}; at least {r.limit:g} is required"
     ),
-    gates.ERROR.name: lambda r, *_: f"held-out error does not fall by {100 * r.limit:g} %",
+    gates.ERROR.name: lambda r, *_: (
+        f"cross-validated squared error {fall(squared_fall(r.value), percent)}, not by {percent(squared_fall(r.limit))}"
+    ),
     gates.RESOLUTION.name: _resolution,
     gates.MODEL.name: lambda r, *_: f"the model as it is can produce all but {100 * r.value:.2g} % of its torque",
     gates.ENCODERS.name: lambda *_: "another reading of the encoders would give another torque",
@@ -176,7 +183,7 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
         f"not by {r.limit:g}"
     ),
     gates.EACH_SHARE.name: lambda r, *_: (
-        f"it explains {whole_apart(100 * r.value, 100 * r.limit)} % of what is left at one of its two joints, "
+        f"it alone explains {whole_apart(100 * r.value, 100 * r.limit)} % of the excess at one of its two joints, "
         f"not {100 * r.limit:.0f} %"
     ),
     gates.PROPORTION.name: lambda r, *_: (

@@ -300,10 +300,10 @@ def _findings(summary: ResultSummary, drawings: dict[str, Markup]) -> list[Group
     if not summary.findings:
         return []
     about = Paragraph(
-        "A candidate is judged by the torque that only it explains beside the fitted model, by its share of the "
-        "residual above the noise floor, by the error and the likelihood on parts of the recording that were left out "
-        "of its fit (cross-validated), and by BIC, which charges for every parameter, on whitened residuals. It must "
-        "pass all gates.",
+        "A candidate is judged by the torque that only it explains beside the fitted model, by that torque's part of "
+        "the excess (the residual's variance above the noise floor), by the error and the likelihood on parts of the "
+        "recording that were left out of its fit (cross-validated), and by BIC, which charges for every parameter, on "
+        "whitened residuals. It must pass all gates.",
         "note",
     )
     cards: list[Section] = [about]

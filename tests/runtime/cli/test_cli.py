@@ -203,7 +203,17 @@ def test_bad_files_of_effects(run, here, content, expected):
 
 
 WORDS = st.sampled_from(
-    [*(v for v in VERBS if v != "demo"), "--json", "-", "--map", "--effects", "--joint", "1", "drive.toml", "--check"]
+    [
+        *sorted(VERBS.keys() - {"demo", "paper", "studio"}),
+        "--json",
+        "-",
+        "--map",
+        "--effects",
+        "--joint",
+        "1",
+        "drive.toml",
+        "--check",
+    ]
 )
 
 
@@ -216,6 +226,17 @@ def test_any_arguments_end_with_a_status(run, arguments):
 
 
 # --- generate, add, effects, verify ---
+
+
+def test_verify_says_first_whether_all_is_equal(run):
+    status, out, _ = run("verify", "drive.toml", "--samples", "1")
+    assert status == 0
+    assert re.match(r"Equal: \d+ comparisons at 1 point each; \d+ test vectors with --json\.\n", out)
+
+
+def test_compare_says_in_which_unit(run, recorded):
+    out = run("compare", "drive.toml", recorded)[1]
+    assert re.search(r"residual rms \[N m\] +of the torque +noise floor \[N m\]", out)
 
 
 def test_generate_and_check(run, here):

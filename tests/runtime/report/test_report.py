@@ -418,11 +418,11 @@ def test_why_a_candidate_was_not_named(summary):
 
     behind = {"delta_bic": 100.0, "share": 0.4}
     assert why(ranked(ELASTICITY, model, **behind), (ELASTICITY,)) == (
-        "is not ruled out: it passes every gate too and explains 40 % of what is missing, stribeck 90 %. BIC prefers "
+        "is not ruled out: it passes every gate too and alone explains 40 % of the excess, stribeck 90 %. BIC prefers "
         "stribeck at joint 1 by 356; by Vuong's test of the likelihoods that is not enough to separate the two"
     )
     assert why(ranked(ELASTICITY, model, **behind)).startswith(
-        "is ruled out: it passes every gate by itself, but explains 40"
+        "is ruled out: it passes every gate by itself, but alone explains 40"
     )
     assert why(ranked(ELASTICITY, model, delta_bic=100.0, share=1.0)) == (
         "is ruled out: it passes every gate by itself, but BIC prefers stribeck at joint 1 by 356, and Vuong's test of "
@@ -436,7 +436,7 @@ def test_why_a_candidate_was_not_named(summary):
     assert findings.in_place_of(other, finding, named).startswith("is named too")
     failing = ranked(ELASTICITY, model, SHARE.asked(0.03), EDGE.asked(0.0))
     assert why(failing) == (
-        "is ruled out: it explains 3 % of what is left, not 20 %; its shape lies at the edge of what was searched"
+        "is ruled out: it alone explains 3 % of the excess, not 20 %; its shape lies at the edge of what was searched"
     )
     assert "next to nothing" in why(failing, scale=1000.0)
     useless = ranked(ELASTICITY, model, SHARE.asked(0.03), delta_bic=-12.3)
@@ -463,7 +463,7 @@ def test_every_finalist_has_its_reason(improvement):
     for why in (
         "Not ruled out: it passes every gate too",
         "it fits about as well",
-        "Ruled out: it explains 3 % of what is left, not 20 %.",
+        "Ruled out: it alone explains 3 % of the excess, not 20 %.",
     ):
         assert why in rows
 
@@ -585,7 +585,7 @@ def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
     assert "What is left: CLEAN: the residual is noise" in out
     assert re.search(r"Gained, error of the torque: joint 1 [\d.]+ % -> [\d.]+ % \(held out [\d.]+ %", out)
     assert "Unexplained:" not in out
-    assert re.search(r"held out: joint 1 [\d.]+ \((repeats|spectrum)\)", out)
+    assert re.search(r"held out: joint 1 [\d.]+ N m \((repeats|spectrum)\)", out)
     assert "tendon add 'my arms/drive.toml' stribeck --joint 1 --effects own.py" in out
     assert "stiffness < 41800 N m/rad" in out
     assert len(out.splitlines()) < 70

@@ -200,7 +200,7 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
         weighed("stribeck", 900.0, 1.0, []),
         weighed("viscous_power", 700.0, 0.997, []),
         weighed("friction_patch", 950.0, 0.9, []),
-        weighed("lugre", 100.0, 0.4, ["held-out error does not fall by 0.3 %", "another"]),
+        weighed("lugre", 100.0, 0.4, ["whitened BIC falls by 4, not by 30", "another"]),
         weighed("offset", 1.0, 0.01, []),
     ]
     rivals = [EffectAt(effect="cable", joint=1)]
@@ -210,12 +210,12 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
     out = capsys.readouterr().out
     assert "these data cannot separate it from cable at joint 1 (elbow)" in out
     assert [line for line in out.splitlines() if "ruled out" in line] == [
-        "  viscous_power at joint 1 (elbow) is ruled out: it passes every gate by itself, but explains 100 % of what "
-        "is missing, stribeck 100 %. BIC prefers stribeck at joint 1 (elbow) by 200, and Vuong's test of the "
+        "  viscous_power at joint 1 (elbow) is ruled out: it passes every gate by itself, but alone explains 100 % "
+        "of the excess, stribeck 100 %. BIC prefers stribeck at joint 1 (elbow) by 200, and Vuong's test of the "
         "likelihoods agrees",
         "  friction_patch at joint 1 (elbow) is ruled out: it passes every gate by itself, but with it added and "
         "everything refitted, the error falls less than with stribeck",
-        "  lugre at joint 1 (elbow) is ruled out: held-out error does not fall by 0.3 %; another",
+        "  lugre at joint 1 (elbow) is ruled out: whitened BIC falls by 4, not by 30; another",
     ]
 
 
