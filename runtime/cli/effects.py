@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from msgspec import convert
 
+from runtime.cli import completion
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.documents.models import EffectsDocument
@@ -18,7 +19,10 @@ app = typer.Typer()
 
 @app.command("effects", epilog="Example: tendon effects stribeck")
 def show_effects(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="One effect; default: all.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="One effect; default: all.", autocompletion=completion.effects),
+    ] = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:

@@ -12,6 +12,7 @@ import msgspec
 import typer
 from msgspec import UnsetType
 
+from runtime.cli import completion
 from runtime.cli.inputs import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, Report, with_settings
 from runtime.cli.output import NO, draw, emit
@@ -51,7 +52,11 @@ def execute(
     settings: ExecutionSettings = ExecutionSettings(),
     hide: Annotated[
         list[str] | None,
-        typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="Give the simulated arm an effect that MODEL lacks."),
+        typer.Option(
+            metavar="EFFECT@JOINT[:KEY=VALUE,...]",
+            help="Give the simulated arm an effect that MODEL lacks.",
+            autocompletion=completion.effects_at_joints,
+        ),
     ] = None,
     change: Annotated[
         list[str] | None,

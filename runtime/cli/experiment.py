@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from runtime.cli import completion
 from runtime.cli.inputs import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import NO, emit
@@ -26,6 +27,7 @@ def experiment(
         typer.Option(
             metavar="EFFECT@JOINT[:KEY=VALUE,...],...",
             help="Rival effects, repeatable. A single one is separated from the model as it is.",
+            autocompletion=completion.effects_at_joints,
         ),
     ],
     out: Annotated[

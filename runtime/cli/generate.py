@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from msgspec import convert
 
+from runtime.cli import completion
 from runtime.cli.inputs import check_own, opened
 from runtime.cli.options import Check, EffectsFile, GeneratedDir, Json, ModelFile
 from runtime.cli.output import NO, emit
@@ -55,7 +56,14 @@ def generate(
 @app.command(epilog="Example: tendon add drive.toml stribeck --joint 1")
 def add(
     model: ModelFile,
-    effect: Annotated[str, typer.Argument(metavar="EFFECT", help="Name of the effect; tendon effects lists them.")],
+    effect: Annotated[
+        str,
+        typer.Argument(
+            metavar="EFFECT",
+            help="Name of the effect; tendon effects lists them.",
+            autocompletion=completion.effects,
+        ),
+    ],
     joint: Annotated[
         str | None,
         typer.Option(

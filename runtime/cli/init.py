@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from runtime.cli import completion
 from runtime.cli import schema as schemas
 from runtime.cli.exchange import ROOT_TO_END, ChainOptions
 from runtime.cli.inputs import opened
@@ -76,7 +77,11 @@ def init(
     ] = None,
     like: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL", help="Copy a model: a file, or one of drive, vishard4, emps, ur10, panda."),
+        typer.Option(
+            metavar="MODEL",
+            help="Copy a model: a file, or one of drive, vishard4, emps, ur10, panda.",
+            autocompletion=completion.models,
+        ),
         READ,
     ] = None,
     urdf: Annotated[

@@ -10,19 +10,26 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
+from runtime.cli import completion
 from runtime.cli.places import FILLED, READ, WRITTEN, Role
 from runtime.report import page
 from runtime.setting import Checked, Setting, declared, split
 
 ModelFile = Annotated[
     Path,
-    typer.Argument(metavar="MODEL", help="Model file (TOML), or one of drive, vishard4, emps, ur10, panda."),
+    typer.Argument(
+        metavar="MODEL",
+        help="Model file (TOML), or one of drive, vishard4, emps, ur10, panda.",
+        autocompletion=completion.models,
+    ),
     READ,
 ]
 ScenarioFile = Annotated[
     Path,
     typer.Argument(
-        metavar="SCENARIO", help="Scenario file (TOML: points, phases, springs, objective), or scenario1, scenario2."
+        metavar="SCENARIO",
+        help="Scenario file (TOML: points, phases, springs, objective), or scenario1, scenario2.",
+        autocompletion=completion.scenarios,
     ),
     READ,
 ]

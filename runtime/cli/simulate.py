@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from runtime.cli import completion
 from runtime.cli.inputs import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
@@ -28,7 +29,11 @@ def simulate(
     ],
     hide: Annotated[
         list[str] | None,
-        typer.Option(metavar="EFFECT@JOINT[:KEY=VALUE,...]", help="Simulate an effect that the model file lacks."),
+        typer.Option(
+            metavar="EFFECT@JOINT[:KEY=VALUE,...]",
+            help="Simulate an effect that the model file lacks.",
+            autocompletion=completion.effects_at_joints,
+        ),
     ] = None,
     motion: Annotated[Path | None, typer.Option(metavar="FILE", help="Motion to follow, CSV: t,q1,..."), READ] = None,
     settings: SimulationSettings = SimulationSettings(),

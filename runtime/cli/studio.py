@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from runtime.cli import completion
 from runtime.cli.options import AllowGaps, EffectsFile, HeldOut, Map
 from runtime.cli.places import FILLED, READ
 from runtime.workspace.names import UsageError, column_mapping, is_name
@@ -29,6 +30,7 @@ def studio(
         typer.Argument(
             metavar="[MODEL]",
             help="Model file (TOML), URDF, MJCF, one of drive, vishard4, emps, ur10, panda, or directory of a session.",
+            autocompletion=completion.models,
         ),
         READ,
     ] = None,

@@ -82,17 +82,15 @@ def verification(document: VerifyDocument) -> list[Section]:
         for case in [*worst.values(), *(case for case in wrong if case not in worst.values())]
     ]
     vectors = f"{len(document.vectors)} test vectors with --json"
-    answer = (
-        f"NOT equal: {len(wrong)} of {len(cases)} comparisons; {vectors}."
-        if wrong
-        else f"Equal: {len(cases)} comparisons at {document.samples} point{'s' * (document.samples > 1)} each; {vectors}."
-    )
+    points = "1 point" if document.samples == 1 else f"{document.samples} points"
+    equal = f"NOT equal: {len(wrong)} of {len(cases)}" if wrong else f"Equal: {len(cases)}"
+    answer = f"{equal} comparisons at {points} each; {vectors}."
     proofs = document.proofs
     differing = [proof for proof in proofs if not proof.equal]
     proved = [f"NOT the Lagrangian's: {proof.function}, {proof.differs}." for proof in differing]
     if proofs and not differing:
-        points = proofs[-1].points
-        proved = [f"Proved: {len(proofs)} functions are the Lagrangian's, exactly, at {points} random points."]
+        exact = f"exactly, at {proofs[-1].points} random points"
+        proved = [f"Proved: {len(proofs)} functions are the Lagrangian's, {exact}."]
     heads = ("target", "functions", "worst", "of its tolerance", "SymPy", "target's", words("at"))
     return [*texts([answer, *proved]), table(heads, rows)]
 

@@ -86,15 +86,40 @@ def test_every_verb_has_help_with_an_example(run, verb):
     assert ("--json" in out) == (verb != "studio")
 
 
-def test_the_version_and_the_completion_of_the_shell(run, monkeypatch):
+def test_the_version(run):
     status, out, _ = run("--version")
     assert status == 0
     assert out.startswith("tendon")
-    for name, value in (("_TENDON_COMPLETE", "complete_bash"), ("COMP_WORDS", "tendon dia"), ("COMP_CWORD", "1")):
-        monkeypatch.setenv(name, value)
+
+
+@pytest.mark.parametrize(
+    ("typed", "proposed"),
+    [
+        ("dia", ["diagnose"]),
+        ("compare v", ["vishard4"]),
+        ("compare dr", ["drive", "drive.toml"]),
+        ("compare nowhere/x", []),
+        ("init --like pa", ["panda"]),
+        ("optimize scen", ["scenario1", "scenario2"]),
+        ("effects visc", ["viscous", "viscous_asymmetric", "viscous_cubic", "viscous_power"]),
+        ("add drive.toml stri", ["stribeck"]),
+        ("simulate vishard4 --hide stri", [f"stribeck@{k}" for k in (1, 2, 3, 4)]),
+        ("experiment drive.toml --between payl", ["payload"]),
+        ("simulate bad.toml --hide stri", ["stribeck"]),
+    ],
+)
+def test_completion_of_the_shell(here, typed, proposed):
+    (here / "bad.toml").write_text("mass = ")
+    words = {"COMP_WORDS": f"tendon {typed}", "COMP_CWORD": str(len(typed.split()))}
     code = "from runtime.cli.main import main; main()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stdout.split() == ["diagnose"]
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"_TENDON_COMPLETE": "complete_bash"} | words,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert sorted(done.stdout.split()) == proposed
 
 
 def test_help_lists_the_verbs_by_group_and_cuts_no_sentence(run):

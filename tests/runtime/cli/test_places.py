@@ -13,7 +13,7 @@ import pytest
 from runtime.cli import output, places, verbs
 from runtime.cli.main import app
 from runtime.report import page
-from runtime.workspace.names import UsageError
+from runtime.workspace.names import UsageError, shipped_or_given
 from tests import one_joint
 
 COMMANDS: dict[str, Any] = {name: verbs.command(name) for name in verbs.VERBS}
@@ -108,7 +108,7 @@ def test_the_model_of_a_scenario_is_not_overwritten(tmp_path, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     scenario = (SCENARIOS / "scenario1.toml").read_text().replace('model = "vishard4"', 'model = "arm.toml"')
     Path("scenario.toml").write_text(scenario)
-    Path("arm.toml").write_text((places.shipped_or_given(Path("vishard4"))).read_text())
+    Path("arm.toml").write_text(shipped_or_given(Path("vishard4")).read_text())
     before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     for arguments in (
         ["optimize", "scenario.toml", "--out", "./arm.toml"],
