@@ -32,7 +32,8 @@ codegen.firmware
 codegen.verify
 codegen.descriptions codegen.prepare
 
-runtime.files runtime.plain_json runtime.documents runtime.wording runtime.setting runtime.interruption runtime.progress
+runtime.version runtime.files runtime.plain_json runtime.documents
+runtime.wording runtime.setting runtime.interruption runtime.progress
 runtime.model
 runtime.exchange
 runtime.recordings

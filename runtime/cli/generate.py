@@ -29,24 +29,20 @@ def generate(
 ) -> None:
     """The library of effects is written beside it, into
     ../effects."""
-    from runtime.report.terminal import working
+    from runtime.report import models, terminal
 
     source = opened(model, effects)
-    with working(f"deriving {source.arm().name}"):
+    with terminal.working(f"deriving {source.arm().name}"):
         rendered = render_all(source, out, effects)
     stale = rendered.stale() if check else []
     if not check:
         rendered.write()
 
     def show(document: GenerateDocument) -> None:
-        from runtime.report.terminal import say
-
         if check:
-            say(*(stale or [f"{rendered.directory}: up to date"]))
-            return
-        say(f"{rendered.directory}: {len(rendered.files)} files; effects in {rendered.beside}")
-        count = document.operations["inverse_dynamics"]
-        say("inverse dynamics: " + ", ".join(f"{value} {name}" for name, value in count.items() if value))
+            terminal.say(*(stale or [f"{rendered.directory}: up to date"]))
+        else:
+            terminal.show(models.generated(document))
 
     emit(json, rendered.document().as_part_of(GenerateDocument, stale=stale), show)
     if stale:

@@ -9,6 +9,7 @@ import typer
 
 from runtime.cli import output
 from runtime.cli.verbs import Verbs
+from runtime.version import VERSION
 
 app = typer.Typer(
     cls=Verbs,
@@ -22,12 +23,7 @@ app = typer.Typer(
 def _version(wanted: bool) -> None:
     if not wanted:
         return
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        typer.echo(f"tendon {version('tendon')}")
-    except PackageNotFoundError:
-        typer.echo("tendon, not installed: run from its folder")
+    typer.echo(f"tendon {VERSION}")
     raise typer.Exit()
 
 

@@ -52,7 +52,7 @@ from runtime.motion.clock import grid
 from runtime.recordings import recording
 from runtime.recordings.columns import UNITS, RecordedArm
 from runtime.recordings.contents import Contents, RecordingError, Refusal, map_option, printable
-from runtime.recordings.recording import Recording, read
+from runtime.recordings.recording import Recording
 from symbolic.model_file.arm import MOTOR_TORQUE
 from symbolic.model_file.checks import quote
 
@@ -304,13 +304,25 @@ class Inspection:
 def inspect(path: Path, arm: RecordedArm | None, mapping: Mapping[str, str], allow_gaps: bool = False) -> Inspection:
     """Inspects a file. arm: None: as many joints as the file names. Raises RecordingError if it is not a recording."""
     refuse = Refusal(printable(path))
-    contents = recording.opened(path, refuse)
+    return of_contents(recording.opened(path, refuse), path, arm, mapping, allow_gaps, refuse)
+
+
+def of_contents(
+    contents: Contents,
+    path: Path,
+    arm: RecordedArm | None,
+    mapping: Mapping[str, str],
+    allow_gaps: bool,
+    refuse: Refusal,
+) -> Inspection:
+    """Inspects the contents of a recording, named by its path."""
     names = tuple(joint.name for joint in arm.joints) if arm else ()
     problem: str | None = None
     # A file that cannot be used as it is may be readable with gaps split and samples dropped.
     for gaps in (allow_gaps, True):
         try:
-            return Inspection(path, contents, read(path, arm, mapping, gaps), problem=problem, names=names)
+            read = recording.checked(contents, path, arm, mapping, gaps, refuse)
+            return Inspection(path, contents, read, problem=problem, names=names)
         except RecordingError as error:
             problem = problem or str(error)
     return Inspection(path, contents, None, problem=problem, names=names)

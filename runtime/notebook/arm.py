@@ -141,18 +141,17 @@ def recording(
     }
     given = {signal: values for signal, values in arrays.items() if values is not None}
     whose = arm if isinstance(arm, LoadedArm) or arm is None else load(arm)
+    joints = None if whose is None else whose.source.recorded_arm()
     refuse = in_memory.RefusedArrays(name)
-    if source is None:
+    if source is None and given:
         contents = in_memory.of_arrays(given, units or {}, refuse)
     elif given or units:
         refuse(f"has both a source and {', '.join(given) or 'units'}; expected one of them")
-    elif in_memory.is_frame(source):
-        contents = in_memory.of_frame(source, (columns or {}).get("t"), refuse)
     elif isinstance(source, str | PathLike):
+        path = Path(source)
         return (
-            whose.recordings(source, columns, allow_gaps)[0] if whose else read(Path(source), None, columns, allow_gaps)
+            read(path, None, columns, allow_gaps) if whose is None else whose.recordings(path, columns, allow_gaps)[0]
         )
     else:
-        refuse(f"is a {type(source).__name__}; expected a file, a data frame, a dict of columns, or t=, q= and tau=")
-    joints = None if whose is None else whose.source.recorded_arm()
+        contents = in_memory.of_frame(source, columns or {}, refuse)
     return checked(contents, Path(name), joints, columns, allow_gaps=allow_gaps, refuse=refuse)

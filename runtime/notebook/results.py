@@ -27,22 +27,19 @@ from runtime.documents.fits import (
     JointEntry,
     JudgedFitDocument,
 )
-from runtime.documents.models import ExportDocument
 from runtime.documents.parts import Document, given
-from runtime.documents.plans import OptimizeDocument
+from runtime.documents.recordings import DeterminedParameter, InspectDocument, SuspicionEntry
 from runtime.identification.compare import Comparison
+from runtime.inspection.inspection import Inspection
 from runtime.loop.improve import Improvement
 from runtime.notebook import html
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.plain_json import plain
-from runtime.planning.optimize import Plan
-from runtime.planning.results import document as plan_document
-from runtime.report import diagnosed, fits, loop, models, motions, terminal
+from runtime.recordings.recording import Recording
+from runtime.report import diagnosed, fits, loop, recordings, terminal
 from runtime.report.page import page_figures
-from runtime.report.page.motion_pages import plan_page
 from runtime.report.page.page_figures import Drawn
 from runtime.report.page.reports import write_report
-from runtime.report.plots import motion_plots
 from runtime.report.sections import Section
 from runtime.report.summary import ResultSummary
 
@@ -59,7 +56,7 @@ class ResultFigures(tuple[Drawn, ...]):
         return "".join(figure._repr_html_() for figure in self)
 
 
-class _Result(ABC):
+class Result(ABC):
     """What all results have in common. Printed it says a few lines; in a notebook everything else is folded below."""
 
     _sections: Callable[[Any], Sequence[Section]]
@@ -91,7 +88,7 @@ class _Result(ABC):
 
 
 @dataclass(frozen=True, repr=False)
-class IdentificationResult(_Result):
+class IdentificationResult(Result):
     """The fitted parameters.
 
     arm   with the values that were identified in its text
@@ -137,7 +134,7 @@ class IdentificationResult(_Result):
         self.arm.save(path)
 
 
-class _Loop(_Result):
+class _Loop(Result):
     """Results that have steps of a model, each fitted: they draw figures and write a report."""
 
     summary: ResultSummary
@@ -263,49 +260,41 @@ class ImprovementResult(_Judged):
 
 
 @dataclass(frozen=True, repr=False)
-class PlanResult(_Result):
-    """A planned motion; arm: with the plan's springs and contact in its text."""
+class InspectionResult(Result):
+    """What is in a recording, and what looks wrong with it.
 
-    plan: Plan
-    arm: LoadedArm
+    recording   None if it cannot be read
+    """
 
-    _sections = staticmethod(motions.plan)
+    inspection: Inspection
 
-    @cached_property
-    def document(self) -> OptimizeDocument:
-        """As `tendon optimize --json`."""
-        return plan_document(self.arm.model, self.plan)
-
-    def __repr__(self) -> str:
-        return "\n".join([motions.plan_headline(self.document), *motions.spring_lines(self.document)])
+    _sections = staticmethod(recordings.inspection)
 
     @cached_property
-    def figures(self) -> ResultFigures:
-        """Positions and torques of one cycle."""
-        figure = motion_plots.plan(self.document)
-        return ResultFigures([page_figures.drawn(figure, "plan", "Positions and torques of one cycle.")])
-
-    def report(self, directory: PathOrText) -> Path:
-        """Write the HTML page into a directory; its path. Raises OSError."""
-        return plan_page(self.arm.model, self.plan.trajectory, self.document).write(Path(directory))
-
-    def save(self, path: PathOrText) -> None:
-        """Write the trajectory, for `tendon execute`. Raises OSError."""
-        self.plan.trajectory.write(Path(path))
-
-
-@dataclass(frozen=True, repr=False)
-class ExportResult(_Result):
-    """An arm that was written for simulators: its bodies, and what the format cannot say."""
-
-    written: ExportDocument
-
-    _sections = staticmethod(models.exported)
+    def document(self) -> InspectDocument:
+        """As `tendon inspect --json`."""
+        return diagnosed.inspected(self.inspection)
 
     @property
-    def document(self) -> ExportDocument:
-        """As `tendon export --json`."""
-        return self.written
+    def recording(self) -> Recording | None:
+        """The recording, with gaps split where it has any; None if it cannot be read."""
+        return self.inspection.recording
+
+    @property
+    def problem(self) -> str | None:
+        """Why it cannot be used as it is; None: it can."""
+        return self.document.problem
+
+    @property
+    def suspicions(self) -> list[SuspicionEntry]:
+        """What looks wrong: `.joint`, `.kind`, `.found`, and `.cure`, what was expected and what to do."""
+        return self.document.suspicions
+
+    @property
+    def parameters(self) -> list[DeterminedParameter]:
+        """How well the data determine each parameter of the arm: `.name`, `.told`, `.value`, `.interval`."""
+        return self.document.parameters
 
     def __repr__(self) -> str:
-        return "\n".join([f"{self.written.out}: {self.written.name}", *models.export_notes(self.written)])
+        head = repr(self.recording) if self.recording else f"{self.document.file}: {self.document.format}"
+        return "\n".join([head, *recordings.wrong(self.document)])

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,28 +15,23 @@ from runtime.diagnosis.credibility import judged
 from runtime.diagnosis.settings import BUDGET_S
 from runtime.identification import compare as comparison
 from runtime.identification import identify as identification
+from runtime.inspection import inspection
 from runtime.loop import improve as loop
 from runtime.notebook.arm import LoadedArm, PathOrText, Recorded
 from runtime.notebook.results import (
     ComparisonResult,
     DiagnosisResult,
-    ExportResult,
     IdentificationResult,
     ImprovementResult,
-    PlanResult,
+    InspectionResult,
 )
-from runtime.planning import optimize as optimizer
-from runtime.planning import scenario_file
-from runtime.planning.settings import PlanningSettings
+from runtime.recordings import in_memory
 from runtime.recordings.recording import Recording
 from runtime.report import diagnosed
 from runtime.report.summary import Invocation, ResultSummary, about
 from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
-from runtime.workspace import exporting
-from runtime.workspace.names import scenario_path
-from runtime.workspace.source import Source, effects_described, effects_library, scenario_source
-from symbolic.model_file.exchange.importing import imported
+from runtime.workspace.names import ARMS
 
 Recordings = Recorded | Sequence[Recorded]
 
@@ -100,87 +95,53 @@ def simulate(
     """A recording of the model itself, at 1 kHz, to try a diagnosis on.
 
     hide      effects that the model file does not have: "stribeck@1" or "stribeck@1:torque=0.6,speed=0.15"
-    seconds   length of the motion, in `repeats` equal parts; or `motion`, positions (n, N) at 1 kHz or a CSV
+    seconds   length of the motion, in `repeats` equal parts; or `motion`, positions (N, n) or (n, N) at 1 kHz or a CSV
     noise     standard deviation of the torque's noise, part of the torque's rms
     signals   further ones that are recorded: q_link, tau_link, temperature
     """
     hidden = [simulation.parse_hidden(text, arm.model) for text in ([hide] if isinstance(hide, str) else hide)]
-    path = (
-        motion
-        if motion is None or isinstance(motion, np.ndarray)
-        else simulation.read_motion(Path(motion), arm.model.n)
-    )
+    path = simulation.read_motion(Path(motion), arm.model.n) if isinstance(motion, str | PathLike) else motion
+    if path is not None and path.shape[-1:] == (arm.n,):
+        path = np.ascontiguousarray(path.T)
     settings = SimulationSettings(seed, seconds, repeats, noise=noise, signals=signals)
     made, _ = simulation.simulate(arm.model, hidden, settings, path)
     return made
 
 
-def import_(
-    path: PathOrText,
-    base: str | None = None,
-    tip: str | None = None,
-    lock: Mapping[str, float] | None = None,
-    friction: bool = True,
-    effects: PathOrText | None = None,
-) -> LoadedArm:
-    """The arm of a URDF or MJCF file; `arm.notes` says what was left out of it, `arm.save(path)` writes the model file.
+def inspect(
+    source: Recording | PathOrText | Any,
+    arm: LoadedArm | None = None,
+    columns: Mapping[str, str] | None = None,
+    allow_gaps: bool = False,
+) -> InspectionResult:
+    """What is in a recording, what looks wrong with it, and how well it determines the arm's parameters.
 
-    base, tip   links between which it lies; None: the root, and the only end
-    lock        joint -> where it is held, rad or m
-    friction    dry and viscous friction at every joint, unknown where the file states none
-    Raises ValueError.
+    source   a recording, or what `recording` reads: a file, a data frame, a dict of columns
+    arm      for the checks that need a model
+    columns, allow_gaps   as for `recording`
+    Raises ValueError if it is no recording at all.
     """
-    own = None if effects is None else Path(effects)
-    made = imported(Path(path), effects_described(own, space=True), base, tip=tip, locked=lock, friction=friction)
-    library = effects_library(own, space=True) if own else None
-    return LoadedArm(Source(Path(f"{made.arm.name}.toml"), made.text, library), made.notes)
-
-
-def export(
-    arm: LoadedArm, path: PathOrText, to: Literal["urdf", "mjcf"] = "urdf", onto: PathOrText | None = None
-) -> ExportResult:
-    """Write the arm as URDF or MJCF, with physically possible bodies. Raises ValueError, OSError.
-
-    onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
-    """
-    return ExportResult(exporting.export(arm.source.compiled, to, Path(path), None if onto is None else Path(onto)))
-
-
-def optimize(
-    scenario: PathOrText,
-    cycle_time: float | None = None,
-    friction: bool | None = None,
-    springs: bool = True,
-    starts: int | None = PlanningSettings.starts,
-    seed: int = PlanningSettings.seed,
-    effects: PathOrText | None = None,
-) -> PlanResult:
-    """Plan motion and springs together; the arm is the one that the scenario names.
-
-    scenario     a file, or the name of one of Tendon's (scenario1, scenario2)
-    cycle_time   s, and friction: in place of the file's     springs: with the file's, or bare
-    starts       random first guesses; None: few     Raises Infeasible if no motion meets all constraints.
-    """
-    path = scenario_path(Path(scenario))
-    asked = scenario_file.read(path)
-    source = scenario_source(asked.model, path, None if effects is None else Path(effects))
-    arm = LoadedArm(source)
-    case = scenario_file.fitted(asked, arm.model, str(path))
-    case = case if springs else case.without_springs()
-    case = replace(
-        case,
-        cycle_time=case.cycle_time if cycle_time is None else cycle_time,
-        friction=case.friction if friction is None else friction,
-    )
-    plan = optimizer.optimize(arm.model, case, PlanningSettings(starts, seed))
-    return PlanResult(plan, arm.with_text(source.edits.mount(plan.trajectory).text))
+    joints = None if arm is None else arm.source.recorded_arm()
+    if isinstance(source, Recording):
+        names = tuple(joint.name for joint in joints.joints) if joints else ()
+        found = inspection.Inspection(source.path, in_memory.of_recording(source), source, problem=None, names=names)
+    elif isinstance(source, str | PathLike):
+        found = inspection.inspect(Path(source), joints, columns or {}, allow_gaps)
+    else:
+        refuse = in_memory.RefusedArrays("recording")
+        contents = in_memory.of_frame(source, columns or {}, refuse)
+        found = inspection.of_contents(contents, Path("recording"), joints, columns or {}, allow_gaps, refuse=refuse)
+    return InspectionResult(found if arm is None else inspection.with_model(found, arm.model))
 
 
 def _invocation(arm: LoadedArm, fitted: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Invocation:
     """What the same would be on the command line, for the commands that follow from a result."""
+    path = arm.source.path
+    named = path.parent == ARMS
     return Invocation(
-        arm.source.path,
+        Path(path.name) if named else path,
         tuple(r.path for r in fitted),
         tuple(r.path for r in held_out),
         about=about(arm.text),
+        like=path.stem if named else None,
     )

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from runtime.recordings.columns import IN_SPACE
 from runtime.recordings.contents import Array, RecordedField, Refusal, Samples
+from runtime.recordings.recording import Recording, measured
 
 _SINGLE = ("t", "run")
 """Signals of the whole arm; all others but the force have a column for each joint."""
@@ -89,7 +90,7 @@ def of_arrays(signals: Mapping[str, ArrayLike], units: Mapping[str, str], refuse
         unit = f" [{units[signal]}]" if signal in units else ""
         fields += [RecordedField(f"{name}{unit}") for name in names]
         values += list(table.T)
-    return ArraysInMemory("arrays", fields, values, "sample", refuse)
+    return ArraysInMemory("arrays in memory", fields, values, "sample", refuse)
 
 
 def _table(signal: str, given: ArrayLike, samples: int, refuse: Refusal) -> NDArray[Any]:
@@ -118,25 +119,31 @@ def _names(signal: str, columns: int, joints: int, refuse: Refusal) -> Sequence[
     return [f"{stem}{k}{'_' * bool(side)}{side}" for k in range(1, joints + 1)]
 
 
-def is_frame(given: object) -> bool:
-    """Whether this is a data frame, or a mapping from names to columns."""
-    return isinstance(given, Mapping) or (hasattr(given, "columns") and hasattr(given, "__getitem__"))
+def of_frame(frame: Any, mapping: Mapping[str, str], refuse: Refusal) -> ArraysInMemory:
+    """The columns of a data frame or mapping as the fields of a recording. Raises RecordingError.
 
-
-def of_frame(frame: Any, time: str | None, refuse: Refusal) -> ArraysInMemory:
-    """The columns of a data frame or mapping as the fields of a recording.
-
-    time   the column that is mapped to t; None: t, or else an index of durations, dates or floats
+    mapping   signal -> column; without one for t and without a column t, an index of durations, dates or floats is t
     """
+    if not isinstance(frame, Mapping) and not (hasattr(frame, "columns") and hasattr(frame, "__getitem__")):
+        what = "a file, a data frame, a dict of columns, or t=, q= and tau="
+        refuse(f"is {'nothing' if frame is None else f'a {type(frame).__name__}'}; expected {what}")
     names = list(frame) if isinstance(frame, Mapping) else list(frame.columns)
     fields = [RecordedField(str(name)) for name in names]
     values = [np.asarray(frame[name]) for name in names]
     index = getattr(frame, "index", None)
-    if time is None and index is not None and not any(re.match(r"t\s*(\[|$)", f.name.strip()) for f in fields):
+    if "t" not in mapping and index is not None and not any(re.match(r"t\s*(\[|$)", f.name.strip()) for f in fields):
         labels = np.asarray(index)
         if labels.dtype.kind in _INDEX_OF_TIME:
             fields, values = [RecordedField("t"), *fields], [labels, *values]
     for field, column in zip(fields, values, strict=True):
         if column.ndim != 1:
             refuse(f"{field.name} has shape {column.shape}; expected a single column of this name")
-    return ArraysInMemory("a data frame", fields, values, "row", refuse)
+    return ArraysInMemory("data frame", fields, values, "row", refuse)
+
+
+def of_recording(recording: Recording) -> ArraysInMemory:
+    """A recording as contents again, in SI."""
+    signals = list(measured(recording))
+    fields = [RecordedField("t [s]"), *(RecordedField(f"{name} [{unit}]") for name, unit, _ in signals)]
+    values = [recording.t, *(array for *_, array in signals)]
+    return ArraysInMemory("arrays in memory", fields, values, "sample", Refusal(str(recording.path)))

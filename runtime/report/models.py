@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 
 from runtime.documents.diagnosis import CommandEntry
-from runtime.documents.generated import ComparedFunction, VerifyDocument
+from runtime.documents.generated import ComparedFunction, GenerateDocument, VerifyDocument
 from runtime.documents.models import (
     EffectDocument,
     EffectsDocument,
@@ -103,6 +103,20 @@ def _short(values: Sequence[float]) -> str:
     if len(values) > _MOST_NUMBERS:
         return f"({len(values)} numbers, with --json)"
     return "[" + " ".join(f"{value:.3g}" for value in values) + "]"
+
+
+def generated(document: GenerateDocument) -> list[Section]:
+    """What was written where, and the operations of the inverse dynamics."""
+    return texts(generated_lines(document))
+
+
+def generated_lines(document: GenerateDocument) -> list[str]:
+    """The same as lines."""
+    count = document.operations["inverse_dynamics"]
+    return [
+        f"{document.directory}: {len(document.files)} files; effects in {document.effects_directory}",
+        "inverse dynamics: " + ", ".join(f"{value} {name}" for name, value in count.items() if value),
+    ]
 
 
 def imported(document: ImportDocument) -> list[Section]:

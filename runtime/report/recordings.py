@@ -52,7 +52,7 @@ def inspection(document: InspectDocument) -> list[Section]:
         made += _recorded(document, document.clock)
         if not document.suspicions:  # a fit to wrong data determines nothing
             made += texts(_fit(document))
-    return [*made, *texts(_wrong(document))]
+    return [*made, *texts(wrong(document))]
 
 
 def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:
@@ -128,7 +128,8 @@ def _at_joints(joints: dict[str, list[int]]) -> list[str]:
     return [text + (f" at {joints_said(own)}" if own else "") for text, own in joints.items()]
 
 
-def _wrong(document: InspectDocument) -> list[str]:
+def wrong(document: InspectDocument) -> list[str]:
+    """What is wrong with a recording, what looks wrong, and what to do; one line if nothing is."""
     lines = []
     if document.problem:
         lines.append(f"Not usable as it is: {document.problem}")

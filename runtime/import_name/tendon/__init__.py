@@ -3,47 +3,44 @@
     import tendon
 
     arm = tendon.load("drive.toml")
-    run = tendon.recording("run1.csv", arm)
+    run = tendon.recording("run1.csv", arm)  # or from arrays: tendon.recording(t=t, q=q, tau=tau)
     result = tendon.diagnose(arm, run)  # printed, a few lines; result.figures draw themselves
+    print(result.findings[0].effect, result.findings[0].error_after)
     better = tendon.improve(arm, run, held_out="run2.csv")
     better.save("better.toml")
+    better.arm.inverse_dynamics(q, qd, qdd)  # (n,) or (N, n), from the generated C
 
 Errors are ValueErrors whose message is the line that the command line prints.
 """
 
-from runtime.notebook.arm import LoadedArm as Arm
-from runtime.notebook.arm import load, recording
-from runtime.notebook.results import (
-    ComparisonResult,
-    DiagnosisResult,
-    ExportResult,
-    IdentificationResult,
-    ImprovementResult,
-    PlanResult,
-)
-from runtime.notebook.verbs import add, compare, diagnose, export, identify, import_, improve, optimize, simulate
-from runtime.planning.optimize import Infeasible
-from runtime.recordings.recording import Recording
+import ast
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
-__all__ = [
-    "Arm",
-    "ComparisonResult",
-    "DiagnosisResult",
-    "ExportResult",
-    "IdentificationResult",
-    "ImprovementResult",
-    "Infeasible",
-    "PlanResult",
-    "Recording",
-    "add",
-    "compare",
-    "diagnose",
-    "export",
-    "identify",
-    "import_",
-    "improve",
-    "load",
-    "optimize",
-    "recording",
-    "simulate",
-]
+from runtime.version import VERSION as __version__  # noqa: F401
+
+
+def _listed() -> dict[str, tuple[str, str]]:
+    """Public name -> module and name there, as __init__.pyi lists them for type checkers."""
+    lines = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
+    imports = [line for line in lines if isinstance(line, ast.ImportFrom)]
+    found = {name.name: (str(line.module), name.name) for line in imports for name in line.names}
+    return found | {"Arm": found["LoadedArm"]}
+
+
+_HOMES = _listed()
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported when it is first used: CasADi, SciPy and Matplotlib take a second."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'tendon' has no attribute {name!r}; it has {', '.join(__all__)}")
+    module, there = _HOMES[name]
+    found = globals()[name] = getattr(import_module(module), there)
+    return found
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

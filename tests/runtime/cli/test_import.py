@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from runtime.notebook import verbs
+from runtime.notebook import exchanged
 from symbolic.model_file import reader
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
@@ -107,9 +107,9 @@ def test_what_was_snapped_is_said_by_every_verb_that_opens_the_file(tendon: Run,
 
 
 def test_in_a_notebook(tendon: Run) -> None:  # noqa: ARG001 - an empty folder
-    arm = verbs.import_(UR10, tip="tool0", lock={"wrist_3_joint": 0.1})
+    arm = exchanged.import_(UR10, tip="tool0", lock={"wrist_3_joint": 0.1})
     assert any(note.startswith("the rotor's inertia of all joints") for note in arm.notes)
     arm.save("five.toml")
     assert len(reader.load("five.toml").joints) == 5
     with pytest.raises(ValueError, match="no such link"):
-        verbs.import_(UR10, tip="tool7")
+        exchanged.import_(UR10, tip="tool7")

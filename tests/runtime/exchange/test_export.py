@@ -26,7 +26,7 @@ from runtime.exchange.bodies import (
     pseudo_slopes,
     rotors_asked,
 )
-from runtime.notebook import verbs
+from runtime.notebook import exchanged
 from runtime.notebook.arm import load
 from runtime.workspace.source import Source
 from symbolic.effects import DECLARED
@@ -376,7 +376,7 @@ def test_gears_go_into_the_transmissions_that_are_there(run: Run) -> None:
         .replace("</robot>", transmission[0].replace(">50<", ">30<").replace("pan t", "other t") + "</robot>")
         .replace('velocity="3"', 'velocity="2"')
     )
-    result = verbs.export(load("small.toml"), "new.urdf", onto="open.urdf")
+    result = exchanged.export(load("small.toml"), "new.urdf", onto="open.urdf")
     assert result.json["kept"] == [
         "gear_ratio of joint 3, for which it states none",
         "gear_ratio of joint 1, for which it states several (50 of transmission pan transmission, 30 of transmission "
@@ -474,7 +474,7 @@ def test_gravity_that_was_found_is_gravity(run: Run, arm: str) -> None:
 
 
 def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - a folder with small.toml
-    result = verbs.export(load("small.toml"), "small.xml", to="mjcf")
+    result = exchanged.export(load("small.toml"), "small.xml", to="mjcf")
     assert Path("small.xml").read_text().count("<joint ") == 3
     assert repr(result).startswith(
         "small.xml: small\nThe file does not say: coulomb_asymmetric at joint 1 in each direction"

@@ -106,8 +106,51 @@ def test_errors_are_the_lines_of_the_command_line(folder: Path) -> None:
         tendon.add(tendon.load("drive"), "stribek", 1)
 
 
-def test_importing_leaves_the_equations_alone() -> None:
-    """Models that are in the cache need no SymPy."""
-    script = "import tendon, sys; print('sympy' in sys.modules)"
+def test_what_is_not_needed_is_not_imported() -> None:
+    """Models that are in the cache need no SymPy, and their functions neither CasADi nor Matplotlib."""
+    tendon.load("drive").mass_matrix([0.0])
+    script = (
+        "import tendon, sys\ntendon.load('drive').mass_matrix([0.0])\n"
+        "print([m for m in ('sympy', 'casadi', 'matplotlib', 'pandas') if m in sys.modules])\n"
+        "tendon.diagnose\nprint('sympy' in sys.modules)"
+    )
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"
+    assert run.stdout.split("\n") == ["[]", "False", ""]
+
+
+def test_every_public_name_is_there(tmp_path: Path) -> None:
+    assert {*tendon.__all__, "__version__"} == set(dir(tendon))
+    assert all(
+        getattr(tendon, name).__module__.split(".")[0] in ("runtime", "symbolic", "codegen") for name in tendon.__all__
+    )
+    with pytest.raises(AttributeError, match="has no attribute 'diagnoze'"):
+        _ = tendon.diagnoze
+    errors = [getattr(tendon, name) for name in tendon.__all__ if name.endswith("Error")]
+    assert [e.__name__ for e in errors if not issubclass(e, ValueError)] == ["BuildError"]
+    with pytest.raises(tendon.RecordingError, match="no such file"):
+        tendon.recording(tmp_path / "none.csv")
+    with pytest.raises(tendon.ModelError, match="stribek"):
+        tendon.add(tendon.load("drive"), "stribek", 1)
+
+
+def test_a_result_has_its_figures_as_attributes_and_as_a_dict(improved) -> None:
+    found, document = improved.added[0], improved.to_dict()
+    assert (found.effect, found.joint) == ("stribeck", 1)
+    assert found.parameters["torque"].value == pytest.approx(0.6, abs=0.06)
+    low, high = found.parameters["torque"].interval
+    assert low < found.parameters["torque"].value < high
+    before, after = improved.history
+    assert (found.error_before, found.error_after) == (before.relative[0], after.relative[0])
+    assert found.held_out_error_before == before.held_out_relative[0]
+    assert found.held_out_error_after == after.held_out_relative[0]
+    assert document["history"][1]["finding"]["error_after"] == found.error_after
+    assert json.loads(json.dumps(document)) == document == improved.json
+    assert improved.verdict == document["verdict"]
+    assert repr(found).startswith("<stribeck@1: error 0.0")
+
+
+def test_a_notebook_shows_a_result_as_text_with_everything_folded(improved) -> None:
+    shown = improved._repr_html_()
+    assert "<p><b>as in the file, fitted: " in shown
+    assert shown.index("<details>") < shown.index("<table") < shown.index("</details>")
+    assert "<script" not in shown

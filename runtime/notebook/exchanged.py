@@ -1,0 +1,103 @@
+"""Files of other programs: an arm from a URDF or MJCF, and an arm's equations and bodies written for others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from runtime.documents.generated import GenerateDocument
+from runtime.documents.models import ExportDocument
+from runtime.notebook.arm import LoadedArm, PathOrText
+from runtime.notebook.results import Result
+from runtime.report import models
+from runtime.workspace import exporting
+from runtime.workspace.generated import render_all
+from runtime.workspace.source import Source, effects_described, effects_library
+from symbolic.model_file.exchange.importing import imported
+
+
+@dataclass(frozen=True, repr=False)
+class ExportResult(Result):
+    """An arm that was written for simulators: its bodies, and what the format cannot say."""
+
+    written: ExportDocument
+
+    _sections = staticmethod(models.exported)
+
+    @property
+    def document(self) -> ExportDocument:
+        """As `tendon export --json`."""
+        return self.written
+
+    def __repr__(self) -> str:
+        return "\n".join([f"{self.written.out}: {self.written.name}", *models.export_notes(self.written)])
+
+
+@dataclass(frozen=True, repr=False)
+class GenerationResult(Result):
+    """Generated code that was written."""
+
+    written: GenerateDocument
+
+    _sections = staticmethod(models.generated)
+
+    @property
+    def document(self) -> GenerateDocument:
+        """As `tendon generate --json`."""
+        return self.written
+
+    @property
+    def directory(self) -> Path:
+        """Where the arm's files are."""
+        return Path(self.written.directory)
+
+    @property
+    def operations(self) -> dict[str, dict[str, int]]:
+        """Operations of each generated function by kind: `operations["inverse_dynamics"]["arithmetic"]`."""
+        return self.written.operations
+
+    def __repr__(self) -> str:
+        return "\n".join(models.generated_lines(self.written))
+
+
+def import_(
+    path: PathOrText,
+    base: str | None = None,
+    tip: str | None = None,
+    lock: Mapping[str, float] | None = None,
+    friction: bool = True,
+    effects: PathOrText | None = None,
+) -> LoadedArm:
+    """The arm of a URDF or MJCF file; `arm.notes` says what was left out of it, `arm.save(path)` writes the model file.
+
+    base, tip   links between which it lies; None: the root, and the only end
+    lock        joint -> where it is held, rad or m
+    friction    dry and viscous friction at every joint, unknown where the file states none
+    Raises ValueError.
+    """
+    own = None if effects is None else Path(effects)
+    made = imported(Path(path), effects_described(own, space=True), base, tip=tip, locked=lock, friction=friction)
+    library = effects_library(own, space=True) if own else None
+    return LoadedArm(Source(Path(f"{made.arm.name}.toml"), made.text, library), made.notes)
+
+
+def export(
+    arm: LoadedArm, path: PathOrText, to: Literal["urdf", "mjcf"] = "urdf", onto: PathOrText | None = None
+) -> ExportResult:
+    """Write the arm as URDF or MJCF, with physically possible bodies. Raises ValueError, OSError.
+
+    onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
+    """
+    return ExportResult(exporting.export(arm.source.compiled, to, Path(path), None if onto is None else Path(onto)))
+
+
+def generate(arm: LoadedArm, directory: PathOrText | None = None) -> GenerationResult:
+    """Write the arm's C and CasADi code into a directory, and the library of effects beside it, into `effects`.
+
+    directory   None: generated/NAME     Raises ValueError, OSError.
+    """
+    rendered = render_all(arm.source, None if directory is None else Path(directory), None)
+    rendered.write()
+    return GenerationResult(rendered.document().as_part_of(GenerateDocument, stale=[]))
