@@ -10,7 +10,7 @@ from typing import Literal
 from runtime.documents.generated import GenerateDocument
 from runtime.documents.models import ExportDocument
 from runtime.notebook.arm import LoadedArm, PathOrText
-from runtime.notebook.results import Result
+from runtime.notebook.results import VerbResult
 from runtime.report import models
 from runtime.workspace import exporting
 from runtime.workspace.generated import render_all
@@ -19,7 +19,7 @@ from symbolic.model_file.exchange.importing import imported
 
 
 @dataclass(frozen=True, repr=False)
-class ExportResult(Result):
+class ExportResult(VerbResult):
     """An arm that was written for simulators: its bodies, and what the format cannot say."""
 
     written: ExportDocument
@@ -36,7 +36,7 @@ class ExportResult(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class GenerationResult(Result):
+class GenerationResult(VerbResult):
     """Generated code that was written."""
 
     written: GenerateDocument

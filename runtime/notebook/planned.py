@@ -19,7 +19,7 @@ from runtime.execution.options import ExecutionSettings
 from runtime.experiments import design
 from runtime.experiments.options import ExperimentSettings
 from runtime.notebook.arm import LoadedArm, PathOrText
-from runtime.notebook.results import Result, ResultFigures
+from runtime.notebook.results import ResultFigures, VerbResult
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning import trajectory as trajectories
@@ -38,7 +38,7 @@ from runtime.workspace.source import scenario_source
 
 
 @dataclass(frozen=True, repr=False)
-class PlanResult(Result):
+class PlanResult(VerbResult):
     """A planned motion; arm: with the plan's springs and contact in its text."""
 
     plan: Plan
@@ -70,7 +70,7 @@ class PlanResult(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class ExperimentResult(Result):
+class ExperimentResult(VerbResult):
     """A motion that separates effects, or why there is none."""
 
     proposal: design.Proposal
@@ -107,7 +107,7 @@ class ExperimentResult(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class ExecutionResult(Result):
+class ExecutionResult(VerbResult):
     """A plan that was executed on the simulated arm."""
 
     execution: execution.Execution

@@ -56,7 +56,7 @@ class ResultFigures(tuple[Drawn, ...]):
         return "".join(figure._repr_html_() for figure in self)
 
 
-class Result(ABC):
+class VerbResult(ABC):
     """What all results have in common. Printed it says a few lines; in a notebook everything else is folded below."""
 
     _sections: Callable[[Any], Sequence[Section]]
@@ -88,7 +88,7 @@ class Result(ABC):
 
 
 @dataclass(frozen=True, repr=False)
-class IdentificationResult(Result):
+class IdentificationResult(VerbResult):
     """The fitted parameters.
 
     arm   with the values that were identified in its text
@@ -134,7 +134,7 @@ class IdentificationResult(Result):
         self.arm.save(path)
 
 
-class _Loop(Result):
+class _Loop(VerbResult):
     """Results that have steps of a model, each fitted: they draw figures and write a report."""
 
     summary: ResultSummary
@@ -260,7 +260,7 @@ class ImprovementResult(_Judged):
 
 
 @dataclass(frozen=True, repr=False)
-class InspectionResult(Result):
+class InspectionResult(VerbResult):
     """What is in a recording, and what looks wrong with it.
 
     recording   None if it cannot be read
