@@ -78,22 +78,23 @@ class RigidBody(ABC):
 
     def _call(self, function: str, lumps: Array | None = None, **given: ArrayLike) -> Array:
         """Arguments with the samples first, and the result likewise; lumps: other base inertial parameters."""
-        model = self.model
-        arrays = {name: np.asarray(value, dtype=np.float64) for name, value in given.items()}
-        for name, array in arrays.items():
-            if array.ndim > 2 or (array.ndim and array.shape[-1] != model.n) or (name == "q" and not array.ndim):
-                raise LoaderError(f"{model.name}: {name} has shape {array.shape}; expected {_shapes(model.n)}")
-        try:
-            same = np.broadcast_arrays(*arrays.values())
-        except ValueError as error:
-            listed = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-            raise LoaderError(f"{model.name}: {listed} differ; expected {_shapes(model.n)} for each") from error
+        model, n = self.model, self.model.n
+        arrays = [np.asarray(value, dtype=np.float64) for value in given.values()]
+        for name, array in zip(given, arrays, strict=True):
+            if array.ndim > 2 or (array.ndim and array.shape[-1] != n) or (name == "q" and not array.ndim):
+                raise LoaderError(f"{model.name}: {name} has shape {array.shape}; expected {_shapes(n)}")
+        if any(array.shape != arrays[0].shape for array in arrays):
+            try:
+                arrays = list(np.broadcast_arrays(*arrays))
+            except ValueError as error:
+                listed = ", ".join(f"{name} {array.shape}" for name, array in zip(given, arrays, strict=True))
+                raise LoaderError(f"{model.name}: {listed} differ; expected {_shapes(n)} for each") from error
         # The generated code takes each joint's samples side by side.
-        turned = dict(zip(arrays, (np.ascontiguousarray(array.T) for array in same), strict=True))
+        turned = {name: np.ascontiguousarray(array.T) for name, array in zip(given, arrays, strict=True)}
         if lumps is None and function not in _GEOMETRY:
             lumps = model.lump_values
         result = model.call(function, turned, lumps)
-        return np.moveaxis(result, -1, 0) if same[0].ndim == 2 else result
+        return np.moveaxis(result, -1, 0) if arrays[0].ndim == 2 else result
 
 
 _GEOMETRY = ("tip", "tip_jacobian", "regressor")
