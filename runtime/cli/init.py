@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from math import isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,6 +16,7 @@ from runtime.cli import completion
 from runtime.cli import schema as schemas
 from runtime.cli.exchange import ROOT_TO_END, ChainOptions
 from runtime.cli.inputs import opened
+from runtime.cli.interview import OF_MOTORS, OF_NEW_ARM, OF_URDF, QUESTIONS, UNKNOWN, interview, is_planar
 from runtime.cli.options import EffectsFile, Json, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
@@ -25,30 +25,23 @@ from runtime.setting import Checked, Setting
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import effects_described
 from runtime.workspace.writing import check_writable
+from symbolic.model_file.arm import TORQUES, Arm
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.keys import MAX_JOINTS
-from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motors
-
-if TYPE_CHECKING:
-    from symbolic.described import AnyEffect
+from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motors, with_torque
 
 app = typer.Typer()
 
-_HELP = """From options and at most six questions, from a URDF, or as a copy.
+_HELP = f"""From options and at most {len(OF_NEW_ARM)} questions, from a URDF, or as a copy.
 
 Asks on the terminal for what no option states, or reads the answers from standard input, a line each. Enter takes the
 value in brackets; ? means unknown. Unknown keys are comments in the file, to be filled in."""
-_EACH = "one number for all joints or one for each, ? if unknown"
-_MOTOR: tuple[str, ...] = ("gear_ratio", "torque_constant", "rotor_inertia")
-_QUESTIONS = {
-    "joints": ("Joints from the base outwards, r for revolute and p for prismatic, such as r,r,p", "r"),
-    "name": ("Name of the arm, a C identifier", "arm"),
-    "space": ("Do all joints move in one plane, or in space", "space"),
-    "length": ("Lengths of the links, m", "1"),
-    "gear_ratio": ("Gear ratios, motor turns per turn of the joint or rad per metre", "?"),
-    "torque_constant": ("Torque constants of the motors, N m/A", "?"),
-    "rotor_inertia": ("Inertias of the motors' rotors, kg m^2", "?"),
-}
+
+
+def _answered(key: str) -> Setting:
+    """The option that answers a question."""
+    asked = QUESTIONS[key]
+    return Setting(f"{asked.text}. {asked.explained}".strip(), metavar="X,..." if key in OF_MOTORS else None)
 
 
 @dataclass(frozen=True)
@@ -60,13 +53,12 @@ class ArmOptions(Checked):
         str | None, Setting("Types of the joints from the base, revolute or prismatic.", metavar="r,p,...")
     ] = None
     gravity: Annotated[str | None, Setting("Gravity in base axes, m/s^2.", metavar="X,Y[,Z]")] = None
-    gear_ratio: Annotated[str | None, Setting(f"Gear ratios: {_EACH}.", metavar="N,...")] = None
-    torque_constant: Annotated[
-        str | None, Setting(f"Torque constants of the motors, N m/A: {_EACH}.", metavar="KT,...")
-    ] = None
-    rotor_inertia: Annotated[str | None, Setting(f"Inertias of the rotors, kg m^2: {_EACH}.", metavar="J,...")] = None
-    length: Annotated[str | None, Setting("Lengths of the links of a planar arm, m.", metavar="L,...")] = None
-    mass: Annotated[str | None, Setting(f"Masses of the links, kg: {_EACH}.", metavar="M,...")] = None
+    length: Annotated[str | None, _answered("length")] = None
+    mass: Annotated[str | None, Setting("Masses of the links, kg.", metavar="X,...")] = None
+    gear_ratio: Annotated[str | None, _answered("gear_ratio")] = None
+    torque_constant: Annotated[str | None, _answered("torque_constant")] = None
+    rotor_inertia: Annotated[str | None, _answered("rotor_inertia")] = None
+    torque: Annotated[str | None, _answered("torque")] = None
 
 
 @app.command(help=_HELP, epilog="Example: tendon init --joints r,r,p --gear-ratio 100 --out my_arm.toml")
@@ -114,30 +106,45 @@ def init(
         raise UsageError("--like copies a model as it is; leave out the other options, or --like")
     if urdf is None and chain != ROOT_TO_END:
         raise UsageError("--base, --tip and --lock need --urdf")
-    if urdf is not None and stated.keys() - set(_MOTOR):
-        raise UsageError("--urdf states joints and links; only options of motors can stand beside it")
+    if urdf is not None and stated.keys() - set(OF_URDF):
+        raise UsageError("--urdf states joints and links; only options of motors and --torque can stand beside it")
+    beside = _schemas(out) if schema else {}
     if out is not None:
         _check_new(out)
     if like is not None:
         made = opened(like, effects).text
     else:
+        from symbolic.model_file import reader
         from symbolic.model_file.exchange import importing
 
         library = effects_described(effects, space=True)
         called = importing.arm_name("arm" if out is None else out.stem, Path("arm"))
         if urdf is not None:
             arm = importing.imported(urdf, library, chain.base, chain.tip, locked=chain.locked(), friction=friction)
-            count, keys = len(arm.arm.joints), _MOTOR
-
-            def write(stated: Mapping[str, str]) -> str:
-                return with_motors(arm.text, arm.arm, _motors(stated, count))
-
+            keys, write = OF_URDF, partial(_of_urdf, arm.text, arm.arm)
         else:
             assumed = [effect.name for effect in library.values() if effect.assumed and friction]
-            keys, write = tuple(_QUESTIONS)[:-1], partial(_new_arm, called, assumed)
-        made = _interview(keys, stated, write, library=library, called=called) if questions else write(stated)
-        made = f"#:schema ./{schemas.MODEL}\n{made}" if schema else made
-    _write(made, out, effects, schema=schema, like=like, json=json)
+            keys, write = OF_NEW_ARM, partial(_new_arm, called, assumed)
+
+        def check(stated: Mapping[str, str]) -> None:
+            trial = reader.parse(write({"length": "1", **stated}), "the new model file", library)
+            if out is None and (urdf is not None or "name" in stated):
+                _check_new(Path(f"{trial.name}.toml"))
+
+        if questions:
+            check({"joints": "r" * _most(stated), **stated})
+            stated = interview(keys, stated, called, check)
+        made = write(stated)
+    _write(f"#:schema ./{schemas.MODEL}\n{made}" if schema else made, out, effects, beside, like=like, json=json)
+
+
+def _schemas(out: Path | None) -> dict[Path, bytes]:
+    """The schemas for editors by where they go. Raises UsageError if another file is there."""
+    beside = {(out or Path()).parent / name: data for name, data in schemas.shipped().items()}
+    for place, data in beside.items():
+        if place.exists() and place.read_bytes() != data:
+            raise UsageError(f"{place}: already exists with other content; move it away, or leave out --schema")
+    return beside
 
 
 def _check_new(path: Path) -> None:
@@ -145,59 +152,24 @@ def _check_new(path: Path) -> None:
         raise UsageError(f"{path}: already exists; choose another name")
 
 
-def _interview(
-    keys: Sequence[str],
-    stated: dict[str, str],
-    write: Callable[[Mapping[str, str]], str],
-    library: Mapping[str, AnyEffect],
-    called: str,
-) -> str:
-    """The text of the model file, after asking for what no option states. Raises UsageError, ModelError.
-
-    called   default name
-    write    makes the text from what is stated; an answer is refused if the reader refuses the text. On a terminal the
-             question is then repeated; elsewhere the error is raised
-    """
-    from symbolic.model_file import reader
-
-    interactive = sys.stdin.isatty()
-    for key in keys:
-        if key == "length" and not _is_planar(stated):
-            continue
-        question, default = _QUESTIONS[key]
-        default = called if key == "name" else default
-        while key not in stated:
-            if interactive:
-                print(f"{question} [{default}]: ", end="", file=sys.stderr, flush=True)
-            line = sys.stdin.readline()
-            if not line:
-                return write(stated)
-            answer = line.strip() or default
-            try:
-                reader.parse(write({"length": "1", **stated, key: answer}), "the new model file", library)
-                stated[key] = answer
-            except ValueError as error:
-                if not interactive:
-                    raise
-                print(error, file=sys.stderr)
-    return write(stated)
+def _most(stated: Mapping[str, str]) -> int:
+    """The most numbers that an option states, one a joint."""
+    return max((stated[key].count(",") + 1 for key in (*OF_MOTORS, "length", "mass") if key in stated), default=1)
 
 
-def _is_planar(stated: Mapping[str, str]) -> bool:
-    where = stated.get("space", "space").lower()
-    if not where or not any(word.startswith(where) for word in ("plane", "space")):
-        raise UsageError(f"{where}: expected plane or space")
-    return where.startswith("p")
+def _of_urdf(text: str, arm: Arm, stated: Mapping[str, str]) -> str:
+    """The text of an imported arm with what is stated of its motors. Raises UsageError."""
+    return with_torque(with_motors(text, arm, _motors(stated, len(arm.joints))), _torque(stated))
 
 
 def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str]) -> str:
     """The text for a new arm; called: default name. Raises UsageError."""
     if "joints" not in stated:
-        raise UsageError(f"{_QUESTIONS['joints'][0]}: an answer is needed, or --joints")
+        raise UsageError(f"{QUESTIONS['joints'].text}: an answer is needed, or --joints")
     letters = re.sub(r"[,\s]", "", stated["joints"].lower())
     if not 1 <= len(letters) <= MAX_JOINTS or letters.strip("rp"):
         raise UsageError(f"--joints {stated['joints']}: expected 1 to {MAX_JOINTS} letters r or p")
-    planar, count = _is_planar(stated), len(letters)
+    planar, count = is_planar(stated), len(letters)
     gravity = _numbers("gravity", stated.get("gravity", "0,0" if planar else "0,0,-9.81"), 2 if planar else 3)
     lengths = _each("length", stated, count)
     if planar and None in lengths[:-1]:
@@ -205,11 +177,20 @@ def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str]) -> 
         raise UsageError(f"{at}: the length of a planar link cannot be left out; expected --length, m")
     kinds: list[JointType] = ["revolute" if letter == "r" else "prismatic" for letter in letters]
     joints = list(map(NewJoint, kinds, _motors(stated, count), lengths, _each("mass", stated, count)))
-    return new_text(stated.get("name", called), [g or 0.0 for g in gravity], joints, assumed)
+    text = new_text(stated.get("name", called), [g or 0.0 for g in gravity], joints, assumed)
+    return with_torque(text, _torque(stated))
+
+
+def _torque(stated: Mapping[str, str]) -> str | None:
+    """What the recorded torques are; None if unknown. Raises UsageError."""
+    said = stated.get("torque", UNKNOWN)
+    if said not in (*TORQUES, UNKNOWN):
+        raise UsageError(f"--torque {said}: expected one of {', '.join(TORQUES)}, or {UNKNOWN} where it is unknown")
+    return None if said == UNKNOWN else said
 
 
 def _motors(stated: Mapping[str, str], count: int) -> list[Motor]:
-    return list(map(Motor, *(_each(key, stated, count) for key in _MOTOR)))
+    return list(map(Motor, *(_each(key, stated, count) for key in OF_MOTORS)))
 
 
 def _each(key: str, stated: Mapping[str, str], count: int) -> list[float | None]:
@@ -236,9 +217,9 @@ def _numbers(key: str, stated: str, *counts: int) -> list[float | None]:
 
 
 def _write(
-    text: str, out: Path | None, effects: Path | None, schema: bool, like: Path | None, json: str | None
+    text: str, out: Path | None, effects: Path | None, beside: Mapping[Path, bytes], like: Path | None, json: str | None
 ) -> None:
-    """Check the text and write the file, and the schemas beside it if asked for."""
+    """Check the text and write the file, and the schemas beside it if there are any."""
     from runtime import files
     from symbolic.model_file import reader
 
@@ -247,10 +228,6 @@ def _write(
     if out is None:
         check_writable(path)
         _check_new(path)
-    beside = {path.parent / name: data for name, data in schemas.shipped().items()} if schema else {}
-    for place, data in beside.items():
-        if place.exists() and place.read_bytes() != data:
-            raise UsageError(f"{place}: already exists with other content; move it away, or leave out --schema")
     for place, data in {path: text.encode(), **beside}.items():
         files.replace(place, data)
     unknown = [list(joint.unknown) for joint in arm.joints]

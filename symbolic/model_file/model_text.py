@@ -187,6 +187,22 @@ def with_motors(text: str, arm: Arm, motors: Sequence[Motor]) -> str:
     return "\n".join(made) + "\n"
 
 
+def with_torque(text: str, torque: str | None) -> str:
+    """The text with what the recordings' torques are, where that is stated: in the place of the line that says so
+    already, or below the gravity."""
+    if torque is None:
+        return text
+    lines = text.splitlines()
+    there = [k for k, line in enumerate(lines) if line.startswith(("torque = ", "# torque ="))]
+    place = there[0] if there and "[[joint]]" not in lines[: there[0]] else None
+    stated = _line("torque", json.dumps(torque), "what its recordings hold")
+    if place is None:
+        lines.insert(next(k for k, line in enumerate(lines) if line.startswith("gravity = ")) + 1, stated)
+    else:
+        lines[place] = stated
+    return "\n".join(lines) + "\n"
+
+
 def _motor(motor: Motor, kind: JointType, stated: float = 1.0) -> tuple[str, str, str]:
     """The lines of gear_ratio, rotor_inertia and torque_constant; stated: the ratio if the motor has none."""
     ratio = stated if motor.gear_ratio is None else motor.gear_ratio

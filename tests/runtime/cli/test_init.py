@@ -37,9 +37,9 @@ def init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
 
 def test_answers_make_a_planar_arm(init: Init) -> None:
-    """Six questions in their order; the motors' values are carried to the joints' output."""
+    """Its questions in their order; the motors' values are carried to the joints' output."""
     answers = ("r,p", "bench", "plane", "0.3, 0.25", "100, 500", "0.05, ?")
-    status, out, err = init("--out", "bench.toml", "--mass", "2,?", answers=(*answers, "more", "than six"))
+    status, out, err = init("--out", "bench.toml", "--mass", "2,?", answers=(*answers, "command", "more", "than seven"))
     assert (status, err) == (0, "")
     assert out.splitlines() == [
         "bench.toml: bench, 2 joints",
@@ -48,6 +48,7 @@ def test_answers_make_a_planar_arm(init: Init) -> None:
     ]
     arm = reader.load(Path("bench.toml"))
     assert not arm.space
+    assert arm.torque == "command"
     one, two = arm.joints
     assert (arm.name, arm.gravity, one.type, two.type) == ("bench", (0.0, 0.0, 0.0), "revolute", "prismatic")
     assert (one.gear_ratio, one.torque_constant, one.rotor_inertia) == (100.0, 5.0, None)
@@ -86,30 +87,80 @@ def test_commented_keys_are_keys_of_the_model_file(init: Init, options: tuple[st
 
 
 class Terminal(io.StringIO):
+    """Lines typed on a terminal; `interrupted` is Ctrl-C."""
+
     def isatty(self) -> bool:
         return True
+
+    def readline(self, size: int | None = -1, /) -> str:
+        line = super().readline(-1 if size is None else size)
+        if line == "interrupted\n":
+            raise KeyboardInterrupt
+        return line
+
+
+def typed(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("".join(f"{line}\n" for line in lines)))
 
 
 def test_on_a_terminal_a_refused_answer_is_asked_for_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """At once, also where it is the reader of model files that refuses it."""
+    """At once, also where it is the reader of model files that refuses it, or a file of this name is there already."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.stdin", Terminal("r,x\nr,r\ntwo words\ntwo\nmoon\nplane\n?,0.2\n0.3,0.2\n-1\n100\n\n"))
+    Path("one.toml").write_text("mine")
+    lines = ("r,x", "r,r", "two words", "one", "two", "moon", "plane", "?,0.2", "0.3,0.2", "-1", "100", "", "force")
+    typed(monkeypatch, *lines, "link")
     assert output.run(app, ["init"]) == 0
     asked = capsys.readouterr().err
-    for question, times in {
-        "Name": 2,
-        "Joints from": 2,
-        "in one plane": 2,
-        "Lengths": 2,
-        "Gear": 2,
-        "Torque": 1,
-    }.items():
-        assert asked.count(question) == times
+    questions = {"Name": 3, "Joints from": 2, "in one plane": 2, "Lengths": 2, "Gear": 2, "Torque": 1, "What the": 2}
+    assert {question: asked.count(question) for question in questions} == questions
     assert "gear_ratio is -1" in asked
+    assert "one.toml: already exists; choose another name" in asked
+    assert "--torque force: expected one of motor, link, command, gravity_compensated" in asked
     arm = reader.load(Path("two.toml"))
     assert (arm.lengths, [joint.gear_ratio for joint in arm.joints]) == ((0.3, 0.2), [100.0] * 2)
+    assert arm.torque == "link"
+    assert Path("one.toml").read_text() == "mine"
+
+
+def test_a_question_says_its_unit_and_its_side_of_the_gear(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    typed(monkeypatch, *[""] * 4)
+    assert output.run(app, ["init", "--urdf", str(ROBOTS / "ur10_robot.urdf")]) == 0
+    asked = capsys.readouterr().err
+    for before, question in (
+        ("Of the motor alone, before the gear, as in its data sheet", "Torque constants of the motors, N m/A"),
+        ("1 g cm^2 = 1e-7 kg m^2", "Inertias of the motors' rotors, kg m^2"),
+        ("gravity_compensated: the driver took gravity out", "What the recorded torques are"),
+    ):
+        assert re.search(rf"{re.escape(before)}.*\n{re.escape(question)}", asked)
+
+
+def test_no_answer_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Those before a refused one, or before Ctrl-C, are named as the options that state them."""
+    monkeypatch.chdir(tmp_path)
+    kept = "Answered before it: --joints r,r --name two --plane"
+    typed(monkeypatch, "r,r", "two", "plane", "interrupted")
+    assert output.run(app, ["init"]) == output.INTERRUPTED
+    assert kept in capsys.readouterr().err
+    monkeypatch.setattr("sys.stdin", io.StringIO("r,r\ntwo\nplane\nlong\n"))
+    assert output.run(app, ["init"]) == output.BAD_INPUT
+    assert capsys.readouterr().err.strip().endswith(kept)
+    assert list(tmp_path.iterdir()) == []
+    assert output.run(app, ["init", *kept.partition(": ")[2].split(), "--no-questions", "--length", "1"]) == 0
+
+
+@pytest.mark.parametrize("options", [("--gear-ratio", "fast"), ("--torque", "force"), ("--name", "for")])
+def test_an_option_is_refused_before_the_first_question(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], options: tuple[str, str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    typed(monkeypatch, "r")
+    assert output.run(app, ["init", *options]) == output.BAD_INPUT
+    assert "Joints from" not in capsys.readouterr().err
 
 
 def test_options_ask_nothing_that_they_say(init: Init) -> None:
@@ -143,7 +194,7 @@ def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Init) -> No
 
 
 def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
-    motors = ("101,101,?,?,?,?", "0.1", "6e-5,6e-5,?,?,?,?")
+    motors = ("101,101,?,?,?,?", "0.1", "6e-5,6e-5,?,?,?,?", "gravity_compensated")
     status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), "--out", "mine.toml", answers=motors)
     assert status == 0
     assert out.startswith("mine.toml: ur10, 6 joints")
@@ -152,6 +203,7 @@ def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
     assert arm.joints[0].rotor_inertia == pytest.approx(6e-5 * 101**2, rel=1e-12)
     assert arm.joints[1].torque_constant == pytest.approx(10.1, rel=1e-12)
     assert arm.joints[2].rotor_inertia is None
+    assert arm.torque == "gravity_compensated"
     plain = reader.load(ARMS / "ur10.toml")
     assert [j.link for j in arm.joints] == [j.link for j in plain.joints]
 
@@ -184,7 +236,7 @@ def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> 
         (("--tip", "hand", "--joints", "r"), (), "--base, --tip and --lock need --urdf"),
         (("--like", "drive", "--joints", "r"), (), "--like copies a model as it is"),
         (("--urdf", "absent.urdf"), (), "absent.urdf"),
-        (("--urdf", "absent.urdf", "--length", "1"), (), "only options of motors can stand beside it"),
+        (("--urdf", "absent.urdf", "--length", "1"), (), "only options of motors and --torque can stand beside it"),
     ],
 )
 def test_what_is_no_answer_is_refused_in_one_line(
