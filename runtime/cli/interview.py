@@ -59,8 +59,8 @@ QUESTIONS: Mapping[str, Question] = {
         f"{UNKNOWN} counts as {MOTOR_TORQUE}.",
     ),
 }
-OF_MOTORS = ("gear_ratio", "torque_constant", "rotor_inertia")
-OF_URDF = (*OF_MOTORS, "torque")
+OF_MOTORS: tuple[str, ...] = ("gear_ratio", "torque_constant", "rotor_inertia")
+OF_URDF: tuple[str, ...] = (*OF_MOTORS, "torque")
 OF_NEW_ARM = tuple(key for key in QUESTIONS if key != "rotor_inertia")  # motion tells it
 
 
@@ -78,10 +78,11 @@ def interview(keys: Sequence[str], stated: Mapping[str, str], called: str, check
             continue
         question = QUESTIONS[key]
         default = called if key == "name" else question.default
+        if interactive and key not in given and question.explained:
+            print(question.explained, file=sys.stderr)
         while key not in given:
             if interactive:
-                prompt = "\n".join(filter(None, (question.explained, f"{question.text} [{default}]: ")))
-                print(prompt, end="", file=sys.stderr, flush=True)
+                print(f"{question.text} [{default}]: ", end="", file=sys.stderr, flush=True)
             try:
                 line = sys.stdin.readline()
             except KeyboardInterrupt:
