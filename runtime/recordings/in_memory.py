@@ -131,7 +131,8 @@ def of_frame(frame: Any, mapping: Mapping[str, str], refuse: Refusal) -> ArraysI
     fields = [RecordedField(str(name)) for name in names]
     values = [np.asarray(frame[name]) for name in names]
     index = getattr(frame, "index", None)
-    if mapping.get("t") is None and index is not None and not any(re.match(r"t\s*(\[|$)", f.name.strip()) for f in fields):
+    timed = mapping.get("t") is not None or any(re.match(r"t\s*(\[|$)", f.name.strip()) for f in fields)
+    if index is not None and not timed:
         labels = np.asarray(index)
         if labels.dtype.kind in _INDEX_OF_TIME:
             fields, values = [RecordedField("t"), *fields], [labels, *values]
