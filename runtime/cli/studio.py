@@ -16,6 +16,7 @@ from runtime.cli.places import FILLED, READ
 from runtime.workspace.names import UsageError, column_mapping, is_name
 
 if TYPE_CHECKING:
+    from runtime.studio.inputs import Reading
     from runtime.studio.studio import Studio
 
 app = typer.Typer()
@@ -61,6 +62,7 @@ def studio(
 
     The page is served to this machine only. A session is a directory; tendon studio DIR opens it again.
     """
+    from runtime.studio.inputs import Reading
     from runtime.studio.server import bound, needed, serve
     from runtime.studio.session import FILE, StudioSession
     from runtime.studio.studio import Studio, check_plan
@@ -83,9 +85,8 @@ def studio(
         made = Studio(opened or StudioSession.create(free), effects)
         if opened is None:
             try:
-                _give(made, model, recordings or [], held_out or [], demo=demo)
-                if maps or allow_gaps:
-                    made.read_as(maps or (), allow_gaps)
+                reading = Reading(tuple(maps or ()), allow_gaps)
+                _give(made, model, recordings or [], held_out or [], reading=reading, demo=demo)
                 if plans:
                     made.open_plans(*plans)
             except BaseException:
@@ -94,15 +95,19 @@ def studio(
                 raise
         if made.inputs.complete and not made.history.steps:
             made.begin()
+        elif not plans:
+            made.read()
         typer.echo(f"Session: {made.session.folder}")
         serve(made, listening, lambda address: typer.echo(f"Studio: {address}"), browser)
 
 
-def _give(studio: Studio, model: Path | None, recordings: list[Path], held_out: list[Path], demo: bool) -> None:
+def _give(
+    studio: Studio, model: Path | None, recordings: list[Path], held_out: list[Path], reading: Reading, demo: bool
+) -> None:
     if demo:
         if model is not None or recordings or held_out:
             raise UsageError("--demo brings a model and recordings; give none beside it")
-        studio.give_demo()
+        studio.start_demo()
         return
     if model is None and held_out:
         raise UsageError("--held-out needs a model and a recording that is fitted; give them first")
@@ -111,6 +116,6 @@ def _give(studio: Studio, model: Path | None, recordings: list[Path], held_out: 
     elif model is not None:
         studio.give_model(model)
     for path in recordings:
-        studio.give_recording(path)
+        studio.give_recording(path, reading=reading)
     for path in held_out:
-        studio.give_recording(path, held_out=True)
+        studio.give_recording(path, held_out=True, reading=reading)

@@ -35,16 +35,15 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.identify import delay_entries, identify
 from runtime.identification.problem import configurations
+from runtime.inspection.guesses import map_options, unit_in_name
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
 from runtime.inspection.signals import (
     clock_entry,
     joint_entries,
-    map_options,
     moves,
     scale,
     shift_entries,
     signal_entries,
-    unit_in_name,
 )
 from runtime.model.loader import Model
 from runtime.motion import repeats

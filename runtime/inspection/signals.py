@@ -1,9 +1,8 @@
-"""Signals of a recording: suggestions from their names, statistics, and delays between them."""
+"""Signals of a recording: statistics, and delays between them."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,106 +13,10 @@ from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM
 from runtime.motion.clock import EvenGrid, grid
 from runtime.motion.noise import SampleNoise, resolution
 from runtime.recordings import recording as recorded
-from runtime.recordings.columns import UNITS, normal_unit
-from runtime.recordings.contents import RecordedField, map_option
-from runtime.recordings.names import FAMILY, bare
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import GAP, ROUNDING
 
 Array = NDArray[np.float64]
-
-_WORDS: Mapping[str, str] = {
-    "t": r"t|time|times|timestamp|stamp|sec|seconds|zeit",
-    "qd": r"qd|dq|vel|velocity|velocities|speed|omega|rpm|geschwindigkeit",
-    "tau": r"tau|torque|torques|effort|efforts|moment|current|currents|iq|nm|strom|drehmoment",
-    "q": r"q|pos|position|positions|angle|angles|theta|phi|encoder|enc|joint|winkel|deg|rad",
-}
-"""Signal -> words for it in names of fields, the most specific first."""
-_NOT_MEASURED = re.compile(r"ref|des|cmd|command|target|err|error|set|ff|init|goal|action", re.IGNORECASE)
-_MEASURED = re.compile(r"act|actual|meas|measured|mot|motor", re.IGNORECASE)
-_UNIT_WORDS: Sequence[tuple[str, str]] = (
-    (r"deg_per_s|degps|deg_s", "deg/s"),
-    (r"rad_per_s|radps|rad_s", "rad/s"),
-    (r"rpm", "rpm"),
-    (r"deg|degrees", "deg"),
-    (r"ms|msec|milliseconds", "ms"),
-    (r"us|usec", "us"),
-    (r"ns|nsec|nanoseconds", "ns"),
-    (r"m_?a|milliamps", "mA"),
-    (r"m_?nm", "mN m"),
-    (r"amps|current|iq|(?:current|strom|iq?)(?:_\w+)?_a", "A"),
-)
-"""Words at the end of a name, with _ before capitals -> unit. A single "a" may be a joint's name."""
-
-
-def map_options(fields: Sequence[RecordedField]) -> list[str]:
-    """Suggested options for missing positions, torques and time: '--map q="act_pos_mot_deg [deg]"'.
-
-    One option for all joints where their fields differ only in a number.
-    """
-    found, home = [], None
-    for signal in ("q", "tau", "t"):
-        if any(re.fullmatch(rf"{signal}1?", bare(f.name)) for f in fields):
-            continue
-        candidates = [f for f in fields if _signal_in_name(f.name) == signal and (home is None or f.clock == home)]
-        if not candidates:
-            continue
-        best = max(
-            candidates, key=lambda f: 2 * len(_MEASURED.findall(f.name)) - 3 * len(_NOT_MEASURED.findall(f.name))
-        )
-        home = home or best.clock
-        stem, several = _family(best, fields)
-        unit = unit_in_name(best.name)
-        if several or signal == "t":
-            named = {signal: stem if several else bare(best.name)}
-        else:
-            named = {f"{signal}{k}": bare(name) for k, name in enumerate(_alike(best.name, fields), 1)}
-        found += [map_option({}, name, field, unit or "") for name, field in named.items()]
-    return found
-
-
-def _parts(name: str) -> list[str]:
-    spread = re.sub(r"([a-z])([A-Z])", r"\1 \2", bare(name))
-    return [word for word in re.split(r"[^a-zA-Z]+", spread.lower()) if word]
-
-
-def _signal_in_name(name: str) -> str | None:
-    parts = _parts(name)
-    return next((s for s, words in _WORDS.items() if any(re.fullmatch(words, part) for part in parts)), None)
-
-
-def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, bool]:
-    """The name of a field without its joint's number, and whether there are others of this name."""
-    if best.joint is not None:
-        return best.name.removesuffix(f".{best.joint}"), True
-    match = FAMILY.fullmatch(bare(best.name))
-    if match is None:
-        return best.name, False
-    like = [f for f in fields if (m := FAMILY.fullmatch(bare(f.name))) and m[1] == match[1]]
-    return match[1], len(like) > 1
-
-
-def _alike(best: str, fields: Sequence[RecordedField]) -> list[str]:
-    """The names that differ from one only in one number, in the order of that number."""
-    for number in re.finditer(r"\d+", best):
-        like = re.compile(re.escape(best[: number.start()]) + r"(\d{1,3})" + re.escape(best[number.end() :]))
-        found = {int(m[1]): f.name for f in fields if (m := like.fullmatch(f.name))}
-        if len(found) > 1:
-            return [found[k] for k in sorted(found)]
-    return [best]
-
-
-def unit_in_name(name: str) -> str | None:
-    """The unit at the end of a name that has none in brackets."""
-    if "[" in name and not re.search(r"\[\d+\]", name):
-        return None
-    if (bracket := re.search(r"\(([^()]*)\)\s*$", name)) and normal_unit(bracket[1]) in UNITS:
-        return None
-    ending = "_".join(_parts(name))
-    return next((unit for words, unit in _UNIT_WORDS if re.search(rf"(?:^|_)(?:{words})$", ending)), None)
-
-
-# --- signals ---
 
 
 def clock_entry(recording: Recording) -> ClockEntry:

@@ -35,17 +35,18 @@ _ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9}
 UNITS = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
 """unit -> (dimension, factor to SI, offset in SI); temperatures are in °C."""
 
-EXAMPLES = {
-    "time": "s or ms",
-    "angle": "rad or deg",
-    "length": "m or mm",
-    "angular rate": "rad/s, deg/s or rpm",
-    "speed": "m/s or mm/s",
-    "torque": "N m or mNm",
-    "force": "N",
-    "current": "A or mA",
-    "temperature": "degC or K",
+OFFERED = {
+    "time": ("s", "ms", "us", "ns"),
+    "angle": ("rad", "deg", "mrad", "rev"),
+    "length": ("m", "mm"),
+    "angular rate": ("rad/s", "deg/s", "rpm", "rev/s"),
+    "speed": ("m/s", "mm/s"),
+    "torque": ("N m", "mN m"),
+    "force": ("N", "mN"),
+    "current": ("A", "mA"),
+    "temperature": ("degC", "K"),
 }
+"""Usual units of each dimension, the one of SI first."""
 
 
 def normal_unit(unit: str) -> str:
@@ -140,6 +141,24 @@ class RecordedArm:
 
 
 @dataclass(frozen=True)
+class Cell:
+    """A column as `--map` takes it: its name, the unit in which it is read ("": that of the file), and whether its sign
+    is turned."""
+
+    name: str
+    unit: str = ""
+    turned: bool = False
+
+    @classmethod
+    def of(cls, text: str) -> Cell:
+        name, unit = _split(text.strip().removeprefix("-"))
+        return cls(name, unit or "", text.strip().startswith("-"))
+
+    def __str__(self) -> str:
+        return "-" * self.turned + self.name + f" [{self.unit}]" * bool(self.unit)
+
+
+@dataclass(frozen=True)
 class Column:
     """A signal (`name`, e.g. "qd1") in field `index` of a file; SI value = factor * cell + offset.
 
@@ -229,6 +248,22 @@ def _kind(name: str, n: int) -> str | None:
     return _KINDS.get((match[1], match[3]))
 
 
+def units_of(signal: str, arm: RecordedArm) -> tuple[str, ...]:
+    """Usual units of a signal of an arm, the one of SI first; () for a column run."""
+    kind, match = _kind(signal, len(arm.joints)) or "", _JOINT_COLUMN.fullmatch(signal)
+    if match:
+        kind = (_ROTARY if arm.joints[int(match[2]) - 1].type == "revolute" else _LINEAR).get(kind, kind)
+    return OFFERED.get(kind, ()) + (OFFERED["current"] if re.fullmatch(r"tau\d+", signal) else ())
+
+
+def signals_of(arm: RecordedArm) -> list[str]:
+    """Every signal that a recording of an arm may have, those first that it must have."""
+    numbers = range(1, len(arm.joints) + 1)
+    needed = ["t", *(f"{s}{k}" for k in numbers for s in ("q", "tau"))]
+    joints = [f"{name}{k}{ending}" for name, ending in _KINDS for k in numbers]
+    return list(dict.fromkeys([*needed, *joints, *(IN_SPACE if arm.space else IN_PLANE), *_PLAIN]))
+
+
 def _is_signal(name: str, n: int, fail: Fail) -> bool:
     """Whether a column is a signal of the arm; a signal of a joint that the model does not have is an error."""
     match = _JOINT_COLUMN.fullmatch(name)
@@ -299,7 +334,9 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[DescribedJ
         return Column(name, index, factor * joint.torque_constant, 0.0)
     if dimension != expected:
         article = "an" if expected[0] in "aeiou" else "a"
-        fail(f"{name} is in [{unit}]; expected {article} {expected} such as {EXAMPLES[expected]}{whose}")
+        fail(
+            f"{name} is in [{unit}]; expected {article} {expected} such as {' or '.join(OFFERED[expected][:2])}{whose}"
+        )
     return Column(name, index, factor, offset)
 
 

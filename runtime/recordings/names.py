@@ -155,6 +155,11 @@ def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[Recorde
     sign = "-" if wanted.strip().startswith("-") else ""
     base = bare(wanted.strip().removeprefix("-"))
     unit = wanted.strip().removeprefix("-")[len(base) :].strip()
+    return members(base, fields), sign, f" {unit}" if unit else ""
+
+
+def members(base: str, fields: Sequence[RecordedField]) -> list[RecordedField]:
+    """The fields with a common name, a number or a joint's name apart, in the order of their numbers."""
     numbered: list[tuple[int, RecordedField]] = []
     for place, field in enumerate(fields):
         name = bare(field.name)
@@ -166,7 +171,7 @@ def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[Recorde
             continue
         if stem == base or stem.endswith((f".{base}", f"/{base}")):
             numbered.append((number, field))
-    return [field for _, field in sorted(numbered, key=lambda pair: pair[0])], sign, f" {unit}" if unit else ""
+    return [field for _, field in sorted(numbered, key=lambda pair: pair[0])]
 
 
 # --- formats that define signals and joints ---

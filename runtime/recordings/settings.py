@@ -96,3 +96,12 @@ choice, above the one sample that a hold explains."""
 
 LEAST_SIGNAL: Final = 20
 """samples; a shorter variable is a setting of each joint, not a signal."""
+
+PREVIEW_FIRST: Final = 4
+"""number of first values of a field that are shown where columns are chosen; a choice."""
+
+PREVIEW_PARTS: Final = 120
+"""number of parts of a field whose least and largest values are drawn there: a picture of as many pixels; a choice."""
+
+PREVIEW_TOGETHER: Final = 16
+"""number of fields that are read together for that: of MOST_SAMPLES they fill 0.6 GB."""

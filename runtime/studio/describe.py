@@ -7,22 +7,28 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import shlex
+import sys
 from collections.abc import Mapping, Sequence
 
 from runtime.diagnosis.steps import Trail
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, structure_entries
 from runtime.identification.estimate import Estimate
+from runtime.inspection.guesses import guesses
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
+from runtime.recordings.columns import Cell, RecordedArm, signals_of, units_of
+from runtime.recordings.preview import FieldPreview
 from runtime.report import diagnosed
 from runtime.report.fits import estimate
 from runtime.report.page import moving, reports
 from runtime.report.sections import Group, Paragraph, texts
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.studio.documents import (
+    ColumnOverview,
     Cure,
     EffectOffered,
     EffectOverview,
@@ -34,43 +40,109 @@ from runtime.studio.documents import (
     StepOverview,
     VerdictOverview,
 )
-from runtime.studio.session import JointError, PlacedEffect
+from runtime.studio.history import JointError, PlacedEffect
+from runtime.studio.inputs import GivenRecording
 from runtime.wording import MORE_THAN_NOISE, numbered, unit
 
 
-def recording(index: int, name: str, inspection: Inspection, joints: int) -> RecordingOverview:
-    """What was read of a recording, and what puts right what looks wrong with it."""
-    found = diagnosed.inspected(inspection)
-    cures = [cure(s) for s in inspection.found]
-    if inspection.problem is not None and inspection.recording is not None:
-        cures.append(Cure(said=inspection.problem, gaps=True))
-    if found.suggested:
-        cures.append(Cure(said=str(inspection.problem), maps=_entries(found.suggested)))
+def columns(found: Sequence[FieldPreview]) -> list[ColumnOverview]:
+    """What the columns of a recording contain."""
+    return [
+        ColumnOverview(
+            name=preview.field.name,
+            first=list(preview.first),
+            least=preview.least if preview.samples else None,
+            largest=preview.largest if preview.samples else None,
+            outline=list(preview.outline),
+        )
+        for preview in found
+    ]
+
+
+def recording(
+    given: GivenRecording, name: str, inspection: Inspection, seen: Sequence[FieldPreview], arm: RecordedArm
+) -> RecordingOverview:
+    """What was read of a recording, and what puts right what looks wrong with it. name: of its signal sets."""
+    found, read = diagnosed.inspected(inspection), inspection.recording
+    cells = {} if read is None else dict(read.cells)
+    cures = [cure(s, {given.given.file: cells}) for s in inspection.found]
+    if inspection.problem is not None and read is not None:
+        said = spoken(inspection.problem)
+        cures.append(Cure(said=said, does="Split it at its gaps", readings={given.given.file: ()}, gaps=True))
     return RecordingOverview(
-        name=name,
         clock=found.clock,
-        problem=inspection.problem,
+        problem=None if inspection.problem is None else spoken(inspection.problem),
         cures=cures,
-        signals=[f"recording{index}-joint{k}" for k in range(1, joints + 1)],
+        cells=cells,
+        guesses={signal: str(cell) for signal, cell in guesses(seen, arm).items()},
+        units={signal: units_of(signal, arm) for signal in signals_of(arm)},
+        signals=[] if read is None else [f"{name}-joint{k + 1}" for k in range(len(read.q))],
     )
 
 
-def cure(suspicion: Suspicion) -> Cure:
-    """What looks wrong, and the entries of `--map` that put it right; none where a person has to decide."""
+def cure(suspicion: Suspicion, cells: Mapping[str, Mapping[str, str]]) -> Cure:
+    """What looks wrong with recordings, and how each is read instead.
+
+    cells   recording -> signal -> column, of the first recording as the suspicion names it
+    """
     where = f"joint {suspicion.joint}: " if suspicion.joint else ""
-    return Cure(said=f"{where}{suspicion.found}: {suspicion.cure}", maps=_entries(suspicion.maps))
+    pairs = (pair for option in suspicion.maps for pair in itertools.pairwise(shlex.split(option)))
+    entries = [entry for flag, entry in pairs if flag == "--map"]
+    if not entries:
+        return Cure(said=spoken(f"{where}{suspicion.found}: {suspicion.cure}"))
+    first = next(iter(cells.values()))
+    readings = {
+        file: tuple(carried for entry in entries if (carried := _carried(entry, first, own)) is not None)
+        for file, own in cells.items()
+    }
+    return Cure(said=f"{where}{suspicion.found}", does="; ".join(_done(e, first) for e in entries), readings=readings)
 
 
-def _entries(options: Sequence[str]) -> tuple[str, ...]:
-    """The entries of options as typed: --map tau1="-tau1"."""
-    pairs = (pair for option in options for pair in itertools.pairwise(shlex.split(option)))
-    return tuple(entry for flag, entry in pairs if flag in ("--map", "--columns"))
+def _carried(entry: str, named: Mapping[str, str], own: Mapping[str, str]) -> str | None:
+    """An entry of `--map` for one recording as another one needs it, whose columns may have other names, units and
+    signs; None where it has no such column."""
+    signal, _, text = entry.partition("=")
+    if signal not in named:
+        return entry
+    wanted = Cell.of(text)
+    source = next((s for s, cell in named.items() if Cell.of(cell).name == wanted.name), signal)
+    if source not in own:
+        return None
+    before, here = Cell.of(named[source]), Cell.of(own[source])
+    unit = here.unit if wanted.unit == before.unit else wanted.unit
+    return f"{signal}={Cell(here.name, unit, here.turned != (wanted.turned != before.turned))}"
+
+
+def _done(entry: str, cells: Mapping[str, str]) -> str:
+    """What an entry of `--map` does, as a command."""
+    signal, _, text = entry.partition("=")
+    if signal not in cells:
+        return f"Read the {signal} as that of the {text}"
+    wanted, before = Cell.of(text), Cell.of(cells[signal])
+    parts = []
+    if wanted.name != before.name:
+        parts.append(f"from the column {wanted.name}")
+    if wanted.unit != before.unit:
+        parts.append(f"in {wanted.unit}")
+    if wanted.turned != before.turned:
+        parts.append("with the opposite sign")
+    return f"Read {signal} {' '.join(parts)}"
+
+
+def spoken(message: str) -> str:
+    """A message without what one would type on a command line: the page has buttons for that."""
+    named = re.sub(r"--map (\w+):", r"\1:", message)
+    return "; ".join(part for part in named.split("; ") if "--" not in part and sys.executable not in part)
 
 
 def step(
-    index: int, summary: ResultSummary, held: Sequence[JointSeries], suspicions: Sequence[Suspicion]
+    index: int,
+    summary: ResultSummary,
+    held: Sequence[JointSeries],
+    suspicions: Sequence[Suspicion],
+    cells: Mapping[str, Mapping[str, str]],
 ) -> StepOverview:
-    """A fitted model."""
+    """A fitted model. cells: recording -> signal -> column, the first fitted recording first."""
     fitted = summary.first.fit
     library, picture = fitted.model.library.effects, moving.of_result(summary)
     joints = []
@@ -94,7 +166,7 @@ def step(
             for term, values in fitted.inference.values.items()
         ],
         arm=None if picture is None else picture | {"data": json.loads(picture["data"])},
-        cures=[cure(s) for s in suspicions],
+        cures=[cure(s, cells) for s in suspicions],
     )
 
 

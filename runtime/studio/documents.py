@@ -9,10 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import msgspec
+
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ClockEntry
 from runtime.report.sections import Group, Section
-from runtime.studio.session import JointError, PlacedEffect, SessionStep, Verdict, read
+from runtime.studio.history import JointError, PlacedEffect, SessionStep, Verdict
+from runtime.studio.session import read
 from runtime.studio.settings import MOST_DOCUMENTS
 
 T = TypeVar("T")
@@ -22,14 +25,32 @@ Row = dict[str, Any]
 
 
 class Cure(Document, frozen=True, kw_only=True):
-    """Something that looks wrong with a recording, and its cure: entries of `--map`, or a split at the gaps.
+    """Something that looks wrong with recordings, and its cure.
 
-    Without either, a person has to decide.
+    said       what looks wrong
+    does       what the cure does, as a command to the program; "" where a person has to decide
+    readings   recording by its name in `given/` -> entries of `--map` that take the place of earlier ones
+    gaps       whether these recordings are to be split at their gaps
     """
 
     said: str
-    maps: tuple[str, ...] = ()
+    does: str = ""
+    readings: dict[str, tuple[str, ...]] = msgspec.field(default_factory=dict)
     gaps: bool = False
+
+
+class ColumnOverview(Document, frozen=True, kw_only=True):
+    """A column of a file, in the unit of the file; least and largest are None where it is none of numbers.
+
+    first     its first values
+    outline   least and largest value in each of a few parts of the file, in their order
+    """
+
+    name: str
+    first: list[float]
+    least: float | None
+    largest: float | None
+    outline: list[tuple[float, float]]
 
 
 class RecordingOverview(Document, frozen=True, kw_only=True):
@@ -37,13 +58,18 @@ class RecordingOverview(Document, frozen=True, kw_only=True):
 
     clock     its sampling; None where the file cannot be read
     problem   why it cannot be used as it is; None if it can
+    cells     signal -> its column, as entries of `--map` name it
+    guesses   the same, as the names of the columns suggest
+    units     every signal of the arm, those first that a recording must have -> usual units, the one of SI first
     signals   names of the signal sets of its raw signals for /data, one a joint
     """
 
-    name: str
     clock: ClockEntry | None
     problem: str | None
     cures: list[Cure]
+    cells: dict[str, str]
+    guesses: dict[str, str]
+    units: dict[str, tuple[str, ...]]
     signals: list[str]
 
 
@@ -210,12 +236,12 @@ class PlanOverview(Document, frozen=True, kw_only=True):
 class TaskResult(Document, frozen=True, kw_only=True):
     """What a task has written into the session's work folder.
 
-    step       a new step, whose folder is `work/step`
+    steps      new steps, whose folders are `work/step5` ...
     answered   the step whose folder takes the files of `work/answer`; verdict: of its diagnosis
     plans      number of plans in `work/plan0` ...
     """
 
-    step: SessionStep | None = None
+    steps: tuple[SessionStep, ...] = ()
     answered: int | None = None
     verdict: Verdict | None = None
     plans: int = 0

@@ -2,7 +2,8 @@
 
     session.json     inputs and history; replaced as a whole
     given/           copies of the model file and the recordings
-    recordings/1/    what was read of the first recording: recording.json, joint1.npz ...
+    recordings/      what was read: run.csv.columns.json of the columns of a recording, and for each way in which it was
+                     read a folder with recording.json, joint1.npz ...
     steps/0/         model.toml, fitted.toml (with the fitted values), overview.json, joint1.npz ...,
                      and after its diagnosis verdict.json, report.html
     plans/1/         plan.json, page.html: the report's page of a trajectory
@@ -14,231 +15,104 @@ A folder may come from somebody else: nothing in it is executed, and no name in 
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import json
 import os
 import re
-import shlex
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import msgspec
-from msgspec import Meta
 from msgspec.structs import replace
 
 from runtime import files
 from runtime.documents.parts import Document
-from runtime.model.terms import Term
 from runtime.plain_json import plain
-from runtime.report.summary import Invocation, reading
-from runtime.studio.settings import MOST_NAME, MOST_RECORDINGS, MOST_SESSION
+from runtime.studio.history import History, HistoryError, SessionStep
+from runtime.studio.inputs import GivenFile, GivenRecording, Inputs
+from runtime.studio.settings import MOST_NAME, MOST_RECORDINGS, MOST_SESSION, MOST_UNDONE
 from symbolic.model_file.checks import quote
 
 FILE = "session.json"
+READING_DIGITS = 16
+"""Hexadecimal digits in the name of a folder of what was read."""
+
+SCHEMA: Literal[2] = 2
+"""Version of that file."""
 
 T = TypeVar("T")
-Kind = Literal["given", "added", "without"]
-"""How a step was made: the model as given, effects added, or an effect left out."""
-Verdict = Literal["effect", "clean", "unexplained", "refused"]
-JointNumber = Annotated[int, Meta(ge=1)]
-Magnitude = Annotated[float, Meta(ge=0)]
 
 
 class SessionError(ValueError):
     """A folder that is no session, or something that cannot be put into one; the message says why."""
 
 
-class HistoryError(ValueError):
-    """A move in the history that is not possible, or a step that does not exist; the message says which."""
-
-
-# Inputs
-
-
-class GivenFile(Document, frozen=True):
-    """A file in `given/`: its name there, its original name, and its path as typed; None: a browser sent it."""
-
-    file: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*\Z")]
-    name: str
-    origin: str | None = None
-
-    @property
-    def typed(self) -> str:
-        """The file on a command line."""
-        return self.name if self.origin is None else self.origin
-
-
-class GivenRecording(Document, frozen=True):
-    """A recording, and whether it is held out: not fitted, only compared."""
-
-    given: GivenFile
-    held_out: bool = False
-
-
-class Inputs(Document, frozen=True, kw_only=True):
-    """What a session works on.
-
-    like       the shipped arm whose model file was taken
-    maps       entries of `--map`; allow_gaps: as on the command line
-    effects    name of the file of the user's own effects. The file is code and no part of the folder: whoever opens
-               the session names it again
-    """
-
-    model: GivenFile | None = None
-    like: str | None = None
-    recordings: Annotated[tuple[GivenRecording, ...], Meta(max_length=MOST_RECORDINGS)] = ()
-    maps: tuple[str, ...] = ()
-    allow_gaps: bool = False
-    effects: str | None = None
-
-    @property
-    def fitted(self) -> tuple[GivenRecording, ...]:
-        return tuple(r for r in self.recordings if not r.held_out)
-
-    @property
-    def held_out(self) -> tuple[GivenRecording, ...]:
-        return tuple(r for r in self.recordings if r.held_out)
-
-    @property
-    def complete(self) -> bool:
-        """Whether there is a model and a recording to fit it to."""
-        return self.model is not None and bool(self.fitted)
-
-
-# History
-
-
-class PlacedEffect(Document, frozen=True):
-    """An effect of a model file: its name there, and its joint (1-based), None: of the whole arm."""
-
-    effect: Annotated[str, Meta(pattern=r"^[A-Za-z_][A-Za-z0-9_]*\Z")]  # it stands in commands
-    joint: JointNumber | None
-
-    def __str__(self) -> str:
-        return self.effect if self.joint is None else f"{self.effect}@{self.joint}"
-
-
-class JointError(Document, frozen=True, kw_only=True):
-    """The residual of a joint's torque with a fitted model, and its noise floor.
-
-    called                 number and name, as headings have it
-    rms, floor             in `unit`; relative, relative_floor: parts of the torque's rms
-    held, held_floor       relative error and noise floor of the held-out recordings; None without any
-    """
-
-    joint: JointNumber
-    called: str
-    unit: str
-    rms: Magnitude
-    relative: Magnitude
-    floor: Magnitude
-    relative_floor: Magnitude
-    held: Magnitude | None = None
-    held_floor: Magnitude | None = None
-
-    @property
-    def floors(self) -> float | None:
-        """The error in noise floors; None where there is no floor."""
-        return self.rms / self.floor if self.floor else None
-
-
-class SessionStep(Document, frozen=True, kw_only=True):
-    """A fitted model.
-
-    number    of the step, from 0; parent: the step that it changes, None for the model as given
-    changed   the effects that were added or left out
-    verdict   of its diagnosis; None before that
-    """
-
-    number: int
-    parent: int | None
-    kind: Kind
-    changed: tuple[PlacedEffect, ...]
-    joints: tuple[JointError, ...]
-    verdict: Verdict | None = None
-
-    @property
-    def title(self) -> str:
-        """The change in a few words."""
-        names = ", ".join(map(str, self.changed))
-        return {"given": "as given, fitted", "added": f"+ {names}", "without": f"without {names}"}[self.kind]
-
-
-class History(Document, frozen=True):
-    """Steps in the order in which they were made. Steps that were undone stay.
-
-    current   number of the step that is shown; None before the first
-    undone    numbers of the steps that redo returns to, the next one last
-    """
-
-    steps: tuple[SessionStep, ...] = ()
-    current: int | None = None
-    undone: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        for number, step in enumerate(self.steps):
-            if step.number != number or (step.parent is None) != (number == 0) or not -1 < (step.parent or 0) <= number:
-                raise HistoryError(f"step {number} has a wrong number or follows no earlier step")
-        if (self.current is None) != (not self.steps):
-            raise HistoryError("the number of the current step is missing")
-        for number in (*self.undone, *(() if self.current is None else (self.current,))):
-            self.step(number)
-
-    def step(self, number: int) -> SessionStep:
-        """Raises HistoryError where there is no such step."""
-        if not 0 <= number < len(self.steps):
-            raise HistoryError(f"there is no step {number}; expected 0 to {len(self.steps) - 1}")
-        return self.steps[number]
-
-    @property
-    def here(self) -> SessionStep | None:
-        """The current step."""
-        return None if self.current is None else self.steps[self.current]
-
-    def path(self, number: int) -> tuple[SessionStep, ...]:
-        """From the model as given to a step."""
-        found = [self.step(number)]
-        while (parent := found[0].parent) is not None:
-            found.insert(0, self.steps[parent])
-        return tuple(found)
-
-    def with_step(self, step: SessionStep) -> History:
-        """With a further step, which becomes the current one."""
-        return History((*self.steps, step), step.number)
-
-    def judged(self, number: int, verdict: Verdict) -> History:
-        """With the verdict of a step's diagnosis."""
-        step = replace(self.step(number), verdict=verdict)
-        return replace(self, steps=(*self.steps[:number], step, *self.steps[number + 1 :]))
-
-    def undo(self) -> History:
-        """Back to the step that the current one changes."""
-        here = self.here
-        if here is None or here.parent is None:
-            raise HistoryError("there is nothing to undo")
-        return replace(self, current=here.parent, undone=(*self.undone, here.number))
-
-    def redo(self) -> History:
-        """To the step that was undone last."""
-        if not self.undone:
-            raise HistoryError("there is nothing to redo")
-        return replace(self, current=self.undone[-1], undone=self.undone[:-1])
-
-    def at(self, number: int) -> History:
-        """At any step."""
-        return replace(self, current=self.step(number).number, undone=())
-
-
-# The folder
-
-
 class SessionState(Document, frozen=True, kw_only=True):
-    """What session.json holds."""
+    """What session.json holds.
 
-    schema: Literal[1] = 1
+    inputs    as they are; the current step may have been fitted to others
+    earlier   the inputs since then, to which undo returns, the next one last; later: those to which redo returns
+    """
+
+    schema: Literal[2]
     inputs: Inputs
     history: History
+    earlier: tuple[Inputs, ...] = ()
+    later: tuple[Inputs, ...] = ()
+
+    @property
+    def fitted(self) -> bool:
+        """Whether the current step was fitted to the inputs as they are."""
+        return self.history.here is not None and self.history.here.inputs == self.inputs
+
+    @property
+    def undoable(self) -> bool:
+        here = self.history.here
+        return bool(self.earlier) or (here is not None and here.parent is not None)
+
+    @property
+    def redoable(self) -> bool:
+        return bool(self.history.undone or self.later)
+
+    def given(self, inputs: Inputs) -> SessionState:
+        """With other inputs. The steps stay."""
+        earlier = (*self.earlier, self.inputs)[-MOST_UNDONE:]
+        history = replace(self.history, undone=())
+        return replace(self, inputs=inputs, history=history, earlier=earlier, later=())
+
+    def with_steps(self, *steps: SessionStep) -> SessionState:
+        """With further steps, the last of which becomes the current one."""
+        return self._at(self.history.with_steps(*steps))
+
+    def at(self, number: int) -> SessionState:
+        """At any step, with its inputs."""
+        return self._at(self.history.at(number))
+
+    def undo(self) -> SessionState:
+        """Without the last change of the inputs; where there is none, back to the step that the current one changes."""
+        if self.earlier:
+            later = (*self.later, self.inputs)
+            return replace(self, inputs=self.earlier[-1], earlier=self.earlier[:-1], later=later)
+        return self._at(self.history.undo())
+
+    def redo(self) -> SessionState:
+        """To what was undone last."""
+        if self.history.undone:
+            return self._at(self.history.redo())
+        if not self.later:
+            raise HistoryError("there is nothing to redo")
+        earlier = (*self.earlier, self.inputs)
+        return replace(self, inputs=self.later[-1], earlier=earlier, later=self.later[:-1])
+
+    def _at(self, history: History) -> SessionState:
+        assert history.here is not None
+        return replace(self, inputs=history.here.inputs, history=history, earlier=(), later=())
+
+
+def beginning(inputs: Inputs) -> SessionState:
+    """Inputs without steps."""
+    return SessionState(schema=SCHEMA, inputs=inputs, history=History())
 
 
 class StudioSession:
@@ -254,11 +128,11 @@ class StudioSession:
         """In a folder that does not exist or is empty. Raises SessionError, OSError."""
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise SessionError(f"{folder}: is not empty; expected a new folder for the session, or that of one")
-        session = cls(folder, SessionState(inputs=Inputs(), history=History()))
+        session = cls(folder, beginning(Inputs()))
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # recordings are the user's alone
         for name in ("given", "recordings", "steps"):
             (folder / name).mkdir()
-        session.change()
+        session.change(session.state)
         return session
 
     @classmethod
@@ -271,10 +145,13 @@ class StudioSession:
         if linked is not None:
             raise SessionError(f"{linked}: is a link, which may lead out of the session; it cannot be opened")
         session = cls(folder, read(path, SessionState))
-        given = [recording.given for recording in session.inputs.recordings]
-        for file in (*given, *filter(None, [session.inputs.model])):
-            if not session.given(file).is_file():
-                raise SessionError(f"{folder}: lacks given/{file.file}, which {FILE} names; the session is incomplete")
+        every = [session.inputs, *session.state.earlier, *session.state.later]
+        for inputs in (*every, *(step.inputs for step in session.history.steps)):
+            given = [recording.given for recording in inputs.recordings]
+            for file in (*given, *filter(None, [inputs.model])):
+                if not session.given(file).is_file():
+                    lost = f"lacks given/{file.file}, which {FILE} names"
+                    raise SessionError(f"{folder}: {lost}; the session is incomplete")
         return session
 
     def locked(self) -> int:
@@ -291,6 +168,10 @@ class StudioSession:
         return lock
 
     @property
+    def state(self) -> SessionState:
+        return self._state
+
+    @property
     def inputs(self) -> Inputs:
         return self._state.inputs
 
@@ -298,10 +179,10 @@ class StudioSession:
     def history(self) -> History:
         return self._state.history
 
-    def change(self, inputs: Inputs | None = None, history: History | None = None) -> None:
-        """Write other inputs or another history. Raises OSError."""
-        self._state = SessionState(inputs=inputs or self.inputs, history=history or self.history)
-        text = json.dumps(plain(self._state), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    def change(self, state: SessionState) -> None:
+        """Write another state. Raises OSError."""
+        self._state = state
+        text = json.dumps(plain(state), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         files.replace(self.folder / FILE, text.encode(errors="replace"))
 
     def restart(self, inputs: Inputs) -> None:
@@ -312,8 +193,7 @@ class StudioSession:
             aside.mkdir(exist_ok=True)
             old.rename(aside / f"steps-{1 + sum(1 for _ in aside.iterdir())}")
             old.mkdir()
-        shutil.rmtree(self.folder / "recordings", ignore_errors=True)
-        self.change(inputs, History())
+        self.change(beginning(inputs))
 
     def given(self, file: GivenFile) -> Path:
         """The path of a given file."""
@@ -323,9 +203,15 @@ class StudioSession:
         """The folder of a step, from 0."""
         return self.folder / "steps" / str(number)
 
-    def recording(self, number: int) -> Path:
-        """The folder of what was read of a recording, from 1."""
-        return self.folder / "recordings" / str(number)
+    def recording(self, given: GivenRecording) -> Path:
+        """The folder of what was read of a recording in the way in which it is read now, for the model there is now."""
+        model = None if self.inputs.model is None else self.inputs.model.file
+        key = json.dumps(plain([given.given.file, given.reading, model, self.inputs.effects]))
+        return self.folder / "recordings" / hashlib.sha256(key.encode()).hexdigest()[:READING_DIGITS]
+
+    def columns(self, file: GivenFile) -> Path:
+        """The document of what the columns of a recording contain, however it is read."""
+        return self.folder / "recordings" / f"{file.file}.columns.json"
 
     def plan(self, number: int) -> Path:
         """The folder of a plan, from 1."""
@@ -367,51 +253,3 @@ def safe_name(name: str) -> str:
         return kept
     ending = "".join(Path(kept).suffixes[-2:])[-MOST_NAME // 2 :]
     return kept[: MOST_NAME - len(ending)] + ending
-
-
-# The same in a terminal
-
-
-def invocation(inputs: Inputs, about: str = "") -> Invocation:
-    """The command line with the inputs of a session."""
-    assert inputs.model is not None
-    return Invocation(
-        model=Path(f"{inputs.like}.toml" if inputs.like else inputs.model.typed),
-        recordings=tuple(Path(r.given.typed) for r in inputs.fitted),
-        held_out=tuple(Path(r.given.typed) for r in inputs.held_out),
-        effects=None if inputs.effects is None else Path(inputs.effects),
-        maps=inputs.maps,
-        allow_gaps=inputs.allow_gaps,
-        about=about,
-        like=inputs.like,
-    )
-
-
-def commands(inputs: Inputs, path: Sequence[SessionStep]) -> list[str]:
-    """Command lines that lead from the model as given to the last step of a path."""
-    given = invocation(inputs)
-    added, removed = changes(path)
-    held = [part for r in given.held_out for part in ("--held-out", str(r))]
-    own = [] if given.effects is None else ["--effects", str(given.effects)]
-    data = [*map(str, given.recordings), *reading(inputs.maps, inputs.allow_gaps), *held]
-    return [
-        *([given.copy()] if given.like else []),
-        shlex.join(["tendon", "improve", str(given.model), *data, "--report", "report", *own]),
-        *(f"# remove {effect} from {quote(str(given.model))}" for effect in removed),
-        *(given.add(Term(effect.effect, effect.joint)) for effect in added),
-        given.identify(),
-    ]
-
-
-def changes(path: Sequence[SessionStep]) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
-    """The effects that the last step of a path has and the first has not, and the reverse."""
-    added: list[PlacedEffect] = []
-    removed: list[PlacedEffect] = []
-    for step in path:
-        own, opposite = (removed, added) if step.kind == "without" else (added, removed)
-        for effect in step.changed:
-            if effect in opposite:
-                opposite.remove(effect)
-            else:
-                own.append(effect)
-    return added, removed

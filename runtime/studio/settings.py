@@ -39,3 +39,9 @@ TOKEN_BYTES: Final = 32
 
 MOST_PLANS: Final = 100
 """number of plans in a session; a choice."""
+
+MOST_UNDONE: Final = 100
+"""number of changes of the inputs that can be undone; a choice."""
+
+LOOKS_EVERY: Final = 0.05
+"""s between two looks at whether a file that was sent has been read; a person sees no delay."""

@@ -6,6 +6,7 @@ session's folder. `version` changes with every change; the page then reads anew.
 
 from __future__ import annotations
 
+import asyncio
 import difflib
 import os
 import re
@@ -19,20 +20,15 @@ from typing import Any, TypeVar
 from msgspec.structs import replace
 
 from runtime import files
+from runtime.recordings.contents import RecordingError, Refusal
+from runtime.recordings.recording import opened
 from runtime.simulation.demo import record_files
-from runtime.studio.documents import PlanOverview, RecordingOverview, document
-from runtime.studio.session import (
-    GivenFile,
-    GivenRecording,
-    History,
-    HistoryError,
-    Inputs,
-    PlacedEffect,
-    SessionError,
-    StudioSession,
-    commands,
-)
-from runtime.studio.settings import MOST_MODEL, MOST_PLANS, MOST_RECORDINGS, MOST_UPLOADED
+from runtime.studio.documents import ColumnOverview, Cure, PlanOverview, RecordingOverview, document
+from runtime.studio.history import History, HistoryError, PlacedEffect
+from runtime.studio.inputs import GivenFile, GivenRecording, Inputs, Reading
+from runtime.studio.session import READING_DIGITS, SessionError, SessionState, StudioSession
+from runtime.studio.settings import LOOKS_EVERY, MOST_MODEL, MOST_PLANS, MOST_RECORDINGS, MOST_UPLOADED
+from runtime.studio.terminal import commands
 from runtime.studio.work import Work, WorkError, WorkState
 from runtime.workspace.source import Source, effects_described
 from symbolic.model_file.checks import quote
@@ -40,7 +36,9 @@ from symbolic.model_file.exchange.importing import imported
 
 T = TypeVar("T")
 
-_SET = re.compile(r"(?P<of>step|recording)(?P<number>\d{1,6})-(?P<kind>joint|held|tried)(?P<joint>\d{1,4})", re.ASCII)
+_OF_STEP = re.compile(r"step(\d{1,6})-((?:joint|held|tried)\d{1,4})", re.ASCII)
+_OF_RECORDING = re.compile(rf"([0-9a-f]{{{READING_DIGITS}}})-(joint\d{{1,4}})", re.ASCII)
+"""Names of signal sets."""
 
 _ROBOT_DESCRIPTIONS = (".urdf", ".xml", ".mjcf")
 
@@ -80,6 +78,11 @@ class Studio:
         return self.session.history
 
     @property
+    def state(self) -> SessionState:
+        """Inputs and steps, and what of them can be undone."""
+        return self.session.state
+
+    @property
     def work(self) -> WorkState | None:
         """The last task."""
         return self._work.state
@@ -88,25 +91,22 @@ class Studio:
         """Within, the task neither advances nor ends: all that is read belongs together."""
         return self._work.paused()
 
-    # Inputs; each raises SessionError
+    # Inputs; each raises SessionError. Steps stay, and undo takes the change back
 
     def give_arm(self, name: str) -> None:
         """The model file of an arm that ships with Tendon."""
+        self._check_idle()
         self._give_model(replace(self.session.copied(Source.shipped(name).path), origin=None), like=name)
 
     def give_model(self, path: Path) -> None:
         """A model file (TOML) of this machine, or a URDF or MJCF, from which one is made."""
+        self._check_idle()
         self._give_model(self.session.copied(path))
 
-    def give_demo(self) -> None:
-        """A simulated drive that lacks an effect, and two recordings of it, one held out."""
-        self.give_arm("drive")
-        for path, held_out in zip(record_files(self.session.folder / "given"), (False, True), strict=True):
-            self._give_recording(GivenFile(path.name, path.name, str(path)), held_out)
-
-    def give_recording(self, path: Path, held_out: bool = False) -> None:
+    def give_recording(self, path: Path, held_out: bool = False, reading: Reading | None = None) -> None:
         """A recording of this machine."""
-        self._give_recording(self.session.copied(path), held_out)
+        self._check_idle()
+        self._give_recording(self.session.copied(path), held_out, reading or Reading())
 
     def open_plans(self, *paths: Path) -> None:
         """Trajectories on this machine, as `tendon optimize --out` writes them. Raises WorkError, too."""
@@ -115,17 +115,26 @@ class Studio:
         self._open_plans([self.session.copied(path) for path in paths])
 
     async def receive(self, role: str, name: str, chunks: AsyncIterator[bytes]) -> None:
-        """A file from a browser, as "model", "fitted", "held_out" or "plan". Raises WorkError, too."""
-        if role == "model":
-            self._give_model(await self._received(name, chunks, MOST_MODEL))
-        elif role in ("fitted", "held_out"):
-            self._give_recording(await self._received(name, chunks, MOST_UPLOADED), role == "held_out")
-        elif role == "plan":
-            check_plan(name)
-            self._check_idle()
-            self._open_plans([await self._received(name, chunks, MOST_MODEL)])
-        else:
+        """A file from a browser, as "model", "fitted", "held_out" or "plan". Raises WorkError, too.
+
+        A recording is read before this returns.
+        """
+        if role not in ("model", "fitted", "held_out", "plan"):
             raise SessionError("a file is sent as model, as fitted, as held_out or as plan")
+        self._check_idle()
+        if role == "plan":
+            check_plan(name)
+        file = await self._received(name, chunks, MOST_UPLOADED if role in ("fitted", "held_out") else MOST_MODEL)
+        if role == "plan":
+            self._open_plans([file])
+            return
+        if role == "model":
+            await asyncio.to_thread(self._give_model, file)
+        else:
+            await asyncio.to_thread(self._give_recording, file, role == "held_out", Reading())
+        self.read()
+        while self._work.busy:
+            await asyncio.sleep(LOOKS_EVERY)
 
     def close_plan(self, number: int) -> None:
         """Delete the folder of a plan."""
@@ -133,25 +142,55 @@ class Studio:
         shutil.rmtree(self.session.plan(number), ignore_errors=True)
         self._changed()
 
-    def hold_out(self, number: int, held_out: bool) -> None:
-        """Whether a recording, from 1, is held out."""
-        given = list(self.inputs.recordings)
-        given[number - 1] = replace(given[number - 1], held_out=held_out)
-        self._restart(replace(self.inputs, recordings=tuple(given)))
+    def hold_out(self, file: str, held_out: bool) -> None:
+        """Whether a recording, by its name in `given/`, is held out."""
+        self._take(self.inputs.changed(file, held_out=held_out))
 
-    def remove_recording(self, number: int) -> None:
-        """Remove a recording, from 1, from the inputs."""
-        given = self.inputs.recordings
-        self._restart(replace(self.inputs, recordings=(*given[: number - 1], *given[number:])))
+    def remove_recording(self, file: str) -> None:
+        """Remove a recording, by its name in `given/`, from the inputs."""
+        kept = tuple(r for r in self.inputs.recordings if r.given.file != file)
+        self._take(replace(self.inputs, recordings=kept))
 
-    def read_as(self, maps: Sequence[str], allow_gaps: bool) -> None:
-        """How recordings are read: entries of `--map`, in their order, and whether they are split at gaps."""
-        self._restart(replace(self.inputs, maps=tuple(maps), allow_gaps=allow_gaps))
+    def read_as(self, file: str, reading: Reading) -> None:
+        """How a recording, by its name in `given/`, is read. Others are read as before."""
+        self._take(self.inputs.changed(file, reading=reading))
+
+    def cure(self, cure: Cure) -> None:
+        """Read recordings in the way in which what looks wrong with them is put right."""
+        inputs = self.inputs
+        for file, maps in cure.readings.items():
+            given = inputs.of(file)
+            if given is not None:
+                inputs = inputs.changed(file, reading=given.reading.but(maps, cure.gaps))
+        self._take(inputs)
+
+    # A new start; it cannot be undone, and the folders of the steps stay
+
+    def start_afresh(self) -> None:
+        """Without model, recordings and steps."""
+        self._restart(Inputs())
+
+    def start_demo(self) -> None:
+        """A simulated drive that lacks an effect, and two recordings of it, one held out; nothing else."""
+        self._check_idle()
+        place = self.session.scratch
+        place.mkdir(exist_ok=True)
+        model = replace(self.session.copied(Source.shipped("drive").path), origin=None)
+        recorded = [replace(self.session.copied(path), origin=None) for path in record_files(place)]
+        shutil.rmtree(place)
+        given = tuple(GivenRecording(file, held_out) for file, held_out in zip(recorded, (False, True), strict=True))
+        self._restart(Inputs(model=model, like="drive", recordings=given, effects=self._effects_named))
 
     # Tasks; each raises WorkError while another one is running
 
+    def read(self) -> None:
+        """Read the recordings that were not read yet in the way in which they are read now; no task where there are
+        none."""
+        if any(self.recording(given) is None for given in self.inputs.recordings):
+            self._work.begin("read", "reading the recordings", {})
+
     def begin(self) -> None:
-        """Read the recordings, and fit the model as given: step 0."""
+        """Read the recordings, and fit the model as given and the steps that lead to the current one."""
         self._work.begin("begin", "reading and fitting", {})
 
     def diagnose(self) -> None:
@@ -185,21 +224,23 @@ class Studio:
     # The history; each raises HistoryError
 
     def undo(self) -> None:
-        self._move(History.undo)
+        self._move(SessionState.undo)
 
     def redo(self) -> None:
-        self._move(History.redo)
+        self._move(SessionState.redo)
 
     def go_to(self, number: int) -> None:
-        self._move(lambda history: history.at(number))
+        self._move(lambda state: state.at(number))
 
     # Results
 
-    def recordings(self) -> list[RecordingOverview]:
-        """The recordings in the order of the inputs, as far as they were read."""
-        places = (self.session.recording(number) for number in range(1, len(self.inputs.recordings) + 1))
-        found = (document(place / "recording.json", RecordingOverview) for place in places)
-        return [shown for shown in found if shown is not None]
+    def recording(self, given: GivenRecording) -> RecordingOverview | None:
+        """What was read of a recording; None before that."""
+        return document(self.session.recording(given) / "recording.json", RecordingOverview)
+
+    def columns(self, file: GivenFile) -> list[ColumnOverview]:
+        """What the columns of a recording contain; none before it was read."""
+        return document(self.session.columns(file), list[ColumnOverview]) or []
 
     def answer(self, number: int, name: str, kind: type[T]) -> T | None:
         """A document of a step, as "overview", "library", "verdict", "tried"; None where there is none."""
@@ -225,15 +266,16 @@ class Studio:
 
     def commands(self, number: int) -> list[str]:
         """Command lines that do the same in a terminal."""
-        return commands(self.inputs, self.history.path(number))
+        return commands(self.history.path(number))
 
     def signals(self, name: str) -> Path | None:
         """The file of a signal set by its name; None where there is none."""
-        known = _SET.fullmatch(name)
-        if known is None:
+        if known := _OF_STEP.fullmatch(name):
+            path = self.session.step(int(known[1])) / f"{known[2]}.npz"
+        elif known := _OF_RECORDING.fullmatch(name):
+            path = self.session.folder / "recordings" / known[1] / f"{known[2]}.npz"
+        else:
             return None
-        homes = {"recording": self.session.recording, "step": self.session.step}
-        path = homes[known["of"]](int(known["number"])) / f"{known['kind']}{known['joint']}.npz"
         return path if path.is_file() else None
 
     def plans(self) -> dict[int, PlanOverview]:
@@ -249,11 +291,14 @@ class Studio:
         """Begin a task on the current step."""
         if self.history.current is None:
             raise HistoryError("there is no step yet; give a model and a recording first")
+        if not self.state.fitted:
+            raise HistoryError("the inputs have changed since this step was fitted; fit the steps again, or undo that")
         self._work.begin(task, what, {"step": self.history.current, **arguments})
 
-    def _move(self, move: Callable[[History], History]) -> None:
+    def _move(self, move: Callable[[SessionState], SessionState]) -> None:
+        self._check_idle()
         with self._lock:
-            self.session.change(history=move(self.history))
+            self.session.change(move(self.state))
         self._changed()
 
     def _changed(self) -> None:
@@ -263,16 +308,18 @@ class Studio:
         """Move the results of a task to their places."""
         found, scratch = work.result, self.session.scratch
         with self._lock:
-            if found is not None and found.step is not None:
-                target = self.session.step(found.step.number)
+            for step in () if found is None else found.steps:
+                target = self.session.step(step.number)
                 shutil.rmtree(target, ignore_errors=True)  # of a server that was killed before it wrote the history
-                (scratch / "step").rename(target)
-                self.session.change(history=self.history.with_step(found.step))
+                (scratch / f"step{step.number}").rename(target)
+            if found is not None and found.steps:
+                self.session.change(self.state.with_steps(*found.steps))
             if found is not None and found.answered is not None:
                 for path in (scratch / "answer").iterdir():
                     path.replace(self.session.step(found.answered) / path.name)
                 if found.verdict is not None:
-                    self.session.change(history=self.history.judged(found.answered, found.verdict))
+                    judged = self.history.judged(found.answered, found.verdict)
+                    self.session.change(replace(self.state, history=judged))
             for k in range(0 if found is None else found.plans):
                 target = self.session.plan(max(self.plans(), default=0) + 1)
                 target.parent.mkdir(exist_ok=True)
@@ -281,6 +328,10 @@ class Studio:
                 self.session.given(file).unlink(missing_ok=True)
             self._plan_files = ()
             shutil.rmtree(scratch, ignore_errors=True)
+
+    @property
+    def _effects_named(self) -> str | None:
+        return None if self._effects is None else str(self._effects)
 
     def _give_model(self, file: GivenFile, like: str | None = None) -> None:
         """Take a model file that lies in given/, if it is one."""
@@ -291,19 +342,35 @@ class Studio:
                 model = self.session.place_for(f"{made.arm.name}.toml")
                 files.replace(self.session.given(model), made.text.encode())
             Source.read(self.session.given(model), self._effects).arm()
+            self._check_idle()
         except ValueError as error:
             path.unlink()
             raise SessionError(str(error).replace(f"{path.parent}{os.sep}", "")) from error
-        effects = None if self._effects is None else str(self._effects)
-        self._restart(replace(self.inputs, model=model, like=like, effects=effects))
+        self._take(replace(self.inputs, model=model, like=like, effects=self._effects_named))
 
-    def _give_recording(self, file: GivenFile, held_out: bool) -> None:
-        if len(self.inputs.recordings) >= MOST_RECORDINGS:
-            raise SessionError(f"{quote(file.name)}: a session takes at most {MOST_RECORDINGS} recordings")
-        self._restart(replace(self.inputs, recordings=(*self.inputs.recordings, GivenRecording(file, held_out))))
+    def _give_recording(self, file: GivenFile, held_out: bool, reading: Reading) -> None:
+        """Take a recording that lies in given/, if it is one; whether its columns are understood is seen later."""
+        path = self.session.given(file)
+        try:
+            if len(self.inputs.recordings) >= MOST_RECORDINGS:
+                raise SessionError(f"{quote(file.name)}: a session takes at most {MOST_RECORDINGS} recordings")
+            opened(path, Refusal(file.name))
+            self._check_idle()
+        except (SessionError, RecordingError) as error:
+            path.unlink()
+            raise SessionError(str(error)) from error
+        given = GivenRecording(file, held_out, reading)
+        self._take(replace(self.inputs, recordings=(*self.inputs.recordings, given)))
+
+    def _take(self, inputs: Inputs) -> None:
+        """Other inputs. The steps stay."""
+        self._check_idle()
+        with self._lock:
+            self.session.change(self.state.given(inputs))
+        self._changed()
 
     def _restart(self, inputs: Inputs) -> None:
-        """With other inputs no earlier result holds."""
+        """Other inputs and no steps."""
         self._check_idle()
         with self._lock:
             self.session.restart(inputs)

@@ -20,8 +20,9 @@ from typing import TextIO, get_type_hints
 import msgspec
 
 from runtime.progress import heard_by
+from runtime.studio.loaded import LoadedSession, Reporter
 from runtime.studio.session import StudioSession
-from runtime.studio.tasks import TASKS, LoadedSession, Reporter
+from runtime.studio.tasks import TASKS
 
 
 def main(folder: str, effects: str | None = None) -> None:
@@ -39,7 +40,7 @@ def main(folder: str, effects: str | None = None) -> None:
         try:
             session = StudioSession.open(Path(folder))
             if loaded is None or loaded.inputs != session.inputs:
-                loaded = LoadedSession(session, None if effects is None else Path(effects))
+                loaded = LoadedSession(session, None if effects is None else Path(effects), loaded)
             loaded.session = session
             task = TASKS[asked["task"]]
             kinds = get_type_hints(task)

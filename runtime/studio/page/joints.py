@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 
+from runtime.studio.history import JointError
 from runtime.studio.page.view import PageView, arm_in_motion, button, put, signals
-from runtime.studio.session import JointError
 from runtime.wording import MORE_THAN_NOISE, number, percent
 
 
@@ -21,17 +21,17 @@ def motion(view: PageView) -> None:
 
 def errors(view: PageView) -> None:
     """The error of every joint, of the model as given and of the current step, beside its noise floor."""
-    here, given = view.step, view.studio.history.steps[0]
+    here, given = view.step, view.given
     put("h2", "Error against the noise floor")
     every = (*given.joints, *here.joints)
     ends = [end for j in every for end in (j.relative, j.relative_floor, j.held, j.held_floor) if end]
     with put("div", classes="bars"):
         for before, after in zip(given.joints, here.joints, strict=True):
-            _joint(view, before if here.number else None, after, max(ends, default=1.0))
+            _joint(view, before if here is not given else None, after, max(ends, default=1.0))
     notes = ["Vertical line: noise floor, the error of a perfect model."]
     if any(j.held is not None for j in here.joints):
         notes.append("Thin bar: error on the held-out recording.")
-    if here.number:
+    if here is not given:
         notes.append("Outline: the model as given.")
     put("p", " ".join(notes), "of")
 

@@ -48,12 +48,16 @@ def _sections(view: PageView) -> list[PageSection]:
     made: list[PageSection] = []
 
     def section(name: str, key: Callable[[], object], draw: Callable[[PageView], None], tag: str = "section") -> None:
-        classes = "short" if name in ("start", "verdict") else ""
+        classes = "short" if name in ("start", "changed", "verdict") else ""
         made.append(PageSection(put(tag, id_=name, classes=classes), key, lambda: draw(view)))
 
     def step(*more: object) -> object:
         """A key of a section that shows a step."""
-        return None if view.here is None else (view.here, view.busy, *more)
+        return None if view.here is None else (view.here, view.busy, view.closed, *more)
+
+    def read() -> object:
+        """How far the recordings were read."""
+        return [studio.recording(given) for given in studio.inputs.recordings]
 
     def joint() -> object:
         return None if view.here is None else (view.here, view.joint.joint)
@@ -71,12 +75,17 @@ def _sections(view: PageView) -> list[PageSection]:
     with put("div", classes="at-work"):
         section("work", task, _work, "div")
         section("progress", lambda: studio.work if view.busy else None, _progress, "div")
-    section("start", lambda: None if view.here else (studio.inputs, view.busy), start.start)
+    section("start", lambda: None if view.here else (studio.state, view.busy, read()), start.start)
+    section(
+        "changed",
+        lambda: None if not view.here or studio.state.fitted else (step(), studio.state, read()),
+        start.changed,
+    )
     section("verdict", lambda: view.here and step(joint()), verdict.banner)
     with put("div", classes="columns"):
         with put("div"):
             section("errors", joint, joints.errors)
-            section("history", lambda: view.here and step(joint(), studio.history), steps.history)
+            section("history", lambda: view.here and step(joint(), studio.state), steps.history)
             section("model", lambda: view.here and step(joint()), steps.model)
         section("motion", lambda: view.here and (view.here, studio.inputs), joints.motion)
     section("joint", lambda: view.here and (joint(), view.held_out), joints.joint)
@@ -89,10 +98,11 @@ def _sections(view: PageView) -> list[PageSection]:
     section("details", lambda: view.verdict and view.here, verdict.details)
     section(
         "recordings",
-        lambda: (studio.inputs, view.busy, len(studio.recordings())) if studio.inputs.recordings else None,
+        lambda: (studio.inputs, step(), view.busy, read(), view.choices) if studio.inputs.recordings else None,
         start.recordings,
     )
     section("plans", lambda: (view.busy, repr(studio.plans())), start.plans)
+    section("afresh", lambda: step(), start.afresh)
     return made
 
 

@@ -69,7 +69,7 @@ def sliders(view: PageView, effect: EffectOverview, prefix: str = "") -> None:
                     max=high,
                     step=(high - low) / STEPS,
                     value=value,
-                    disabled=view.busy or None,
+                    disabled=view.closed or None,
                     data_do=mark,
                 )
     for joint in answer.joints if answer is not None else []:
@@ -95,7 +95,7 @@ def _hiding(view: PageView) -> None:
         texts, places = {name: name for name in offered}, offered[effect.effect].places
         view.effect_choice("hidden_effect", texts, places, effect)
         ask_it = partial(view.act, view.studio.hide, effect, {})
-        button(f"Hide {effect}", ask_it, disabled=view.busy, data_do="hide")
+        button(f"Hide {effect}", ask_it, disabled=view.closed, data_do="hide")
     answer = view.studio.answer(view.step.number, "hidden", HiddenEffectAnswer)
     if answer is not None:
         values = ", ".join(f"{name} {number(value)}" for name, value in answer.values.items())

@@ -1,12 +1,15 @@
-"""Inputs: a model and recordings, or the demo; what is wrong with a recording and its cures; plans."""
+"""Inputs: a model and recordings, or the demo; how each recording is read, and what looks wrong with it; plans."""
 
 from __future__ import annotations
 
 from functools import partial
 
+from msgspec.structs import replace
+
 from runtime.studio.documents import Cure, RecordingOverview
+from runtime.studio.inputs import GivenRecording
+from runtime.studio.page.columns import columns
 from runtime.studio.page.view import PageView, button, folded, put, signals
-from runtime.studio.session import GivenRecording
 from runtime.wording import number
 
 ARMS = ("drive", "vishard4", "emps", "ur10", "panda")
@@ -17,7 +20,7 @@ def start(view: PageView) -> None:
     studio, inputs = view.studio, view.studio.inputs
 
     def demo() -> None:
-        studio.give_demo()
+        studio.start_demo()
         studio.begin()
 
     put("h1", "Where does your model fail, and which effect does it lack?")
@@ -32,7 +35,7 @@ def start(view: PageView) -> None:
                 "or an arm that ships with Tendon",
                 options={"": "choose", **{name: name for name in ARMS}},
                 value=inputs.like or "",
-                chosen=lambda name: view.act(studio.give_arm, name) if name else None,
+                chosen=lambda name: view.give(studio.give_arm, name) if name else None,
             )
         with put("section", classes="give"):
             put("h2", "2. Recordings")
@@ -43,41 +46,80 @@ def start(view: PageView) -> None:
         with put("section", classes="give"):
             put("h2", "or the demo")
             put("p", "A simulated drive with an effect that its model lacks, and two recordings of it.")
+            if inputs.model is not None or inputs.recordings:
+                put("p", "It takes the place of what you gave.", "of")
             button("Open the demo", lambda: view.act(demo), "first", disabled=view.busy, data_do="demo")
     with put("div", classes="acts"):
-        ready = inputs.complete and not view.busy
-        button(
-            "Compare the model with the recordings",
-            lambda: view.act(studio.begin),
-            "first" if ready else "",
-            disabled=not ready,
-            data_do="begin",
-        )
+        compare(view, "Compare the model with the recordings")
+        undo_buttons(view)
+
+
+def compare(view: PageView, text: str) -> None:
+    """The button that fits, and why it cannot be pressed yet."""
+    studio, waits = view.studio, unready(view)
+    ready = not (waits or view.busy)
+    button(text, lambda: view.act(studio.begin), "first" if ready else "", disabled=not ready, data_do="begin")
+    if waits:
+        put("span", waits, "of")
+
+
+def unready(view: PageView) -> str:
+    """What has to be given or put right before a fit; "" if nothing."""
+    studio, inputs = view.studio, view.studio.inputs
+    if inputs.model is None:
+        return "A model is missing."
+    if not inputs.fitted:
+        return "A recording to fit is missing."
+    read = ((given.given.name, studio.recording(given)) for given in inputs.recordings)
+    wrong = [name for name, shown in read if shown is not None and shown.problem is not None]
+    return f"{', '.join(wrong)} cannot be used yet: see Recordings below." if wrong else ""
+
+
+def undo_buttons(view: PageView) -> None:
+    """Undo and redo, of steps and of changes of the inputs."""
+    studio, busy = view.studio, view.busy
+    button("Undo", lambda: view.give(studio.undo), disabled=busy or not studio.state.undoable, data_do="undo")
+    button("Redo", lambda: view.give(studio.redo), disabled=busy or not studio.state.redoable, data_do="redo")
+
+
+def afresh(view: PageView) -> None:
+    """A new start with another model, without leaving the session."""
+    with folded("Start afresh"):
+        put("p", "Model, recordings and steps are put aside; this cannot be undone.")
+        button("Start afresh", lambda: view.act(view.studio.start_afresh), disabled=view.busy, data_do="afresh")
+
+
+def changed(view: PageView) -> None:
+    """That the inputs have changed since the current step was fitted, and what to do."""
+    put("p", "The inputs have changed since this step was fitted. The steps stay as they are.")
+    with put("div", classes="acts"):
+        again = "Fit the steps again" if len(view.studio.history.path(view.step.number)) > 1 else "Fit again"
+        compare(view, again)
+        undo_buttons(view)
 
 
 def recordings(view: PageView) -> None:
-    """Every recording: its sampling, what is wrong with it, and its raw signals."""
+    """Every recording: its sampling, how it is read, what is wrong with it, and its raw signals."""
     studio = view.studio
-    read = {shown.name: shown for shown in studio.recordings()}
     put("h2", "Recordings")
-    for k, given in enumerate(studio.inputs.recordings, start=1):
-        with put("article", classes="card"):
-            _recording(view, k, given, read.get(given.given.name))
+    for given in studio.inputs.recordings:
+        with put("article", classes="card", data_recording=given.given.file):
+            _recording(view, given, studio.recording(given))
     if studio.history.steps:
-        put("p", "Another recording starts a new comparison; the steps so far are no longer shown.", "of")
+        put("p", "After another recording the steps can be fitted again, to all of them.", "of")
         with put("div", classes="gives"):
             put("file-drop", as_="fitted", label="Another recording to fit")
             put("file-drop", as_="held_out", label="Another recording to hold out")
 
 
-def _recording(view: PageView, place: int, given: GivenRecording, shown: RecordingOverview | None) -> None:
-    studio, disabled = view.studio, view.busy
+def _recording(view: PageView, given: GivenRecording, shown: RecordingOverview | None) -> None:
+    studio, disabled, file = view.studio, view.busy, given.given.file
     put("h3", given.given.name)
     with put("div", classes="acts"):
         put("span", "held out" if given.held_out else "fitted", "tag")
         text = "Fit it" if given.held_out else "Hold it out"
-        button(text, lambda: view.act(studio.hold_out, place, not given.held_out), disabled=disabled)
-        button("Remove", lambda: view.act(studio.remove_recording, place), disabled=disabled)
+        button(text, lambda: view.give(studio.hold_out, file, not given.held_out), disabled=disabled)
+        button("Remove", lambda: view.give(studio.remove_recording, file), disabled=disabled, data_do="remove")
     if shown is None:
         put("p", "Not read yet.", "of")
         return
@@ -87,9 +129,21 @@ def _recording(view: PageView, place: int, given: GivenRecording, shown: Recordi
     if shown.problem:
         put("p", shown.problem, "warning", role="alert")
     cures(view, shown.cures)
+    _gaps(view, given)
+    columns(view, given, shown)
     for joint, name in enumerate(shown.signals, start=1):
         with folded("Recorded signals" + (f", joint {joint}" if len(shown.signals) > 1 else "")):
             signals(name)
+
+
+def _gaps(view: PageView, given: GivenRecording) -> None:
+    """That the recording is split at its gaps, which can be taken back."""
+    if given.reading.allow_gaps:
+        whole = replace(given.reading, allow_gaps=False)
+        with put("div", classes="acts"):
+            put("span", "split at its gaps", "tag")
+            read = partial(view.give, view.studio.read_as, given.given.file, whole)
+            button("Do not split it", read, disabled=view.busy, data_do="whole")
 
 
 def cures(view: PageView, found: list[Cure]) -> None:
@@ -101,16 +155,18 @@ def cures(view: PageView, found: list[Cure]) -> None:
 
 
 def cure_button(view: PageView, cure: Cure) -> None:
-    """Read the recordings with the cure and compare again; no button where a person has to decide."""
+    """Read the recordings with the cure, and fit again where they are complete; none where a person has to decide."""
     studio = view.studio
 
     def read() -> None:
-        studio.read_as([*studio.inputs.maps, *cure.maps], studio.inputs.allow_gaps or cure.gaps)
-        studio.begin()
+        studio.cure(cure)
+        if studio.inputs.complete:
+            studio.begin()
+        else:
+            studio.read()
 
-    if cure.maps or cure.gaps:
-        text = "Split at the gaps" if cure.gaps else f"Read it with {', '.join(cure.maps)}"
-        button(text, partial(view.act, read), "first", disabled=view.busy, data_do="cure")
+    if cure.does:
+        button(cure.does, partial(view.act, read), "first", disabled=view.busy, data_do="cure")
 
 
 def plans(view: PageView) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import partial
 
 from runtime.studio.documents import EffectOffered
+from runtime.studio.history import PlacedEffect, SessionStep
+from runtime.studio.page.start import undo_buttons
 from runtime.studio.page.view import TAGS, PageView, button, folded, put
-from runtime.studio.session import PlacedEffect, SessionStep
 from runtime.wording import percent
 
 
@@ -15,15 +16,14 @@ def history(view: PageView) -> None:
     studio, busy = view.studio, view.busy
     put("h2", "Steps")
     with put("div", classes="acts"):
-        button("Undo", lambda: view.act(studio.undo), disabled=busy or view.step.parent is None, data_do="undo")
-        button("Redo", lambda: view.act(studio.redo), disabled=busy or not studio.history.undone, data_do="redo")
+        undo_buttons(view)
     with put("ol", classes="steps"):
         for step in studio.history.steps:
             joint, current = step.joints[view.joint.joint - 1], "step" if step is view.here else None
             with put("li"):
                 pressed = put("button", classes="step", type="button", aria_current=current, data_step=step.number)
                 pressed.props["disabled"] = busy
-                with pressed.on("click", partial(lambda number, _: view.act(studio.go_to, number), step.number)):
+                with pressed.on("click", partial(lambda number, _: view.give(studio.go_to, number), step.number)):
                     put("span", str(step.number), "step-number")
                     put("span", step.title, "step-title")
                     held = "" if joint.held is None else f", held out {percent(joint.held)}"
@@ -47,7 +47,7 @@ def model(view: PageView) -> None:
                 button(
                     "Leave out",
                     partial(view.act, view.studio.without, effect.placed),
-                    disabled=view.busy,
+                    disabled=view.closed,
                     title=f"Fit without {effect.placed}, to see its share",
                     data_do="without",
                 )
@@ -66,7 +66,7 @@ def library(view: PageView) -> None:
     chosen = offered[placed.effect]
     with put("div", classes="acts"):
         view.effect_choice("offered", texts, chosen.places, placed)
-        button(f"Add {placed}", lambda: view.act(view.studio.add, placed), disabled=view.busy, data_do="try")
+        button(f"Add {placed}", lambda: view.act(view.studio.add, placed), disabled=view.closed, data_do="try")
     put("p", chosen.summary)
     with put("p"):
         put("code", f"torque = {chosen.equation}")
@@ -114,7 +114,7 @@ def change(view: PageView) -> None:
             for line in lines:
                 kind = {"+": "came", "-": "went", "@": "where"}.get(line[:1], "same")
                 put("span", line if line.strip() else " ", kind)
-    with folded("The commands that do the same in a terminal", open_=True):
+    with folded("The commands that do the same in a terminal"):
         put("pre", "\n".join(studio.commands(here.number)), data_commands="")
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 
+from runtime.studio.history import PlacedEffect
 from runtime.studio.page import questions
 from runtime.studio.page.start import cure_button, cures
 from runtime.studio.page.view import TAGS, PageView, button, put, report_sections
-from runtime.studio.session import PlacedEffect
 from runtime.wording import percent
 
 KINDS = (*TAGS, "unexplained", "refused")
@@ -25,7 +25,7 @@ def banner(view: PageView) -> None:
     put("h1", _sentence(view).replace(" %", "\N{NO-BREAK SPACE}%"))
     if found is not None and found.more:
         put("p", found.more)
-    elif found is None and step.parent is not None:
+    elif found is None and step is not view.given:
         at_floor = all(joint.at_floor for joint in view.overview.joints)
         put("p", "The residual of every joint is at its noise floor." if at_floor else view.overview.sentence)
     _facts(view)
@@ -42,7 +42,7 @@ def _sentence(view: PageView) -> str:
     step = view.step
     if view.verdict is not None:
         return view.verdict.sentence
-    if step.parent is None:
+    if step.parent is None or step.kind == "given":
         return view.overview.sentence
     pairs = zip(view.studio.history.step(step.parent).joints, step.joints, strict=True)
     old, new = max(pairs, key=lambda pair: abs(pair[0].relative - pair[1].relative))
@@ -54,10 +54,10 @@ def _sentence(view: PageView) -> str:
 def _facts(view: PageView) -> None:
     """Errors of the joint that is shown, from the model as given to this step."""
     step, joint = view.step, view.joint.joint - 1
-    given, here = view.studio.history.steps[0].joints[joint], step.joints[joint]
+    given, here = view.given.joints[joint], step.joints[joint]
 
     def fall(before: float, after: float) -> str:
-        return percent(after) if step.number == 0 else f"{percent(before)} → {percent(after)}"
+        return percent(after) if step is view.given else f"{percent(before)} → {percent(after)}"
 
     facts = {"error": fall(given.relative, here.relative), "noise floor": percent(here.relative_floor)}
     if view.verdict is not None and view.verdict.unexplained:
@@ -75,17 +75,17 @@ def _facts(view: PageView) -> None:
 
 def _next(view: PageView) -> None:
     """The next step of the loop, then links to the details."""
-    studio, busy, found = view.studio, view.busy, view.verdict
+    studio, closed, found = view.studio, view.closed, view.verdict
     if found is None:
         button(
-            "Look for missing effects", lambda: view.act(studio.diagnose), "first", disabled=busy, data_do="diagnose"
+            "Look for missing effects", lambda: view.act(studio.diagnose), "first", disabled=closed, data_do="diagnose"
         )
         return
     if found.findings:
         names = " and ".join(finding.title for finding in found.findings)
         text = f"Add {names} and fit again" if len(names) < 70 else f"Add all {len(found.findings)} and fit again"
         effects = [finding.placed for finding in found.findings]
-        button(text, lambda: view.act(studio.add, *effects), "first", disabled=busy, data_do="add")
+        button(text, lambda: view.act(studio.add, *effects), "first", disabled=closed, data_do="add")
     if found.findings:
         put("a", "See the evidence", href="#findings")
     elif found.kind != "refused":
@@ -112,7 +112,7 @@ def findings(view: PageView) -> None:
                 effects = [finding.placed, *finding.rivals]
                 text = f"Design a motion: {' or '.join(map(str, effects))}"
                 design = partial(view.act, view.studio.design, *effects)
-                button(text, design, disabled=view.busy, data_do="design")
+                button(text, design, disabled=view.closed, data_do="design")
             report_sections(finding.card)
             with put("div", data_values=finding.title):
                 put("h4", "Try other values before you add it")
@@ -120,7 +120,7 @@ def findings(view: PageView) -> None:
 
 
 def _add(view: PageView, effect: PlacedEffect, text: str, classes: str = "") -> None:
-    button(text, lambda: view.act(view.studio.add, effect), classes, disabled=view.busy, data_do="add-one")
+    button(text, lambda: view.act(view.studio.add, effect), classes, disabled=view.closed, data_do="add-one")
 
 
 def details(view: PageView) -> None:

@@ -6,7 +6,7 @@ Texts are texts: only the report's templates make HTML, and they escape what the
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,7 +20,7 @@ from runtime.report.page.html import embedded, fragment, part, script, styleshee
 from runtime.report.sections import Section
 from runtime.report.signals import SCRIPTS
 from runtime.studio.documents import JointOverview, Row, StepOverview, VerdictOverview
-from runtime.studio.session import PlacedEffect, SessionStep
+from runtime.studio.history import PlacedEffect, SessionStep
 from runtime.studio.studio import Studio
 
 TAGS = {"effect": "effect found", "more": "effect found, more is left", "clean": "clean"}
@@ -117,7 +117,7 @@ class PageSection:
                     problem = repr(error)
                     self._place.clear()
             if problem is not None:
-                put("p", f"This part of the session cannot be shown: {problem}", "warning")
+                put("p", f"This part of the session cannot be shown: {problem}", "warning", role="alert")
 
 
 class PageView:
@@ -129,6 +129,7 @@ class PageView:
     offered        effect and joint that may be added
     tried_effect   effect of the model whose values may be tried
     hidden_effect  effect and joint that may be hidden in the motion
+    choices        recording, by its name in `given/` -> the columns that are being chosen
     refused        why the last command was refused; ""
     """
 
@@ -140,6 +141,7 @@ class PageView:
         self.offered: tuple[str, int | None] | None = None
         self.tried_effect: str | None = None
         self.hidden_effect: tuple[str, int | None] | None = None
+        self.choices: Mapping[str, Mapping[str, str]] = {}
         self.refused = ""
         self.changed: Callable[[], None] = lambda: None
         self._controls: dict[str, tuple[Element, Callable[[str], Any]]] = {}
@@ -156,10 +158,20 @@ class PageView:
         return self.here
 
     @property
+    def given(self) -> SessionStep:
+        """The model as given, fitted to the same inputs as the current step."""
+        return self.studio.history.path(self.step.number)[0]
+
+    @property
     def busy(self) -> bool:
         """Whether a task is running."""
         work = self.studio.work
         return work is not None and work.state == "running"
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing can be asked of the current step: a task is running, or its inputs have changed."""
+        return self.busy or not self.studio.state.fitted
 
     @property
     def overview(self) -> StepOverview:
@@ -190,6 +202,15 @@ class PageView:
             self.refused = str(error)
         self.changed()
 
+    def give(self, command: Callable[..., Any], *given: Any) -> None:
+        """Change the inputs, and read what has to be read for that."""
+
+        def both() -> None:
+            command(*given)
+            self.studio.read()
+
+        self.act(both)
+
     def set(self, **values: Any) -> None:
         """Show something else."""
         for name, value in values.items():
@@ -204,8 +225,9 @@ class PageView:
     ) -> None:
         """A list of options, value -> text."""
         with put("label", classes="choice"):
-            put("span", label)
-            with put("select", value=value, data_control=name) as made:
+            if label:
+                put("span", label)
+            with put("select", value=value, data_control=name, aria_label=None if label else name) as made:
                 for key, text in options.items():
                     put("option", text, value=key, selected=(key == value) or None)
         self._controls[name] = made, lambda said: chosen(said) if said in options else None

@@ -12,8 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from runtime.cli import main, output
+from runtime.inspection.guesses import map_options
 from runtime.inspection.inspection import of_rates, without_model
-from runtime.inspection.signals import map_options, shift_entries
+from runtime.inspection.signals import shift_entries
 from runtime.recordings.contents import RecordedField
 from runtime.recordings.recording import Recording, read
 from tests.runtime.recordings.formats import write_mcap

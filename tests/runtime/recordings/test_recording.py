@@ -304,7 +304,7 @@ def cell(line: int, column: int, value: str) -> str:
         (text("t,q0,tau1"), "run3.csv line 1: has a column q0, but the model has 1 joint"),
         (text("t,q1 [N m],tau1"), "run3.csv line 1: q1 is in [N m]; expected an angle such as rad or deg (joint 1 is"),
         (text("t,q1 [mm],tau1"), "run3.csv line 1: q1 is in [mm]; expected an angle such as rad or deg (joint 1 is"),
-        (text("t,q1,tau1 [N]"), "run3.csv line 1: tau1 is in [N]; expected a torque such as N m or mNm (joint 1"),
+        (text("t,q1,tau1 [N]"), "run3.csv line 1: tau1 is in [N]; expected a torque such as N m or mN m (joint 1"),
         (text("t [deg],q1,tau1"), "run3.csv line 1: t is in [deg]; expected a time such as s or ms"),
         (text("t,q1 [radd],tau1"), 'run3.csv line 1: q1 has the unknown unit "radd"; did you mean "rad"?'),
         (text("t,q1 [counts],tau1"), "convert it with the encoder's resolution first"),

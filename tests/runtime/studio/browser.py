@@ -128,10 +128,13 @@ class Watched:
     def emptied(self) -> Any:
         """The page, once its session has no recordings: what needs the start page begins here."""
         self.page.wait_for_selector("#plans h2")
-        while count := self.page.locator("#recordings article").count():
-            self.page.click("#recordings article button:has-text('Remove')")
-            self.page.locator("#recordings article").nth(count - 1).wait_for(state="detached")
+        if self.page.locator("#afresh summary").count():
+            self.page.click("#afresh summary")
+            self.page.click("[data-do=afresh]:not([disabled])")
         self.page.wait_for_selector("#start h1")
+        while count := self.page.locator("#recordings article").count():
+            self.page.click("#recordings [data-do=remove]")
+            self.page.locator("#recordings article").nth(count - 1).wait_for(state="detached")
         return self.page
 
     def error(self) -> float:

@@ -15,7 +15,8 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.studio.session import PlacedEffect, StudioSession
+from runtime.studio.history import PlacedEffect
+from runtime.studio.session import StudioSession
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkState
 from tests import one_joint

@@ -12,38 +12,28 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from runtime.studio import studio as studios
-from runtime.studio.session import (
-    FILE,
-    GivenFile,
-    GivenRecording,
-    History,
-    HistoryError,
-    Inputs,
-    JointError,
-    PlacedEffect,
-    SessionError,
-    SessionStep,
-    StudioSession,
-    changes,
-    commands,
-    safe_name,
-)
+from runtime.studio.history import History, HistoryError, JointError, PlacedEffect, SessionStep, changes
+from runtime.studio.inputs import GivenFile, GivenRecording, Inputs, Reading
+from runtime.studio.session import FILE, SessionError, StudioSession, beginning, safe_name
 from runtime.studio.studio import Studio
+from runtime.studio.terminal import commands
 from tests import one_joint
 
 ERROR = JointError(joint=1, called="1 knee", unit="N m", rms=0.2, relative=0.06, floor=0.07, relative_floor=0.02)
 MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
 
 
-def step(history: History, *changed: PlacedEffect, kind: str = "added") -> SessionStep:
+def step(history: History, *changed: PlacedEffect, kind: str = "added", inputs: Inputs | None = None) -> SessionStep:
     """A next step of a history."""
     made = "given" if history.current is None else kind
     return SessionStep(
         number=len(history.steps),
         parent=history.current,
         kind=made,
+        inputs=inputs or Inputs(),
         changed=changed,
         joints=(ERROR,),  # type: ignore[arg-type]
     )
@@ -58,7 +48,7 @@ def test_a_history_goes_back_and_forth_and_loses_nothing(moves):
     history, stack, made = History(), [], 0
     for move in moves:
         if move == "fit":
-            history, stack, made = history.with_step(step(history, PlacedEffect("coulomb", 1))), [], made + 1
+            history, stack, made = history.with_steps(step(history, PlacedEffect("coulomb", 1))), [], made + 1
         elif move == "undo" and history.here is not None and history.here.parent is not None:
             stack.append(history.current)
             history = history.undo()
@@ -78,7 +68,7 @@ def test_a_history_goes_back_and_forth_and_loses_nothing(moves):
 
 
 def test_there_is_nothing_before_the_first_step_and_after_the_last():
-    first = History().with_step(step(History()))
+    first = History().with_steps(step(History()))
     for wrong in (History().undo, first.undo, first.redo, lambda: first.at(7), lambda: first.step(-1)):
         with pytest.raises(HistoryError):
             wrong()
@@ -86,14 +76,14 @@ def test_there_is_nothing_before_the_first_step_and_after_the_last():
 
 def test_what_was_added_and_left_out_again_is_in_no_command():
     stribeck, ripple, given = PlacedEffect("stribeck", 1), PlacedEffect("torque_ripple", 1), PlacedEffect("coulomb", 1)
-    way = History().with_step(step(History()))
-    for effect, kind in [(stribeck, "added"), (ripple, "added"), (stribeck, "without"), (given, "without")]:
-        way = way.with_step(step(way, effect, kind=kind))
-    assert changes(way.path(4)) == ([ripple], [given])
     file = GivenFile("arm.toml", "arm.toml", "my arms/arm.toml")
-    run = GivenRecording(GivenFile("run.csv", "run $(reboot).csv"))
-    inputs = Inputs(model=file, recordings=(run,), maps=("q1=-a b",))
-    lines = commands(inputs, way.path(4))
+    run = GivenRecording(GivenFile("run.csv", "run $(reboot).csv"), reading=Reading(("q1=-a b",)))
+    inputs = Inputs(model=file, recordings=(run,))
+    way = History().with_steps(step(History()))
+    for effect, kind in [(stribeck, "added"), (ripple, "added"), (stribeck, "without"), (given, "without")]:
+        way = way.with_steps(step(way, effect, kind=kind, inputs=inputs))
+    assert changes(way.path(4)) == ([ripple], [given])
+    lines = commands(way.path(4))
     assert lines[0] == "tendon improve 'my arms/arm.toml' 'run $(reboot).csv' --map 'q1=-a b' --report report"
     assert "tendon add 'my arms/arm.toml' torque_ripple --joint 1" in lines
     assert not any("stribeck" in line for line in lines)
@@ -135,18 +125,19 @@ def test_a_session_is_made_in_a_new_folder_only(tmp_path, session):
 def test_what_is_written_is_read_again(session):
     file = session.place_for('a "b"\n<i>.toml')
     session.given(file).write_text(MODEL)
-    inputs = Inputs(model=file, like="drive", recordings=(GivenRecording(file, True),), maps=("q1=x",), allow_gaps=True)
-    history = History().with_step(step(History())).judged(0, "clean")
-    session.change(inputs, history)
-    again = StudioSession.open(session.folder)
-    assert (again.inputs, again.history) == (inputs, history)
+    reading = Reading(("q1=x",), allow_gaps=True)
+    inputs = Inputs(model=file, like="drive", recordings=(GivenRecording(file, True, reading),))
+    history = History().with_steps(step(History())).judged(0, "clean")
+    state = replace(beginning(Inputs()), history=history).given(inputs)
+    session.change(state)
+    assert StudioSession.open(session.folder).state == state
 
 
-def test_another_input_puts_the_steps_aside(session):
+def test_a_new_start_puts_the_steps_aside(session):
     for k in (1, 2):
         session.step(0).mkdir()
         (session.step(0) / "model.toml").write_text(f"run {k}")
-        session.change(history=History().with_step(step(History())))
+        session.change(replace(beginning(Inputs()), history=History().with_steps(step(History()))))
         session.restart(Inputs())
         assert session.history == History()
         assert not session.step(0).exists()
@@ -154,8 +145,8 @@ def test_another_input_puts_the_steps_aside(session):
 
 
 GOOD = {
-    "schema": 1,
-    "inputs": {"model": None, "like": None, "recordings": [], "maps": [], "allow_gaps": False, "effects": None},
+    "schema": 2,
+    "inputs": {"model": None, "like": None, "recordings": [], "effects": None},
     "history": {"steps": [], "current": None, "undone": []},
 }
 
@@ -165,7 +156,7 @@ def _file(name: object) -> dict[str, object]:
 
 
 JOINT = {"joint": 1, "called": "1", "unit": "N m", "rms": 1.0, "relative": 0.1, "floor": 0.5, "relative_floor": 0.05}
-STEP = {"number": 0, "parent": None, "kind": "given", "changed": [], "joints": [], "verdict": None}
+STEP = {"number": 0, "parent": None, "kind": "given", "inputs": {}, "changed": [], "joints": [], "verdict": None}
 
 
 @pytest.mark.parametrize(
@@ -181,6 +172,8 @@ STEP = {"number": 0, "parent": None, "kind": "given", "changed": [], "joints": [
         ("inputs", "recordings", [{"given": _file("a/b"), "held_out": False}]),
         ("inputs", "recordings", [{"given": _file("a.csv"), "held_out": False}] * 101),
         ("inputs", "recordings", "abc"),
+        ("inputs", "recordings", [{"given": _file("a.csv"), "reading": {"maps": "q1=a"}}]),
+        ("history", "steps", [{**STEP, "inputs": {"model": _file("absent.toml")}}]),
         ("history", "steps", [{**STEP, "parent": 0}]),
         ("history", "steps", [{**STEP, "kind": "<script>"}]),
         ("history", "steps", [{**STEP, "joints": [{"os": 1}]}]),
@@ -223,7 +216,7 @@ def test_any_other_json_is_refused(tmp_path_factory, document):
 
 
 def test_no_json_and_too_much_of_it_are_refused(session, monkeypatch):
-    for text in ("", "{", "[" * 100_000, '{"schema": 2}'):
+    for text in ("", "{", "[" * 100_000, '{"schema": 1}'):
         (session.folder / FILE).write_text(text)
         with pytest.raises(SessionError):
             StudioSession.open(session.folder)
@@ -266,10 +259,13 @@ def test_a_session_is_the_users_alone(session):
 
 
 def test_no_name_of_a_file_begins_a_line_of_a_script():
-    way = History().with_step(step(History()))
-    way = way.with_step(step(way, PlacedEffect("coulomb", 1), kind="without"))
+    way = History().with_steps(step(History()))
     file = GivenFile("arm.toml", "arm\nrm -rf x.toml")
-    script = "\n".join(commands(Inputs(model=file, recordings=(GivenRecording(file),)), way.path(1)))
+    inputs = Inputs(
+        model=file, recordings=(GivenRecording(file), GivenRecording(file, True, Reading(("q1=a\nrm -rf y",))))
+    )
+    way = way.with_steps(step(way, PlacedEffect("coulomb", 1), kind="without", inputs=inputs))
+    script = "\n".join(commands(way.path(1)))
     # What a shell makes of it: whole words, and comments.
     words = shlex.split(script, comments=True)
     assert "rm" not in words
@@ -317,22 +313,26 @@ def test_what_is_sent_is_bounded_and_leaves_nothing(studio, monkeypatch):
         asyncio.run(studio.receive("fitted", "run.csv", broken()))
     assert list((studio.session.folder / "given").iterdir()) == []
     monkeypatch.setattr(studios, "MOST_RECORDINGS", 1)
-    asyncio.run(studio.receive("fitted", "run.csv", _chunks(b"t")))
+    asyncio.run(studio.receive("fitted", "run.csv", _chunks(LOG)))
     with pytest.raises(SessionError, match="at most 1"):
-        asyncio.run(studio.receive("fitted", "run2.csv", _chunks(b"t")))
+        asyncio.run(studio.receive("fitted", "run2.csv", _chunks(LOG)))
+    assert [p.name for p in (studio.session.folder / "given").iterdir()] == ["run.csv"]
+
+
+LOG = b"t,q1,tau1\n0,0,0\n"
 
 
 def test_files_of_one_name_stand_beside_each_other(studio):
     for held_out in (False, True):
-        asyncio.run(studio.receive("held_out" if held_out else "fitted", "run.csv", _chunks(b"t")))
+        asyncio.run(studio.receive("held_out" if held_out else "fitted", "run.csv", _chunks(LOG)))
     assert [(r.given.file, r.given.name, r.held_out) for r in studio.inputs.recordings] == [
         ("run.csv", "run.csv", False),
         ("run-2.csv", "run.csv", True),
     ]
-    studio.hold_out(1, True)
-    studio.hold_out(2, False)
+    studio.hold_out("run.csv", True)
+    studio.hold_out("run-2.csv", False)
     assert [r.held_out for r in studio.inputs.recordings] == [True, False]
-    studio.remove_recording(1)
+    studio.remove_recording("run.csv")
     assert [r.given.file for r in StudioSession.open(studio.session.folder).inputs.recordings] == ["run-2.csv"]
 
 
@@ -355,16 +355,17 @@ def test_no_name_of_a_signal_set_leads_elsewhere(studio, name):
 
 
 def test_a_signal_set_is_found_by_its_name(studio):
-    for folder in (studio.session.step(0), studio.session.recording(2)):
+    place = studio.session.recording(GivenRecording(GivenFile("run.csv", "run.csv")))
+    for folder in (studio.session.step(0), place):
         folder.mkdir(parents=True)
         (folder / "joint3.npz").write_bytes(b"")
     assert studio.signals("step0-joint3") == studio.session.step(0) / "joint3.npz"
-    assert studio.signals("recording2-joint3") == studio.session.recording(2) / "joint3.npz"
+    assert studio.signals(f"{place.name}-joint3") == place / "joint3.npz"
     assert studio.signals("step0-held3") is None
 
 
 def test_a_number_of_a_step_is_one(session):
-    session.change(history=History().with_step(step(History())))
+    session.change(replace(beginning(Inputs()), history=History().with_steps(step(History()))))
     made = Studio(session)
     with pytest.raises(HistoryError):
         made.model_text(1)

@@ -24,7 +24,9 @@ from runtime.studio.documents import (
     ValuesFound,
     VerdictOverview,
 )
-from runtime.studio.session import PlacedEffect, SessionError, StudioSession
+from runtime.studio.history import PlacedEffect
+from runtime.studio.inputs import Reading
+from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkError
 from tests.runtime.studio.conftest import EVIL, SPRING, Prepared
@@ -83,9 +85,12 @@ def test_the_model_as_given_is_fitted_and_shown(shared: Studio) -> None:
     assert joint.held is not None
     assert joint.held_floor is not None
     assert joint.held > 3 * joint.held_floor
-    assert len(signals(shared, "recording1-joint1").t) == 16_000
+    first, held = (shared.recording(given) for given in shared.inputs.recordings)
+    assert first is not None
+    assert held is not None
+    assert len(signals(shared, first.signals[0]).t) == 16_000
     assert signals(shared, joint.held_signals).title
-    assert [r.name for r in shared.recordings()] == [EVIL, "held.csv"]
+    assert [r.given.name for r in shared.inputs.recordings] == [EVIL, "held.csv"]
     offered = shared.answer(0, "library", list[EffectOffered])
     assert offered is not None
     assert 1 in {p for e in offered if e.effect == "linear_spring" for p in e.places}
@@ -215,28 +220,30 @@ def test_a_broken_recording_is_said_and_its_cures_work(recorded: Path, tmp_path:
     made = Studio(StudioSession.create(tmp_path / "session"))
     made.give_model(recorded / "drive.toml")
     made.give_recording(broken(recorded / EVIL, tmp_path / "<b>broken.csv"))
-    made.read_as(["tau1=-M"], False)
+    (taken,) = made.inputs.recordings
+    made.read_as(taken.given.file, Reading(("tau1=-M",)))
     made.begin()
     done(made)
     assert made.history.steps == ()
-    recording = made.recordings()[0]
+    recording = made.recording(made.inputs.recordings[0])
+    assert recording is not None
     assert "gap" in str(recording.problem)
-    cure = next(c for c in recording.cures if c.gaps)
-    made.read_as([*made.inputs.maps, *cure.maps], cure.gaps)
+    made.cure(next(c for c in recording.cures if c.gaps))
     made.begin()
     done(made)
     assert len(made.history.steps) == 1
     assert "--allow-gaps" in made.commands(0)[0]
     found = made.answer(0, "overview", StepOverview)
     assert found is not None
-    assert found.cures[0].maps == ("tau1=M",)
-    made.read_as([*made.inputs.maps, *found.cures[0].maps], True)
+    assert found.cures[0].readings == {taken.given.file: ("tau1=M",)}
+    made.cure(found.cures[0])
     made.begin()
     done(made)
-    again = made.answer(0, "overview", StepOverview)
+    assert made.inputs.recordings[0].reading == Reading(("tau1=M",), allow_gaps=True)
+    again = made.answer(1, "overview", StepOverview)
     assert again is not None
     assert again.cures == []
-    assert len(made.history.steps) == 1
+    assert [step.title for step in made.history.steps] == ["as given, fitted", "as given, fitted again"]
     made.close()
     assert {p: p.read_bytes() for p in recorded.iterdir()} == given
     assert sorted(p.name for p in tmp_path.iterdir()) == ["<b>broken.csv", "session"]
@@ -252,13 +259,13 @@ def test_nothing_is_written_outside_of_the_session(
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     monkeypatch.setenv("MPLCONFIGDIR", os.environ.get("MPLCONFIGDIR", str(tmp_path / "copied" / "mpl")))
-    copied.read_as((), True)
+    copied.read_as(copied.inputs.recordings[0].given.file, Reading(allow_gaps=True))
     copied.begin()
     done(copied)
     copied.close()
     written = [p for name in ("here", "home", "tmp") for p in (tmp_path / name).rglob("*")]
     assert [p for p in written if p.is_file()] == []
-    assert json.loads((copied.session.folder / "session.json").read_text())["schema"] == 1
+    assert json.loads((copied.session.folder / "session.json").read_text())["schema"] == 2
 
 
 def test_other_values_are_tried_and_leave_the_step_as_it_is(shared: Studio) -> None:

@@ -23,7 +23,8 @@ def done(studio: Studio) -> None:
     """Until the task has ended, without an error."""
     until(lambda: studio.work is None or studio.work.state != "running")
     assert studio.work is not None
-    assert (studio.work.state, studio.work.error) == ("done", None)
+    assert studio.work.error is None, studio.work.error
+    assert studio.work.state == "done"
 
 
 def failed(studio: Studio) -> str:

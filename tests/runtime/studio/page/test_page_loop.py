@@ -43,7 +43,7 @@ def test_the_loop_of_the_demo_by_clicks_alone(tab: Tab, new_server: Server) -> N
     page.click("[data-do=redo]")
     page.wait_for_selector("[data-step='1'][aria-current=step]")
     assert "[joint.effects.stribeck]" in page.inner_text("[data-difference]")
-    assert "tendon add drive.toml stribeck --joint 1" in page.inner_text("[data-commands]")
+    assert "tendon add drive.toml stribeck --joint 1" in page.text_content("[data-commands]")
     other = tab(new_server)
     other.page.wait_for_selector("[data-step='1'][aria-current=step]")
     assert other.error() == after

@@ -1,0 +1,88 @@
+"""What a session works on: a model file and recordings, each with how it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from runtime.documents.parts import Document
+from runtime.studio.settings import MOST_RECORDINGS
+
+
+class GivenFile(Document, frozen=True):
+    """A file in `given/`: its name there, its original name, and its path as typed; None: a browser sent it."""
+
+    file: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*\Z")]
+    name: str
+    origin: str | None = None
+
+    @property
+    def typed(self) -> str:
+        """The file on a command line."""
+        return self.name if self.origin is None else self.origin
+
+
+class Reading(Document, frozen=True):
+    """How a recording is read: entries of `--map`, and whether it is split at gaps, as on the command line."""
+
+    maps: tuple[str, ...] = ()
+    allow_gaps: bool = False
+
+    def but(self, maps: Sequence[str] = (), allow_gaps: bool = False) -> Reading:
+        """With further entries, each in the place of an earlier one of the same signal."""
+        signals = {_signal(entry) for entry in maps}
+        kept = (entry for entry in self.maps if _signal(entry) not in signals)
+        return Reading((*kept, *maps), self.allow_gaps or allow_gaps)
+
+
+def _signal(entry: str) -> str:
+    return entry.partition("=")[0].strip()
+
+
+class GivenRecording(Document, frozen=True):
+    """A recording, and whether it is held out: not fitted, only compared."""
+
+    given: GivenFile
+    held_out: bool = False
+    reading: Reading = Reading()
+
+
+class Inputs(Document, frozen=True, kw_only=True):
+    """What a session works on.
+
+    like       the shipped arm whose model file was taken
+    assumed    what was assumed where a robot description became a model file, a line each
+    effects    name of the file of the user's own effects. The file is code and no part of the folder: whoever opens
+               the session names it again
+    """
+
+    model: GivenFile | None = None
+    like: str | None = None
+    assumed: tuple[str, ...] = ()
+    recordings: Annotated[tuple[GivenRecording, ...], Meta(max_length=MOST_RECORDINGS)] = ()
+    effects: str | None = None
+
+    @property
+    def fitted(self) -> tuple[GivenRecording, ...]:
+        return tuple(r for r in self.recordings if not r.held_out)
+
+    @property
+    def held_out(self) -> tuple[GivenRecording, ...]:
+        return tuple(r for r in self.recordings if r.held_out)
+
+    @property
+    def complete(self) -> bool:
+        """Whether there is a model and a recording to fit it to."""
+        return self.model is not None and bool(self.fitted)
+
+    def of(self, file: str) -> GivenRecording | None:
+        """The recording with a name in `given/`."""
+        return next((r for r in self.recordings if r.given.file == file), None)
+
+    def changed(self, file: str, **values: Any) -> Inputs:
+        """With other values of the recording with a name in `given/`."""
+        every = (replace(r, **values) if r.given.file == file else r for r in self.recordings)
+        return replace(self, recordings=tuple(every))

@@ -1,0 +1,97 @@
+"""Inputs in a real browser: columns by clicks, recordings that are added, refused, removed and brought back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.runtime.studio.browser import Server, Watched
+from tests.runtime.studio.conftest import EVIL
+from tests.runtime.studio.test_changed_inputs import lab_log
+
+pytestmark = pytest.mark.xdist_group("studio")
+Tab = Callable[..., Watched]
+
+
+def row(signal: str) -> str:
+    return f"#recordings article:has-text('lab.csv') tr[data-signal='{signal}']"
+
+
+def choose(page: Any, signal: str, what: str, value: str) -> None:
+    """A choice in the row of a signal, once the page shows it."""
+    page.select_option(f"{row(signal)} td[data-is={what}] select", value)
+    page.wait_for_function(
+        "([place, value]) => document.querySelector(place)?.value === value && !document.querySelector(place).disabled",
+        arg=[f"article [data-signal='{signal}'] td[data-is={what}] select", value],
+    )
+
+
+def test_columns_are_chosen_by_clicks_and_belong_to_their_recording(
+    tab: Tab, new_server: Server, recorded: Path, tmp_path: Path
+) -> None:
+    """Guessed, previewed, chosen, used, edited and removed; a recording beside it and the demo know nothing of it."""
+    seen = tab(new_server)
+    page = seen.emptied()
+    page.set_input_files("#start file-drop[as=model] input", recorded / "drive.toml")
+    page.wait_for_selector("#start .given:has-text('drive.toml')")
+    page.set_input_files("#start file-drop[as=fitted] input", lab_log(recorded, tmp_path / "lab.csv"))
+    page.wait_for_selector(row("t"))
+    assert page.input_value(f"{row('t')} td[data-is=unit] select") == "ms"
+    assert "guessed" in page.inner_text(row("q1"))
+    assert page.inner_text(f"{row('t')} td[data-is=range]") == "0 … 16 s"
+    assert page.locator(f"{row('q1')} svg path").count() == 1
+    assert page.is_disabled("[data-do=columns]")
+    choose(page, "tau1", "column", "M")
+    choose(page, "tau1", "sign", "-")
+    page.click("[data-do=columns]:not([disabled])")
+    page.wait_for_selector("#recordings:has-text('16000 samples') [data-do=columns-remove]:not([disabled])")
+    page.set_input_files("#start file-drop[as=held_out] input", recorded / "held.csv")
+    page.wait_for_selector("#recordings article:has-text('held.csv'):has-text('16000 samples')")
+    page.click("[data-do=begin]:not([disabled])")
+    page.wait_for_selector("[data-do=diagnose]:not([disabled])")
+    text = page.inner_text("body")
+    assert "--map" not in text
+    assert str(new_server.folder) not in text
+    # It survives a reload, can be edited, and undo takes the edit back.
+    page.reload()
+    page.wait_for_selector(row("tau1"))
+    assert page.input_value(f"{row('tau1')} td[data-is=sign] select") == "-"
+    choose(page, "q1", "unit", "deg")
+    page.click("[data-do=columns]:not([disabled])")
+    page.wait_for_selector("#changed [data-do=undo]:not([disabled])")
+    assert page.is_disabled("[data-do=diagnose]")
+    page.click("#changed [data-do=undo]")
+    page.wait_for_selector("[data-do=diagnose]:not([disabled])")
+    page.click("[data-do=columns-remove]")
+    page.wait_for_selector("#recordings .warning:has-text('no column t')")
+    page.wait_for_selector("#changed:has-text('lab.csv cannot be used yet')")
+    seen.emptied()
+    page.click("[data-do=demo]")
+    page.wait_for_selector("[data-do=diagnose]:not([disabled])")
+    assert page.locator("#recordings article:has-text('lab.csv')").count() == 0
+    assert seen.wrong == []
+    assert seen.outside() == []
+
+
+def test_a_recording_that_is_refused_or_added_leaves_the_steps(fitted: Watched, recorded: Path, tmp_path: Path) -> None:
+    page = fitted.page
+    steps = page.locator("#history li").count()
+    (tmp_path / "nonsense.csv").write_text("no recording\n")
+    page.set_input_files("#recordings file-drop[as=fitted] input", tmp_path / "nonsense.csv")
+    page.wait_for_selector("#recordings file-drop .warning:has-text('nonsense.csv')")
+    assert page.locator("#history li").count() == steps
+    assert page.locator("#changed:visible").count() == 0
+    page.set_input_files("#recordings file-drop[as=fitted] input", recorded / EVIL)
+    page.wait_for_selector("#changed:has-text('The inputs have changed') [data-do=begin]:not([disabled])")
+    assert page.inner_text("#changed [data-do=begin]") == "Fit the steps again"
+    assert page.locator("#history li").count() == steps
+    page.click("#changed [data-do=undo]")
+    page.wait_for_selector("#changed", state="hidden")
+    assert page.locator("#history li").count() == steps
+    page.click("[data-do=redo]:not([disabled])")
+    page.wait_for_selector("#changed [data-do=undo]:not([disabled])")
+    page.click("#changed [data-do=undo]")
+    page.wait_for_selector("#changed", state="hidden")

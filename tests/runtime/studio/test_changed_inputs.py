@@ -1,0 +1,162 @@
+"""Other inputs in a session that has steps: nothing is lost, and undo takes a change back; readings of recordings."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+
+import pytest
+
+from runtime.studio.history import HistoryError
+from runtime.studio.inputs import Reading
+from runtime.studio.session import SessionError, StudioSession
+from runtime.studio.studio import Studio
+from tests.runtime.studio.conftest import EVIL, SPRING
+from tests.runtime.studio.waiting import done
+
+pytestmark = pytest.mark.xdist_group("studio")
+
+LAB = ("t=Time_ms [ms]", "q1=Pos", "tau1=-M")
+"""How the log of `lab_log` is read."""
+
+
+def lab_log(recorded: Path, place: Path) -> Path:
+    """A recording with names of its own, time in ms, and the torque of the other sign."""
+    head, *lines = (recorded / EVIL).read_text().splitlines()
+    assert [cell.split(" [")[0] for cell in head.split(",")][:3] == ["t", "q1", "tau1"]
+    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    texts = [f"{1000 * row[0]:.6g};{row[1]!r};{-row[2]!r}" for row in rows]
+    place.write_text("\n".join(["Time_ms;Pos;M", *texts]) + "\n")
+    return place
+
+
+async def _chunks(content: bytes) -> AsyncIterator[bytes]:
+    yield content
+
+
+def sent(studio: Studio, path: Path, role: str = "fitted") -> None:
+    """A file as a browser sends it."""
+    asyncio.run(studio.receive(role, path.name, _chunks(path.read_bytes())))
+
+
+@pytest.fixture
+def new(tmp_path: Path, recorded: Path) -> Iterator[Studio]:
+    """A session with the model alone."""
+    made = Studio(StudioSession.create(tmp_path / "new"))
+    made.give_model(recorded / "drive.toml")
+    yield made
+    made.close()
+
+
+def test_a_mapping_belongs_to_its_recording(new: Studio, recorded: Path, tmp_path: Path) -> None:
+    """A log that needs one and a log that needs none are fitted together, also when the session is opened again."""
+    sent(new, lab_log(recorded, tmp_path / "lab.csv"))
+    (lab,) = new.inputs.recordings
+    first = new.recording(lab)
+    assert first is not None
+    assert "no column t" in str(first.problem)
+    assert first.guesses == {"t": "Time_ms [ms]", "q1": "Pos"}
+    new.read_as(lab.given.file, Reading(LAB))
+    sent(new, recorded / "held.csv")
+    new.begin()
+    done(new)
+    assert [r.reading.maps for r in new.inputs.recordings] == [LAB, ()]
+    assert [getattr(new.recording(r), "problem", "") for r in new.inputs.recordings] == [None, None]
+    assert new.history.here is not None
+    assert new.history.here.title == "as given, fitted"
+    script = "\n".join(new.commands(0))
+    assert "read in different ways" in script
+    assert all(line.startswith("#") for line in script.splitlines() if "--map" in line)
+    new.close()
+    again = Studio(StudioSession.open(new.session.folder))
+    assert [r.reading.maps for r in again.inputs.recordings] == [LAB, ()]
+    again.read_as(lab.given.file, Reading())
+    removed = again.recording(again.inputs.recordings[0])
+    assert removed is not None
+    assert "no column t" in str(removed.problem)
+    again.undo()
+    assert again.state.fitted
+    again.close()
+
+
+def test_a_cure_is_of_its_recording_and_takes_the_place_of_an_earlier_one(
+    new: Studio, recorded: Path, tmp_path: Path
+) -> None:
+    """Pressed twice it is there once, and the recording beside it is read as before."""
+    sent(new, lab_log(recorded, tmp_path / "lab.csv"))
+    new.read_as("lab.csv", Reading(("t=Time_ms [ms]", "q1=Pos", "tau1=M")))
+    sent(new, recorded / "held.csv", "held_out")
+    new.begin()
+    done(new)
+    lab, held = new.inputs.recordings
+    found = new.recording(lab)
+    assert found is not None
+    cure = next(c for c in found.cures if c.does == "Read tau1 with the opposite sign")
+    for _ in range(2):
+        new.cure(cure)
+    lab, held = new.inputs.recordings
+    assert lab.reading == Reading(LAB)
+    assert held.reading == Reading()
+
+
+def test_another_recording_keeps_the_steps_and_they_are_fitted_again(copied: Studio, recorded: Path) -> None:
+    copied.go_to(1)
+    before, inputs = copied.history, copied.inputs
+    sent(copied, recorded / "held.csv")
+    copied.remove_recording("held.csv")
+    assert copied.history == before
+    changed = [(r.given.file, r.held_out) for r in copied.inputs.recordings[1:]]
+    assert changed == [("held-2.csv", False)]
+    with pytest.raises(HistoryError, match="fit the steps again, or undo"):
+        copied.diagnose()
+    copied.undo()
+    assert len(copied.inputs.recordings) == 3
+    copied.undo()
+    assert copied.inputs == inputs
+    assert copied.state.fitted
+    for _ in range(2):
+        copied.redo()
+    assert [(r.given.file, r.held_out) for r in copied.inputs.recordings[1:]] == changed
+    assert StudioSession.open(copied.session.folder).state == copied.state
+    copied.begin()
+    done(copied)
+    titles = ["as given, fitted", "+ linear_spring@1", "as given, fitted again", "+ linear_spring@1"]
+    assert [step.title for step in copied.history.steps] == titles
+    assert copied.history.steps[:2] == before.steps
+    given, here = copied.history.path(3)
+    assert (given.number, given.parent) == (2, 1)
+    assert here.joints[0].relative < given.joints[0].relative / 3
+    assert here.changed == (SPRING,)
+    for number in (2, 1):
+        copied.undo()
+        assert copied.history.current == number
+    assert copied.inputs == inputs
+    copied.redo()
+    assert [(r.given.file, r.held_out) for r in copied.inputs.recordings[1:]] == changed
+
+
+@pytest.mark.parametrize("content", ["no recording\n", "", "\0\1\2"])
+def test_what_is_no_recording_changes_nothing(copied: Studio, tmp_path: Path, content: str) -> None:
+    state = copied.state
+    given = sorted(p.name for p in (copied.session.folder / "given").iterdir())
+    (tmp_path / "nonsense.csv").write_text(content)
+    with pytest.raises(SessionError, match=r"^nonsense\.csv"):
+        sent(copied, tmp_path / "nonsense.csv")
+    assert copied.state == state
+    assert sorted(p.name for p in (copied.session.folder / "given").iterdir()) == given
+
+
+def test_the_demo_starts_fresh(new: Studio, recorded: Path, tmp_path: Path) -> None:
+    """Whatever was given before; and a file of the same name stays what it was."""
+    log = lab_log(recorded, tmp_path / "fitted.csv.gz")
+    sent(new, log)
+    new.read_as("fitted.csv.gz", Reading(LAB))
+    new.start_demo()
+    assert [r.reading for r in new.inputs.recordings] == [Reading(), Reading()]
+    assert [r.held_out for r in new.inputs.recordings] == [False, True]
+    assert new.inputs.like == "drive"
+    assert (new.session.folder / "given" / "fitted.csv.gz").read_bytes() == log.read_bytes()
+    new.read()
+    done(new)
+    assert [getattr(new.recording(r), "problem", "") for r in new.inputs.recordings] == [None, None]
