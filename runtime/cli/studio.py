@@ -16,7 +16,7 @@ from runtime.cli.places import FILLED, READ
 from runtime.workspace.names import UsageError, column_mapping, is_name
 
 if TYPE_CHECKING:
-    from runtime.studio.inputs import Reading
+    from runtime.studio.inputs import GivenReading
     from runtime.studio.studio import Studio
 
 app = typer.Typer()
@@ -62,7 +62,7 @@ def studio(
 
     The page is served to this machine only. A session is a directory; tendon studio DIR opens it again.
     """
-    from runtime.studio.inputs import Reading
+    from runtime.studio.inputs import GivenReading
     from runtime.studio.server import bound, needed, serve
     from runtime.studio.session import FILE, StudioSession
     from runtime.studio.studio import Studio, check_plan
@@ -85,7 +85,7 @@ def studio(
         made = Studio(opened or StudioSession.create(free), effects)
         if opened is None:
             try:
-                reading = Reading(tuple(maps or ()), allow_gaps)
+                reading = GivenReading(tuple(maps or ()), allow_gaps)
                 _give(made, model, recordings or [], held_out or [], reading=reading, demo=demo)
                 if plans:
                     made.open_plans(*plans)
@@ -102,7 +102,7 @@ def studio(
 
 
 def _give(
-    studio: Studio, model: Path | None, recordings: list[Path], held_out: list[Path], reading: Reading, demo: bool
+    studio: Studio, model: Path | None, recordings: list[Path], held_out: list[Path], reading: GivenReading, demo: bool
 ) -> None:
     if demo:
         if model is not None or recordings or held_out:

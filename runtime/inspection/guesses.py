@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import pi
 
 from runtime.inspection.settings import MANY_TURNS
-from runtime.recordings.columns import UNITS, Cell, RecordedArm, normal_unit, signals_of, units_of
+from runtime.recordings.columns import UNITS, MappedColumn, RecordedArm, normal_unit, signals_of, units_of
 from runtime.recordings.contents import RecordedField, map_option
 from runtime.recordings.names import FAMILY, bare, members
 from runtime.recordings.preview import FieldPreview
@@ -55,7 +55,7 @@ def map_options(fields: Sequence[RecordedField]) -> list[str]:
     return found
 
 
-def guesses(previews: Sequence[FieldPreview], arm: RecordedArm) -> dict[str, Cell]:
+def guesses(previews: Sequence[FieldPreview], arm: RecordedArm) -> dict[str, MappedColumn]:
     """The column of each signal of an arm that the names of the fields suggest, with the unit that name or values
     suggest where the file states none."""
     fields, found = [preview.field for preview in previews], dict[str, str]()
@@ -67,7 +67,7 @@ def guesses(previews: Sequence[FieldPreview], arm: RecordedArm) -> dict[str, Cel
     found |= {name: own[name] for name in signals_of(arm) if name in own}
     by_name = {preview.field.name: preview for preview in previews}
     by_name |= {bare(preview.field.name): preview for preview in previews}
-    cells = {signal: Cell(bare(name), _unit(signal, by_name[name], arm)) for signal, name in found.items()}
+    cells = {signal: MappedColumn(bare(name), _unit(signal, by_name[name], arm)) for signal, name in found.items()}
     for k in range(1, len(arm.joints) + 1):
         q, qd = cells.get(f"q{k}"), cells.get(f"qd{k}")
         if (
@@ -77,7 +77,7 @@ def guesses(previews: Sequence[FieldPreview], arm: RecordedArm) -> dict[str, Cel
             and not qd.unit
             and bare(found[f"qd{k}"]) == found[f"qd{k}"]
         ):
-            cells[f"qd{k}"] = Cell(qd.name, "deg/s")  # a log has its rates in the unit of its positions
+            cells[f"qd{k}"] = MappedColumn(qd.name, "deg/s")  # a log has its rates in the unit of its positions
     return cells
 
 

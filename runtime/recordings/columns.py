@@ -141,7 +141,7 @@ class RecordedArm:
 
 
 @dataclass(frozen=True)
-class Cell:
+class MappedColumn:
     """A column as `--map` takes it: its name, the unit in which it is read ("": that of the file), and whether its sign
     is turned."""
 
@@ -150,7 +150,7 @@ class Cell:
     turned: bool = False
 
     @classmethod
-    def of(cls, text: str) -> Cell:
+    def of(cls, text: str) -> MappedColumn:
         name, unit = _split(text.strip().removeprefix("-"))
         return cls(name, unit or "", text.strip().startswith("-"))
 

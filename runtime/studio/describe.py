@@ -20,7 +20,7 @@ from runtime.inspection.guesses import guesses
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
-from runtime.recordings.columns import Cell, RecordedArm, signals_of, units_of
+from runtime.recordings.columns import MappedColumn, RecordedArm, signals_of, units_of
 from runtime.recordings.preview import FieldPreview
 from runtime.report import diagnosed
 from runtime.report.fits import estimate
@@ -104,13 +104,13 @@ def _carried(entry: str, named: Mapping[str, str], own: Mapping[str, str]) -> st
     signal, _, text = entry.partition("=")
     if signal not in named:
         return entry
-    wanted = Cell.of(text)
-    source = next((s for s, cell in named.items() if Cell.of(cell).name == wanted.name), signal)
+    wanted = MappedColumn.of(text)
+    source = next((s for s, cell in named.items() if MappedColumn.of(cell).name == wanted.name), signal)
     if source not in own:
         return None
-    before, here = Cell.of(named[source]), Cell.of(own[source])
+    before, here = MappedColumn.of(named[source]), MappedColumn.of(own[source])
     unit = here.unit if wanted.unit == before.unit else wanted.unit
-    return f"{signal}={Cell(here.name, unit, here.turned != (wanted.turned != before.turned))}"
+    return f"{signal}={MappedColumn(here.name, unit, here.turned != (wanted.turned != before.turned))}"
 
 
 def _done(entry: str, cells: Mapping[str, str]) -> str:
@@ -118,7 +118,7 @@ def _done(entry: str, cells: Mapping[str, str]) -> str:
     signal, _, text = entry.partition("=")
     if signal not in cells:
         return f"Read the {signal} as that of the {text}"
-    wanted, before = Cell.of(text), Cell.of(cells[signal])
+    wanted, before = MappedColumn.of(text), MappedColumn.of(cells[signal])
     parts = []
     if wanted.name != before.name:
         parts.append(f"from the column {wanted.name}")

@@ -25,17 +25,17 @@ class GivenFile(Document, frozen=True):
         return self.name if self.origin is None else self.origin
 
 
-class Reading(Document, frozen=True):
+class GivenReading(Document, frozen=True):
     """How a recording is read: entries of `--map`, and whether it is split at gaps, as on the command line."""
 
     maps: tuple[str, ...] = ()
     allow_gaps: bool = False
 
-    def but(self, maps: Sequence[str] = (), allow_gaps: bool = False) -> Reading:
+    def but(self, maps: Sequence[str] = (), allow_gaps: bool = False) -> GivenReading:
         """With further entries, each in the place of an earlier one of the same signal."""
         signals = {_signal(entry) for entry in maps}
         kept = (entry for entry in self.maps if _signal(entry) not in signals)
-        return Reading((*kept, *maps), self.allow_gaps or allow_gaps)
+        return GivenReading((*kept, *maps), self.allow_gaps or allow_gaps)
 
 
 def _signal(entry: str) -> str:
@@ -47,7 +47,7 @@ class GivenRecording(Document, frozen=True):
 
     given: GivenFile
     held_out: bool = False
-    reading: Reading = Reading()
+    reading: GivenReading = GivenReading()
 
 
 class Inputs(Document, frozen=True, kw_only=True):

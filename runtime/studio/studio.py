@@ -25,7 +25,7 @@ from runtime.recordings.recording import opened
 from runtime.simulation.demo import record_files
 from runtime.studio.documents import ColumnOverview, Cure, PlanOverview, RecordingOverview, document
 from runtime.studio.history import History, HistoryError, PlacedEffect
-from runtime.studio.inputs import GivenFile, GivenRecording, Inputs, Reading
+from runtime.studio.inputs import GivenFile, GivenReading, GivenRecording, Inputs
 from runtime.studio.session import READING_DIGITS, SessionError, SessionState, StudioSession
 from runtime.studio.settings import LOOKS_EVERY, MOST_MODEL, MOST_PLANS, MOST_RECORDINGS, MOST_UPLOADED
 from runtime.studio.terminal import commands
@@ -103,10 +103,10 @@ class Studio:
         self._check_idle()
         self._give_model(self.session.copied(path))
 
-    def give_recording(self, path: Path, held_out: bool = False, reading: Reading | None = None) -> None:
+    def give_recording(self, path: Path, held_out: bool = False, reading: GivenReading | None = None) -> None:
         """A recording of this machine."""
         self._check_idle()
-        self._give_recording(self.session.copied(path), held_out, reading or Reading())
+        self._give_recording(self.session.copied(path), held_out, reading or GivenReading())
 
     def open_plans(self, *paths: Path) -> None:
         """Trajectories on this machine, as `tendon optimize --out` writes them. Raises WorkError, too."""
@@ -131,7 +131,7 @@ class Studio:
         if role == "model":
             await asyncio.to_thread(self._give_model, file)
         else:
-            await asyncio.to_thread(self._give_recording, file, role == "held_out", Reading())
+            await asyncio.to_thread(self._give_recording, file, role == "held_out", GivenReading())
         self.read()
         while self._work.busy:
             await asyncio.sleep(LOOKS_EVERY)
@@ -151,7 +151,7 @@ class Studio:
         kept = tuple(r for r in self.inputs.recordings if r.given.file != file)
         self._take(replace(self.inputs, recordings=kept))
 
-    def read_as(self, file: str, reading: Reading) -> None:
+    def read_as(self, file: str, reading: GivenReading) -> None:
         """How a recording, by its name in `given/`, is read. Others are read as before."""
         self._take(self.inputs.changed(file, reading=reading))
 
@@ -348,7 +348,7 @@ class Studio:
             raise SessionError(str(error).replace(f"{path.parent}{os.sep}", "")) from error
         self._take(replace(self.inputs, model=model, like=like, effects=self._effects_named))
 
-    def _give_recording(self, file: GivenFile, held_out: bool, reading: Reading) -> None:
+    def _give_recording(self, file: GivenFile, held_out: bool, reading: GivenReading) -> None:
         """Take a recording that lies in given/, if it is one; whether its columns are understood is seen later."""
         path = self.session.given(file)
         try:

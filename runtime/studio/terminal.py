@@ -9,7 +9,7 @@ from pathlib import Path
 from runtime.model.terms import Term
 from runtime.report.summary import Invocation, reading
 from runtime.studio.history import SessionStep, changes
-from runtime.studio.inputs import Inputs, Reading
+from runtime.studio.inputs import GivenReading, Inputs
 from symbolic.model_file.checks import quote
 
 
@@ -18,7 +18,7 @@ def invocation(inputs: Inputs, about: str = "") -> Invocation:
     in different ways it has none of them, and `commands` says so."""
     assert inputs.model is not None
     ways = {r.reading for r in inputs.recordings}
-    how = ways.pop() if len(ways) == 1 else Reading()
+    how = ways.pop() if len(ways) == 1 else GivenReading()
     return Invocation(
         model=Path(f"{inputs.like}.toml" if inputs.like else inputs.model.typed),
         recordings=tuple(Path(r.given.typed) for r in inputs.fitted),

@@ -8,11 +8,11 @@ from itertools import chain
 
 from msgspec.structs import replace
 
-from runtime.recordings.columns import UNITS, Cell, normal_unit
+from runtime.recordings.columns import UNITS, MappedColumn, normal_unit
 from runtime.recordings.names import bare
 from runtime.recordings.recording import TORQUE
 from runtime.studio.documents import ColumnOverview, RecordingOverview
-from runtime.studio.inputs import GivenRecording, Reading
+from runtime.studio.inputs import GivenReading, GivenRecording
 from runtime.studio.page.view import PageView, button, folded, put
 from runtime.wording import number
 from symbolic.model_file.arm import TORQUES
@@ -73,17 +73,17 @@ def _row(
     known: Mapping[str, ColumnOverview],
 ) -> None:
     """A signal: its column, unit and sign, and what is in that column."""
-    file, cell = given.given.file, Cell.of(chosen.get(signal, NONE))
+    file, cell = given.given.file, MappedColumn.of(chosen.get(signal, NONE))
     column, units = known.get(cell.name), shown.units[signal]
 
-    def take(other: Cell) -> None:
+    def take(other: MappedColumn) -> None:
         rest = {name: text for name, text in chosen.items() if name != signal}
         _set(view, file, rest | ({signal: str(other)} if other.name else {}))
 
     def named(name: str) -> None:
         """Another column, with the unit that is guessed for it."""
-        guess = Cell.of(shown.guesses.get(signal, NONE))
-        take(guess if guess.name == name else Cell(name, "", cell.turned))
+        guess = MappedColumn.of(shown.guesses.get(signal, NONE))
+        take(guess if guess.name == name else MappedColumn(name, "", cell.turned))
 
     with put("th", scope="row"):
         put("span", said(signal))
@@ -92,7 +92,7 @@ def _row(
     with put("td", data_is="column"):
         names = {NONE: "none yet" if _needed(signal) else "none"} | {name: name for name in known}
         view.choice(f"{file} {signal}", "", options=names, value=cell.name if column else NONE, chosen=named)
-    stated = None if column is None else Cell.of(column.name).unit
+    stated = None if column is None else MappedColumn.of(column.name).unit
     with put("td", data_is="unit"):
         if units and column is not None:
             default = f"{stated}, as the file says" if stated else f"{units[0]}, not stated"
@@ -102,7 +102,7 @@ def _row(
                 "",
                 options={NONE: default} | usual,
                 value=cell.unit,
-                chosen=lambda unit: take(Cell(cell.name, unit, cell.turned)),
+                chosen=lambda unit: take(MappedColumn(cell.name, unit, cell.turned)),
             )
     with put("td", data_is="sign"):
         if column is not None and signal[0] in "qt" and signal != "t" and not signal.startswith("temperature"):
@@ -112,12 +112,12 @@ def _row(
                 "",
                 options=signs,
                 value="-" if cell.turned else "+",
-                chosen=lambda sign: take(Cell(cell.name, cell.unit, sign == "-")),
+                chosen=lambda sign: take(MappedColumn(cell.name, cell.unit, sign == "-")),
             )
     _preview(column, cell, units, stated or "")
 
 
-def _preview(column: ColumnOverview | None, cell: Cell, units: Sequence[str], stated: str) -> None:
+def _preview(column: ColumnOverview | None, cell: MappedColumn, units: Sequence[str], stated: str) -> None:
     """First values and range as they will be read, in SI, and the course of the signal."""
     if column is None:
         for head in ("first rows", "range", "picture"):
@@ -179,7 +179,7 @@ def _torques(view: PageView, given: GivenRecording, chosen: Choice) -> None:
     view.choice(
         f"{file} torques",
         "the torques are those of the",
-        options={NONE: "motor, unless file or model say something else", **{name: name for name in TORQUES}},
+        options={NONE: "motor, if nothing else is stated", **{name: name for name in TORQUES}},
         value=chosen.get(TORQUE, NONE),
         chosen=lambda name: _set(view, file, rest | ({TORQUE: name} if name else {})),
     )
@@ -192,7 +192,7 @@ def _act(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen
     absent = [said(signal) for signal in shown.units if _needed(signal) and signal not in chosen]
     taken = set(entries) == set(given.reading.maps)
 
-    def use(reading: Reading) -> None:
+    def use(reading: GivenReading) -> None:
         _forget(view, file)
         view.give(studio.read_as, file, reading)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from runtime.studio.history import HistoryError
-from runtime.studio.inputs import Reading
+from runtime.studio.inputs import GivenReading
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from tests.runtime.studio.conftest import EVIL, SPRING
@@ -57,7 +57,7 @@ def test_a_mapping_belongs_to_its_recording(new: Studio, recorded: Path, tmp_pat
     assert first is not None
     assert "no column t" in str(first.problem)
     assert first.guesses == {"t": "Time_ms [ms]", "q1": "Pos"}
-    new.read_as(lab.given.file, Reading(LAB))
+    new.read_as(lab.given.file, GivenReading(LAB))
     sent(new, recorded / "held.csv")
     new.begin()
     done(new)
@@ -71,7 +71,7 @@ def test_a_mapping_belongs_to_its_recording(new: Studio, recorded: Path, tmp_pat
     new.close()
     again = Studio(StudioSession.open(new.session.folder))
     assert [r.reading.maps for r in again.inputs.recordings] == [LAB, ()]
-    again.read_as(lab.given.file, Reading())
+    again.read_as(lab.given.file, GivenReading())
     removed = again.recording(again.inputs.recordings[0])
     assert removed is not None
     assert "no column t" in str(removed.problem)
@@ -85,7 +85,7 @@ def test_a_cure_is_of_its_recording_and_takes_the_place_of_an_earlier_one(
 ) -> None:
     """Pressed twice it is there once, and the recording beside it is read as before."""
     sent(new, lab_log(recorded, tmp_path / "lab.csv"))
-    new.read_as("lab.csv", Reading(("t=Time_ms [ms]", "q1=Pos", "tau1=M")))
+    new.read_as("lab.csv", GivenReading(("t=Time_ms [ms]", "q1=Pos", "tau1=M")))
     sent(new, recorded / "held.csv", "held_out")
     new.begin()
     done(new)
@@ -96,8 +96,8 @@ def test_a_cure_is_of_its_recording_and_takes_the_place_of_an_earlier_one(
     for _ in range(2):
         new.cure(cure)
     lab, held = new.inputs.recordings
-    assert lab.reading == Reading(LAB)
-    assert held.reading == Reading()
+    assert lab.reading == GivenReading(LAB)
+    assert held.reading == GivenReading()
 
 
 def test_another_recording_keeps_the_steps_and_they_are_fitted_again(copied: Studio, recorded: Path) -> None:
@@ -151,9 +151,9 @@ def test_the_demo_starts_fresh(new: Studio, recorded: Path, tmp_path: Path) -> N
     """Whatever was given before; and a file of the same name stays what it was."""
     log = lab_log(recorded, tmp_path / "fitted.csv.gz")
     sent(new, log)
-    new.read_as("fitted.csv.gz", Reading(LAB))
+    new.read_as("fitted.csv.gz", GivenReading(LAB))
     new.start_demo()
-    assert [r.reading for r in new.inputs.recordings] == [Reading(), Reading()]
+    assert [r.reading for r in new.inputs.recordings] == [GivenReading(), GivenReading()]
     assert [r.held_out for r in new.inputs.recordings] == [False, True]
     assert new.inputs.like == "drive"
     assert (new.session.folder / "given" / "fitted.csv.gz").read_bytes() == log.read_bytes()

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from runtime.studio import studio as studios
 from runtime.studio.history import History, HistoryError, JointError, PlacedEffect, SessionStep, changes
-from runtime.studio.inputs import GivenFile, GivenRecording, Inputs, Reading
+from runtime.studio.inputs import GivenFile, GivenReading, GivenRecording, Inputs
 from runtime.studio.session import FILE, SessionError, StudioSession, beginning, safe_name
 from runtime.studio.studio import Studio
 from runtime.studio.terminal import commands
@@ -77,7 +77,7 @@ def test_there_is_nothing_before_the_first_step_and_after_the_last():
 def test_what_was_added_and_left_out_again_is_in_no_command():
     stribeck, ripple, given = PlacedEffect("stribeck", 1), PlacedEffect("torque_ripple", 1), PlacedEffect("coulomb", 1)
     file = GivenFile("arm.toml", "arm.toml", "my arms/arm.toml")
-    run = GivenRecording(GivenFile("run.csv", "run $(reboot).csv"), reading=Reading(("q1=-a b",)))
+    run = GivenRecording(GivenFile("run.csv", "run $(reboot).csv"), reading=GivenReading(("q1=-a b",)))
     inputs = Inputs(model=file, recordings=(run,))
     way = History().with_steps(step(History()))
     for effect, kind in [(stribeck, "added"), (ripple, "added"), (stribeck, "without"), (given, "without")]:
@@ -125,7 +125,7 @@ def test_a_session_is_made_in_a_new_folder_only(tmp_path, session):
 def test_what_is_written_is_read_again(session):
     file = session.place_for('a "b"\n<i>.toml')
     session.given(file).write_text(MODEL)
-    reading = Reading(("q1=x",), allow_gaps=True)
+    reading = GivenReading(("q1=x",), allow_gaps=True)
     inputs = Inputs(model=file, like="drive", recordings=(GivenRecording(file, True, reading),))
     history = History().with_steps(step(History())).judged(0, "clean")
     state = replace(beginning(Inputs()), history=history).given(inputs)
@@ -262,7 +262,7 @@ def test_no_name_of_a_file_begins_a_line_of_a_script():
     way = History().with_steps(step(History()))
     file = GivenFile("arm.toml", "arm\nrm -rf x.toml")
     inputs = Inputs(
-        model=file, recordings=(GivenRecording(file), GivenRecording(file, True, Reading(("q1=a\nrm -rf y",))))
+        model=file, recordings=(GivenRecording(file), GivenRecording(file, True, GivenReading(("q1=a\nrm -rf y",))))
     )
     way = way.with_steps(step(way, PlacedEffect("coulomb", 1), kind="without", inputs=inputs))
     script = "\n".join(commands(way.path(1)))

@@ -25,7 +25,7 @@ from runtime.studio.documents import (
     VerdictOverview,
 )
 from runtime.studio.history import PlacedEffect
-from runtime.studio.inputs import Reading
+from runtime.studio.inputs import GivenReading
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from runtime.studio.work import WorkError
@@ -221,7 +221,7 @@ def test_a_broken_recording_is_said_and_its_cures_work(recorded: Path, tmp_path:
     made.give_model(recorded / "drive.toml")
     made.give_recording(broken(recorded / EVIL, tmp_path / "<b>broken.csv"))
     (taken,) = made.inputs.recordings
-    made.read_as(taken.given.file, Reading(("tau1=-M",)))
+    made.read_as(taken.given.file, GivenReading(("tau1=-M",)))
     made.begin()
     done(made)
     assert made.history.steps == ()
@@ -239,7 +239,7 @@ def test_a_broken_recording_is_said_and_its_cures_work(recorded: Path, tmp_path:
     made.cure(found.cures[0])
     made.begin()
     done(made)
-    assert made.inputs.recordings[0].reading == Reading(("tau1=M",), allow_gaps=True)
+    assert made.inputs.recordings[0].reading == GivenReading(("tau1=M",), allow_gaps=True)
     again = made.answer(1, "overview", StepOverview)
     assert again is not None
     assert again.cures == []
@@ -259,7 +259,7 @@ def test_nothing_is_written_outside_of_the_session(
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     monkeypatch.setenv("MPLCONFIGDIR", os.environ.get("MPLCONFIGDIR", str(tmp_path / "copied" / "mpl")))
-    copied.read_as(copied.inputs.recordings[0].given.file, Reading(allow_gaps=True))
+    copied.read_as(copied.inputs.recordings[0].given.file, GivenReading(allow_gaps=True))
     copied.begin()
     done(copied)
     copied.close()
