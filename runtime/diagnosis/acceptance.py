@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from runtime.diagnosis.gates import ERROR
+from runtime.diagnosis.gates import BIC, ERROR
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
     AS_WELL,
@@ -45,7 +45,7 @@ def is_accepted(before: Step, after: Step, term: Term) -> bool:
     """Whether the error falls, at one of the term's own joints and elsewhere, by values that are significant."""
     own = own_joints(after.fit.model, term)
     fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after, term)
-    sure = is_significant(after, term) or _predicts_held_out(before, after, term)
+    sure = is_significant(after, term) or _together(before, after, term) or _predicts_held_out(before, after, term)
     of_its_kind = _pushes_back(after, term) and _comes_back(before, after, term)
     return fallen and sure and not _at_a_bound(after, term) and of_its_kind
 
@@ -87,6 +87,22 @@ def _predicts_held_out(before: Step, after: Step, term: Term) -> bool:
 def is_significant(step: Step, term: Term) -> bool:
     """Whether the interval of a term's size excludes the value at which the effect vanishes."""
     return _has_size(step, term, step.fit.inference.values[term])
+
+
+def _together(before: Step, after: Step, term: Term) -> bool:
+    """Whether a term whose sizes are not significant one by one is likely as a whole: where the data do not tell its
+    sizes from the rest (a cable's first powers over a short range are gravity's sine and cosine as well), or where its
+    scales are certain, which a law of no size would leave open.
+    """
+    shape, values = after.fit.model.library.effects[term.effect].shape, after.fit.inference.values[term]
+    sizes = _sizes(after, term)
+    untold = len(sizes) > 1 and any(values[p.name].interval is None for p in sizes)
+    scales = [p for p in shape if p not in sizes and p.grid is not None and p.grid.spacing == "log"]
+    formed = bool(scales) and all(_excludes(values[p.name], 0.0) for p in scales)
+    if not (untold or formed):
+        return False
+    plain, whole = whitened_bic(before.base.system, [before, after])
+    return plain - whole > BIC.limit
 
 
 def _has_size(step: Step, term: Term, values: Mapping[str, Estimate]) -> bool:

@@ -339,14 +339,15 @@ class FittedBase:
         return choices
 
     def _lines(self, term: Term) -> tuple[Array | None, int]:
-        """Orders of lines of the residual over the motor's angle, and among how many they stand out; None and 1 for a
-        term that is no line."""
+        """Orders at which a line over the motor's angle is tried, and among how many those of the residual stand out;
+        None and 1 for a term that is no line."""
         if self.model.library.effects[term.effect].line is None:
             return None, 1
         joint = joints_of(self.model, term)[0]
         if joint not in self._found_lines:
             angle = motor_angle(self.model, self.motion, joint)
-            self._found_lines[joint] = angle.lines(*self.system.beside(joint))
+            found, among = angle.lines(*self.system.beside(joint))
+            self._found_lines[joint] = angle.with_turns(found), among
         return self._found_lines[joint]
 
     @cached_property

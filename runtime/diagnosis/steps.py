@@ -401,15 +401,29 @@ def outside(step: Step, joint: int) -> Disturbance | None:
     if motion.band.jittered:
         # Noise is then loud where the motion is fast, and where the clocks that stamped it are apart.
         worst = 1.0
-    slow = spectra.slow_over_white(residual, use, rate, motion.cutoff(joint))
+    slow = spectra.slow_over_white(residual, use, rate, motion.cutoff(joint)) / _slow_by_elimination(motion, joint)
     both = slow > SLOW_AND_BURSTS[0] and worst > SLOW_AND_BURSTS[1]
     line = spectra.strongest_line(residual, rate)
+    if line is not None and line.share * s.rms**2 < float(np.mean(read[use] ** 2)):
+        line = None  # coarse steps of an encoder come evenly where the speed is even
     is_slow = (slow > SLOW_DENSITY or both) and line is None
     in_bursts = worst > BURST_POWER or both
     if line is None and not is_slow and not in_bursts:
         return None
     times = tuple(float(t) for t in motion.row_time(joint)[rows]) if in_bursts else ()
     return Disturbance(line, slow if is_slow else None, times, s.floor.repeating is not None)
+
+
+def _slow_by_elimination(motion: Motion, joint: int) -> float:
+    """Density at low frequencies over that of the rest that white noise has at a joint (0-based) once turns were
+    eliminated; 1 where none was."""
+    eliminated, draws = motion.eliminated(joint), 16
+    if not eliminated.shape[1]:
+        return 1.0
+    use, noise = motion.moving(joint), np.random.default_rng(0).standard_normal((eliminated.shape[0], draws))
+    left = (noise - eliminated @ (eliminated.T @ noise)) * use[:, None]
+    at = motion.row_rate(joint), motion.cutoff(joint)
+    return float(np.mean([spectra.slow_over_white(x, use, *at) for x in left.T]))
 
 
 def _smooth(x: Array, rate: float) -> Array:

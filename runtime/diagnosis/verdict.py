@@ -16,7 +16,7 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
 from runtime.diagnosis.ranking import Ranking
-from runtime.diagnosis.search import undecided, with_rivals
+from runtime.diagnosis.search import not_borne_out, undecided, with_rivals
 from runtime.diagnosis.settings import (
     FAR_ABOVE_NOISE,
     FAR_MORE,
@@ -51,6 +51,7 @@ Why = Literal[
     "outdone",
     "found",
     "nothing explains",
+    "not borne out",
     "above the floor",
     "held out",
     "blind",
@@ -67,6 +68,7 @@ VERDICTS: Final[Mapping[Why, Verdict]] = {
     "outdone": "unexplained",
     "found": "effect",
     "nothing explains": "unexplained",
+    "not borne out": "unexplained",
     "above the floor": "unexplained",
     "held out": "unexplained",
     "blind": "refused",
@@ -81,7 +83,7 @@ class JointVerdict:
 
     named      findings by which its error falls
     withdrawn  findings that showed there and are not named      draft  a guess that explains far more than these
-    undecided  what a second recording would decide
+    undecided  what another recording would decide
     """
 
     joint: int
@@ -254,6 +256,8 @@ def _judged(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -> Joint
     if named and seconds_moving(trail.motion, joint) >= LEAST_MOVING_S:
         return JointVerdict(joint, "found", named)
     why = _why_not_named(trail, joint, elsewhere)
+    if why == "not borne out":
+        return JointVerdict(joint, why, undecided=not_borne_out(trail, joint))
     return JointVerdict(joint, why, undecided=undecided(trail, joint) if why == "nothing explains" else None)
 
 
@@ -273,6 +277,8 @@ def _why_not_named(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -
         return "excitation"
     if remainder(last, joint):
         return "nothing explains"
+    if not_borne_out(trail, joint):
+        return "not borne out"
     band = trail.motion.band
     if _is_far_above(last.joints[joint], band):
         return "above the floor"

@@ -207,6 +207,18 @@ class MotorAngle:
         low, high = self.span
         return np.geomspace(low, high, 12) if low < high else np.empty(0)
 
+    def with_turns(self, orders: Array) -> Array:
+        """Some orders, and once and twice a turn of the motor, where the span holds these and none of them is near.
+
+        A motor that is fast beside a narrow band shows a line on few of its rows only, too few to stand out among all
+        orders; these two nearly every drive has (unbalance and eccentricity, a strain wave's two lobes).
+        Source: Tuttle & Seering, A nonlinear model of a harmonic drive gear transmission, IEEE Trans. Robotics and
+        Automation 12, 1996.
+        """
+        low, high = self.span
+        new = [x for x in (1.0, 2.0) if low < x < high and not np.any(np.abs(orders - x) < 2 * self.period)]
+        return np.append(orders, new)
+
     def lines(self, left: Array, base: Array, projection: Array) -> tuple[Array, int]:
         """Orders (L,) of waves over the angle that stand out of a residual, the strongest first, and the number of
         orders among which they do; left (M,), base (B, M) and projection (B, B) as for `LombScargle.of`.

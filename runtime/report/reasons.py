@@ -327,6 +327,12 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
             found = remainder(last, i)
             rest = "" if found is None else left_over(found)
             return f"no effect of the library explains the residual: {rest}{_undecided(said)}"
+        case "not borne out":
+            assert said.undecided is not None
+            return (
+                f"{said.undecided.term} passes every gate, but once all is refitted with it its values do not bear it "
+                "out: what is left is hardly more than noise, yet not noise alone; record longer, or with more speeds"
+            )
         case "above the floor":
             return f"what is left is as even as noise, but {_above(here)}: repeat the motion, and it says what this is"
         case "held out":
