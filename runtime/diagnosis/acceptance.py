@@ -90,13 +90,15 @@ def is_significant(step: Step, term: Term) -> bool:
 
 
 def _together(before: Step, after: Step, term: Term) -> bool:
-    """Whether a term whose sizes are not significant one by one is likely as a whole: where the data do not tell its
-    sizes from the rest (a cable's first powers over a short range are gravity's sine and cosine as well), or where its
-    scales are certain, which a law of no size would leave open.
+    """Whether a term whose sizes are not significant one by one is likely as a whole: where the data do not tell them
+    from what the model file has (a cable's first powers over a short range are gravity's sine and cosine as well), or
+    where its scales are certain, which a law of no size would leave open.
     """
     shape, values = after.fit.model.library.effects[term.effect].shape, after.fit.inference.values[term]
-    sizes = _sizes(after, term)
+    sizes, given = _sizes(after, term), structure(after.fit.model)
+    found = {str(t) for t in before.values if t not in given}
     untold = len(sizes) > 1 and any(values[p.name].interval is None for p in sizes)
+    untold = untold and not any(other.split()[0] in found for e in values.values() for other in e.with_others)
     scales = [p for p in shape if p not in sizes and p.grid is not None and p.grid.spacing == "log"]
     formed = bool(scales) and all(_excludes(values[p.name], 0.0) for p in scales)
     if not (untold or formed):
