@@ -4,8 +4,8 @@ Prepare: recordings become a motion in the band in which model and measurement a
 structure is fitted, and data that look wrong are refused. While a step improves: every effect of the library is ranked
 beside the fitted model (candidates.py, ranking.py) and must open all gates (gates.py); the best one, or a pair that it
 stood for, is added and everything refitted (search.py, acceptance.py); earlier findings that later ones made
-superfluous are pruned. Decide: findings, silence, or a refusal (verdict.py), and how large each effect would have had
-to be to be seen (detection_limits.py).
+superfluous are pruned (pruning.py), and rivals are followed to their ends (rivals.py). Decide: findings, silence, or a
+refusal (verdict.py), and how large each effect would have had to be to be seen (detection_limits.py).
 """
 
 from __future__ import annotations
@@ -17,20 +17,9 @@ from math import inf
 from runtime.diagnosis import detection_limits
 from runtime.diagnosis.acceptance import bristles
 from runtime.diagnosis.grammar_search import Wider
-from runtime.diagnosis.search import (
-    add_further,
-    add_witnessed,
-    best_branch,
-    best_pair,
-    best_single,
-    branches,
-    compared,
-    is_open,
-    reconsidered,
-    with_rivals,
-    without_insignificant,
-    without_replaced,
-)
+from runtime.diagnosis.pruning import reconsidered, without_insignificant, without_replaced
+from runtime.diagnosis.rivals import best_branch, branches, is_open, with_rivals
+from runtime.diagnosis.search import add_further, add_witnessed, best_pair, best_single, compared
 from runtime.diagnosis.settings import LEAST_MOVING_S, LIMITS_PART, MOST_FINDINGS, SEARCH_PART
 from runtime.diagnosis.steps import Step, Trail, seconds_moving
 from runtime.diagnosis.verdict import Diagnosis, decide

@@ -16,7 +16,8 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
 from runtime.diagnosis.ranking import Ranking
-from runtime.diagnosis.search import not_borne_out, undecided, with_rivals
+from runtime.diagnosis.rivals import with_rivals
+from runtime.diagnosis.search import not_borne_out, undecided
 from runtime.diagnosis.settings import (
     FAR_ABOVE_NOISE,
     FAR_MORE,

@@ -33,6 +33,9 @@ _MOVE_MORE = "move over more speeds, accelerations and positions"
 
 _TIMES_SAID = 5
 """number of times; so many bursts are listed: a line on a page."""
+_INSIDE_LIMITS = 0.05
+"""part of the range; nearer to a limit of the file a stop is that limit, as well as soft stops and the zeros of
+encoders are known."""
 _MOST_IN_FILE = 2
 """number of parameters; so many that the file has a little wrong are listed: the table has them all."""
 
@@ -397,7 +400,7 @@ def _sentence(finding: Step, last: Step) -> str:
         text += f"(error {100 * before:.2f} % to {100 * after:.2f} %)"
     else:
         text += f"(twist unexplained by the skew of the encoders {shown.before:.2g} to {shown.after:.2g} {shown.unit})"
-    if says := of_gravity(finding, last):
+    if says := of_gravity(finding, last) or _of_stop(finding, last):
         text += f", {says}"
     if finding.rivals:
         text += f", which these data cannot tell from {', '.join(map(str, finding.rivals))}"
@@ -413,6 +416,24 @@ def of_gravity(finding: Step, last: Step) -> str:
         return ""
     axes = "xyz" if model.spatial else "xy"
     return mounting.said(model.gravity[: len(axes)], [added.get(axis, 0.0) for axis in axes])
+
+
+def _of_stop(finding: Step, last: Step) -> str:
+    """Of a law that sets in near an end of a joint's range, where that lies inside the range which the model file
+    states; empty for others."""
+    model, joint = last.fit.model, finding.joint_index
+    info = model.library.effects[finding.term.effect]
+    limits = model.joints[joint].position_limits
+    if info.of_kind("side") is None or limits is None:
+        return ""
+    place = next(p for p in info.shape if p.grid is not None and p.grid.of == "end")
+    at, unit, (low, high) = last.shapes[finding.term][place.name], model.joints[joint].position_unit, limits
+    if min(at - low, high - at) < _INSIDE_LIMITS * (high - low):
+        return ""
+    return (
+        f"at {quantity(at, unit, 3)}, inside the limits of the file, {low:.3g} to {quantity(high, unit, 3)}: "
+        "look what is in its way there, and whether the limits and the zero of the position are right"
+    )
 
 
 def _called(joint: int, step: Step) -> str:

@@ -96,6 +96,18 @@ def test_what_happened_once_is_decided_by_a_second_recording(drive: Model) -> No
     assert named(kept(diagnose, drive, [first], [second])) == ["end_stop@1"]
 
 
+def test_a_stop_inside_the_limits_of_the_file_is_said(tmp_path: Path) -> None:
+    """At 1 rad, where the file lets the joint go to 3; where the file ends at 1.05, the stop is that limit."""
+    text = (ROOT / "symbolic" / "arms" / "drive.toml").read_text()
+    for limit, said in ((3.0, True), (1.05, False)):
+        path = tmp_path / f"limit{limit}.toml"
+        path.write_text(text.replace("[joint.link]", f"[joint.limits]\nposition = [-2, {limit}]\n[joint.link]"))
+        model = Source.read(path, None).compiled.model()
+        found = kept(diagnose, model, [with_a_stop(model, 0.5, 0.003, 10.0, 1)])
+        assert named(found) == ["end_stop@1"]
+        assert ("rad, inside the limits of the file, -2 to 3 rad" in reason(found)) is said
+
+
 def test_noise_of_a_stop_that_is_only_brushed_does_not_speak_against_it(drive: Model) -> None:
     """By 3 mrad at one time: what that says of its stiffness is nothing beside what the other says."""
     found = kept(diagnose, drive, [with_a_stop(drive, 0.5, 0.003, 10.0, 1)])
