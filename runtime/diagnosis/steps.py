@@ -391,8 +391,7 @@ def outside(step: Step, joint: int) -> Disturbance | None:
     s = step.joints[joint]
     if not s.rms:
         return None
-    noise, fixed_noise = found.problem.noise_rows(joint, found.shapes)
-    read = np.where(use, found.coefficients @ noise + fixed_noise, 0.0)
+    read = np.where(use, found.problem.reread(joint, found.shapes, found.coefficients), 0.0)
     left, rate = motion.noise_left(joint), motion.row_rate(joint)
     # At least half is the torque's own noise, though the encoder's was estimated larger.
     white = max(s.rms**2 - float(np.mean(read[use] ** 2)), 0.5 * s.rms**2) if use.any() else 1.0

@@ -135,7 +135,7 @@ def series_on(fit: Fit, problem: Problem, residuals: Sequence[Array]) -> tuple[J
         use, tau = motion.moving(i), motion.recorded(i, fit.skew)
         load = np.concatenate([np.asarray(s.at("load", i))[s.piece.centres] for s in regressors.signals(i)])
         warm = all(bool(p.measured[i]) for p in motion.pieces)
-        noise, fixed_noise = problem.noise_rows(i, fit.shapes)
+        read = problem.reread(i, fit.shapes, fit.coefficients)
         found.append(
             JointSeries(
                 i + 1,
@@ -150,7 +150,7 @@ def series_on(fit: Fit, problem: Problem, residuals: Sequence[Array]) -> tuple[J
                 warmth=motion.rows("warmth", i)[i, use] if warm else None,
                 tau=tau[use],
                 predicted=(tau - residual)[use],
-                floor=floor(motion, repeated[i], i, residual, read=fit.coefficients @ noise + fixed_noise),
+                floor=floor(motion, repeated[i], i, residual, read=read),
                 name=joint.name,
             )
         )

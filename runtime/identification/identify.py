@@ -326,8 +326,7 @@ def _mostly_noise(fit: Fit) -> Iterator[Unsound]:
     """What another reading of the encoders would change in a joint's predicted torque, against that torque."""
     for i in range(fit.model.n):
         use = fit.motion.moving(i)
-        noise, fixed = fit.problem.noise_rows(i, fit.shapes)
-        read = (fit.coefficients @ noise + fixed)[use]
+        read = fit.problem.reread(i, fit.shapes, fit.coefficients)[use]
         torque = fit.motion.torque(i, fit.skew)[use]
         part = float(read @ read) / max(float(torque @ torque), 1e-300)
         if part > MOST_COMPENSATED:

@@ -233,12 +233,13 @@ class Problem:
         """Regressor (K, M) and the part without free coefficient (M,) of a joint's torque (0-based)."""
         return self._rows(self.regressors, joint, shapes)
 
-    def noise_rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
-        """What a realisation of the encoders' noise adds to `rows`."""
-        (x, fixed), (noisy, noisy_fixed) = (
+    def reread(self, joint: int, shapes: Mapping[Term, Values], coefficients: Array) -> Array:
+        """(M,) by how much another reading of the encoders would change the predicted torque of a joint (0-based)."""
+        (x, fixed), (again, fixed_again) = (
             self._rows(r, joint, shapes) for r in (self.regressors, self.regressors.perturbed)
         )
-        return noisy - x, noisy_fixed - fixed
+        change: Array = coefficients @ (again - x) + (fixed_again - fixed)
+        return change
 
     def _rows(self, regressors: Regressors, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
         x = np.zeros((self.layout.size, len(self.motion.row_piece(joint))))

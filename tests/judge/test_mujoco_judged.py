@@ -45,6 +45,21 @@ def test_nothing_is_named_where_nothing_is_hidden(n: int) -> None:
     assert (row.verdict, row.named) == ("clean", ""), row.reason
 
 
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(4132, id="friction that saturates faster than the band tells its size"),
+        *map(slow, (4020, 4029, 4101, 4103)),
+    ],
+)
+def test_a_case_of_the_development_set(seed: int) -> None:
+    """4020: a motor's first order in a band that it leaves. 4029: a cable whose powers are gravity's as well. 4101:
+    many turns that are eliminated. 4103: encoders of 50 counts, whose steps make a line."""
+    row = kept(bank.judged, next(c for c in mujoco_plan.mujoco("development") if c.seed == seed))
+    assert row.outcome == "right", row
+    assert not row.extra
+
+
 def _gravity(n: int) -> tuple[float, ...]:
     return DOWN if in_space(mujoco_arms.bodies(n)) else (0.0, 0.0)
 
