@@ -15,10 +15,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from runtime.diagnosis.gates import BIC, SHARE, Gate, GateResult, failed
-from runtime.diagnosis.settings import BEAT_S, LOUD_BEAT, MOST_OF_ONE
+from runtime.diagnosis.settings import MOST_OF_ONE
 from runtime.identification import grids
 from runtime.identification.fit import Fit, smoothing_change
 from runtime.identification.grids import motor_angle
@@ -346,22 +345,10 @@ class FittedBase:
             return None, 1
         joint = joints_of(self.model, term)[0]
         if joint not in self._found_lines:
-            angle, even = motor_angle(self.model, self.motion, joint), self._evenly_read(joint)
-            left, base, projection = self.system.beside(joint)
-            found, among = angle.at(even).lines(left[even], base[:, even], projection)
+            angle = motor_angle(self.model, self.motion, joint)
+            found, among = angle.lines(*self.system.beside(joint))
             self._found_lines[joint] = angle.with_turns(found), among
         return self._found_lines[joint]
-
-    def _evenly_read(self, joint: int) -> NDArray[np.bool_]:
-        """(m,) whether the encoders' error is no louder than in most rows in which a joint (0-based) moves.
-
-        Where a speed brings nearly a whole number of steps a sample, steps and samples beat, and a beat is a wave over
-        the angle.
-        """
-        fit, width = self.fit, max(1, round(BEAT_S * self.motion.row_rate(joint)))
-        read = self.problem.reread(joint, fit.shapes, fit.coefficients)[self.motion.moving(joint)]
-        local = uniform_filter1d(read**2, width) if len(read) else read
-        return np.asarray(local <= LOUD_BEAT * np.median(local)) if len(read) else np.zeros(0, dtype=bool)
 
     @cached_property
     def _found_lines(self) -> dict[int, tuple[Array, int]]:

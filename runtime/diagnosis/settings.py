@@ -67,13 +67,6 @@ MOST_OF_ONE: Final = 8
 """number of findings; so many of an effect of which a joint may have several: the lines of a motor that a user would
 compensate; a choice."""
 
-BEAT_S: Final = 0.5
-"""s; over so long the encoders' error is taken as even: a quarter of the stretches of even speed that motions have."""
-
-LOUD_BEAT: Final = 3.0
-"""ratio of variances; where the encoders' error is so much louder than in most rows, no line is sought: 4.6 where steps
-and samples beat, 1.6 where a motion is fast; simulated arms of six joints."""
-
 LEAST_MOVING_S: Final = 2.0
 """s; a joint that moves for less says nothing of an effect; development recordings."""
 

@@ -28,6 +28,7 @@ from runtime.identification.compare import JointSeries, errors, series, series_o
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit, stretches
 from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import without_beats
 from runtime.identification.problem import Problem
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
@@ -185,6 +186,8 @@ class Trail:
     def begun(cls, model: Model, motion: Motion, held_out: Motion | None, names: Sequence[str]) -> Trail:
         """The structure of the model file, fitted."""
         first = _fitted(model, motion, held_out, structure(model), None)
+        if (even := without_beats(first.fit)) is not motion:
+            motion, first = even, _fitted(model, even, held_out, structure(model), replace(first, held_out=None))
         return cls(model, motion, held_out, tuple(names), (), first)
 
     @property

@@ -202,10 +202,6 @@ class MotorAngle:
         slow = float(np.quantile(self.speed, 0.1)) if len(self.speed) else 0.0
         return LEAST_PERIODS * self.period, 2 * np.pi * self.cutoff / max(slow, 1e-300)
 
-    def at(self, rows: NDArray[np.bool_]) -> MotorAngle:
-        """The same at some of the rows (M,)."""
-        return replace(self, angle=self.angle[rows], speed=self.speed[rows], time=self.time[rows])
-
     def spread(self) -> Array:
         """Orders evenly over the logarithm of the span; none if it is empty."""
         low, high = self.span
@@ -238,7 +234,7 @@ class MotorAngle:
         for start, stop in pairwise(np.minimum(octaves, high)):
             # Where the motor is too fast, an order lies in the stop-band, and the rows hold nothing of it.
             slow = self.speed * start < 2 * np.pi * (ROWS_OVER_CUTOFF / 2) * self.cutoff
-            part = self.at(slow)
+            part = replace(self, angle=self.angle[slow], speed=self.speed[slow], time=self.time[slow])
             rows = left[slow], base[:, slow], projection
             found |= part._without_waves_over_time(lines(part.angle, *rows, (start, stop), among), *rows)
         # The rest may be shadows of these, and comes up again once they are in the model.

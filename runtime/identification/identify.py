@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from runtime.documents.fits import FitDocument
 from runtime.documents.parts import DelayEntry
@@ -18,7 +19,7 @@ from runtime.identification.fit import Fit, Inference
 from runtime.identification.fitting import drivable, fit_motion
 from runtime.identification.problem import Problem, Skew, configurations, weighted
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import MOST_COMPENSATED
+from runtime.identification.settings import BEAT_S, HEARD_BEAT, LOUD_BEAT, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, joints_of, structure
 from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised_to_lines, rigid_inertia
@@ -79,6 +80,24 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
         if weighted(command.residual, signal.problem.weights) < weighted(signal.residual, signal.problem.weights)
         else motion
     )
+
+
+def without_beats(fit: Fit) -> Motion:
+    """The motion without rows at which the encoders' error is far louder than at most and is heard beside the noise;
+    the motion itself where there are none.
+
+    Where a speed brings nearly a whole number of an encoder's steps a sample, steps and samples beat: that error is no
+    noise, comes back with the motion, and is a wave over the motor's angle.
+    """
+    motion, loud = fit.motion, []
+    for i, left in enumerate(fit.residual):
+        use, width = motion.moving(i), max(1, round(BEAT_S * motion.row_rate(i)))
+        read = np.where(use, fit.problem.reread(i, fit.shapes, fit.coefficients), 0.0)
+        local = uniform_filter1d(read**2, width)
+        noise = float(np.mean(left[use] ** 2)) if use.any() else 0.0
+        usual = float(np.median(local[use])) if use.any() else 0.0
+        loud.append(use & (local > LOUD_BEAT * usual) & (local > HEARD_BEAT * noise))
+    return motion.without_rows(loud) if any(mask.any() for mask in loud) else motion
 
 
 def without_tip_rests(model: Model, motion: Motion) -> Motion:

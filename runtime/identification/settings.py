@@ -167,3 +167,17 @@ gravity in the torque it rises several times; simulated arms."""
 WEIGHTLESS_LEAVES: Final = 0.2
 """part of a joint's torque; more left without gravity is another mistake, such as gravity along another axis; simulated
 arms on walls."""
+
+# rows that are left out -----------------------------------------------------------------------------------------------
+
+BEAT_S: Final = 0.5
+"""s; over so long the encoders' error is taken as even: half of the shortest stretches of even speed that motions
+have; a choice."""
+
+LOUD_BEAT: Final = 3.0
+"""ratio of variances; rows at which the encoders' error is so much louder than at most do not count: 4.6 where steps
+and samples beat, 1.6 where a motion is fast; simulated arms of six joints."""
+
+HEARD_BEAT: Final = 0.25
+"""ratio of variances; and if it is so much of what the fit leaves: half of its real size where they beat, as another
+reading of positions that hold the beat shows a part of it; simulated arms of six joints."""

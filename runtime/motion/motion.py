@@ -66,6 +66,7 @@ class Motion:
     views       from the narrowest band on, every joint in one of them
     standstill  (n,) rates below which a joint is at rest, infinite for one that is held
     quiet       (n,) torque noise in the band over dry friction
+    left_out    a joint, (M,) further rows that do not count; empty where all do
     cells       field of each signal in the first recording, as `--map` takes it; units: those that were stated
     """
 
@@ -75,6 +76,7 @@ class Motion:
     quiet: Array
     cells: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    left_out: tuple[Mask, ...] = ()
 
     @property
     def n(self) -> int:
@@ -116,7 +118,14 @@ class Motion:
 
     def of_recording(self, number: int) -> Motion:
         """The pieces of one recording (0-based)."""
-        return self._viewed(lambda view: tuple(p for p in view.pieces if p.recording == number))
+        found = self._viewed(lambda view: tuple(p for p in view.pieces if p.recording == number))
+        own = [k for k, p in enumerate(self.pieces) if p.recording == number]
+        kept = tuple(mask[np.isin(self.row_piece(i), own)] for i, mask in enumerate(self.left_out))
+        return replace(found, left_out=kept)
+
+    def without_rows(self, left_out: Sequence[Mask]) -> Motion:
+        """The motion without some rows (M,) of each joint."""
+        return replace(self, left_out=tuple(left_out))
 
     def _viewed(self, pieces: Callable[[BandView], tuple[Piece, ...]]) -> Motion:
         return replace(self, views=tuple(replace(view, pieces=pieces(view)) for view in self.views))
@@ -153,7 +162,8 @@ class Motion:
                 return self, tuple(np.arange(len(self.row_piece(i))) for i in range(self.n))
             found = [view.cut(samples) for view in self.views]
             rows = {joint: rows for view, rows in found for joint in view.joints}
-            cut = replace(self, views=tuple(view for view, _ in found))
+            left_out = tuple(mask[rows[i]] for i, mask in enumerate(self.left_out))
+            cut = replace(self, views=tuple(view for view, _ in found), left_out=left_out)
             self._excerpts[samples] = cut, tuple(rows[i] for i in range(self.n))
         return self._excerpts[samples]
 
@@ -161,10 +171,11 @@ class Motion:
 
     @cached_property
     def _moving(self) -> list[Mask]:
-        return [np.concatenate([p.unknown(i).counts for p in self.pieces_of(i)]) for i in range(self.n)]
+        found = [np.concatenate([p.unknown(i).counts for p in self.pieces_of(i)]) for i in range(self.n)]
+        return [counts & ~mask for counts, mask in zip(found, self.left_out, strict=True)] if self.left_out else found
 
     def moving(self, joint: int) -> Mask:
-        """(M,) rows of which the elimination of unknown torques leaves enough."""
+        """(M,) rows that count: not left out, and the elimination of unknown torques leaves enough of them."""
         return self._moving[joint]
 
     def _left(self, joint: int) -> Array:
