@@ -19,7 +19,7 @@ from runtime.identification.fit import Fit, Inference
 from runtime.identification.fitting import drivable, fit_motion
 from runtime.identification.problem import Problem, Skew, configurations, weighted
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import BEAT_S, HEARD_BEAT, LOUD_BEAT, MOST_COMPENSATED
+from runtime.identification.settings import BEAT_S, HEARD_BEAT, LASTING_BEAT, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, joints_of, structure
 from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised_to_lines, rigid_inertia
@@ -83,21 +83,31 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
 
 
 def without_beats(fit: Fit) -> Motion:
-    """The motion without rows at which the encoders' error is far louder than at most and is heard beside the noise;
-    the motion itself where there are none.
+    """The motion without rows at which an encoder's steps beat with the samples, where that is heard beside the noise;
+    the motion itself where it nowhere is.
 
-    Where a speed brings nearly a whole number of an encoder's steps a sample, steps and samples beat: that error is no
-    noise, comes back with the motion, and is a wave over the motor's angle.
+    Where a speed brings nearly a whole number of steps a sample, the steps' error is a slow wave instead of noise: it
+    has all its power in the band, comes back with the motion, and is a wave over the motor's angle.
     """
-    motion, loud = fit.motion, []
-    for i, left in enumerate(fit.residual):
-        use, width = motion.moving(i), max(1, round(BEAT_S * motion.row_rate(i)))
-        read = np.where(use, fit.problem.reread(i, fit.shapes, fit.coefficients), 0.0)
-        local = uniform_filter1d(read**2, width)
-        noise = float(np.mean(left[use] ** 2)) if use.any() else 0.0
-        usual = float(np.median(local[use])) if use.any() else 0.0
-        loud.append(use & (local > LOUD_BEAT * usual) & (local > HEARD_BEAT * noise))
-    return motion.without_rows(loud) if any(mask.any() for mask in loud) else motion
+    motion = fit.motion
+    beats = [_beats(fit, i) for i in range(motion.n)]
+    return motion.without_rows(beats) if any(rows.any() for rows in beats) else motion
+
+
+def _beats(fit: Fit, joint: int) -> NDArray[np.bool_]:
+    """(M,) rows of a joint (0-based) at which its encoder's steps beat with the samples."""
+    motion, use, step = fit.motion, fit.motion.moving(joint), fit.motion.band.resolution[joint]
+    rate, none = 1 / motion.pieces_of(joint)[0].dt, np.zeros(len(use), dtype=bool)
+    if not step or not use.any():
+        return none
+    read = fit.problem.reread(joint, fit.shapes, fit.coefficients)[use]
+    if rate / (2 * motion.cutoff(joint)) * np.mean(read**2) < HEARD_BEAT * np.mean(fit.residual[joint][use] ** 2):
+        return none
+    steps = np.abs(motion.rows("qd", joint)[joint]) / (step * rate)
+    beating = use & (rate * np.abs(steps - np.round(steps)) < motion.cutoff(joint))
+    width = max(1, round(BEAT_S * motion.row_rate(joint)))
+    lasting: NDArray[np.bool_] = beating & (uniform_filter1d(beating.astype(float), width) > LASTING_BEAT)
+    return lasting
 
 
 def without_tip_rests(model: Model, motion: Motion) -> Motion:

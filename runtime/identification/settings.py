@@ -171,13 +171,12 @@ arms on walls."""
 # rows that are left out -----------------------------------------------------------------------------------------------
 
 BEAT_S: Final = 0.5
-"""s; over so long the encoders' error is taken as even: half of the shortest stretches of even speed that motions
-have; a choice."""
+"""s; an encoder's steps beat with the samples where they do so for most of this time: a few periods of the beat, half
+of the shortest stretches of even speed that motions have; a choice."""
 
-LOUD_BEAT: Final = 3.0
-"""ratio of variances; rows at which the encoders' error is so much louder than at most do not count: 4.6 where steps
-and samples beat, 1.6 where a motion is fast; simulated arms of six joints."""
+LASTING_BEAT: Final = 0.5
+"""part of BEAT_S; shorter, a speed only passes through; a choice."""
 
 HEARD_BEAT: Final = 0.25
-"""ratio of variances; and if it is so much of what the fit leaves: half of its real size where they beat, as another
-reading of positions that hold the beat shows a part of it; simulated arms of six joints."""
+"""ratio of variances, of the steps' error with all its power in the band to what a fit leaves; less is not heard: half
+of the noise; simulated arms of six joints."""

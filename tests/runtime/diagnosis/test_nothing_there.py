@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
+from runtime.diagnosis.stages import diagnose
 from runtime.identification.fitting import fit_motion
-from runtime.identification.identify import prepared
+from runtime.identification.identify import prepared, without_beats
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion.filters import low_pass
@@ -76,3 +78,35 @@ def test_a_transmission_that_only_noise_would_drive_explains_nothing(drive: Mode
     gains = kept(bank.gains, drive, [recording])
     assert len(gains) > 10
     assert max(gains.values()) < 0.03
+
+
+def with_even_legs(seed: int) -> Recording:
+    """A drive that lacks nothing, its positions rounded: sines, then legs forth and back, one at nearly a step a
+    sample."""
+    step, noise = 2 * np.pi / 200_000, 0.012
+    t = np.arange(0.0, 40.0, DT)
+    time = t % 20.0
+    fast = np.where(time < 10.0, 1.6 * np.sin(2.9 * time) * np.sin(np.pi * time / 10) ** 2, 0.0)
+    speed = np.array([0.5, 0.31, 1.012 * step / DT, 0.17])[np.clip((time - 10.0) // 2.5, 0, 3).astype(int)]
+    leg = np.where(time >= 10.0, speed * np.sign(np.sin(2 * np.pi * (time - 10.0) / 2.5)), 0.0)
+    smoothed = np.convolve(leg, np.hanning(400) / np.hanning(400).sum(), "same")
+    qd = fast + smoothed
+    q = cumulative_trapezoid(qd, dx=DT, initial=0.0)
+    rubbing = 0.5 * np.tanh(qd / 1e-3) + 0.4 * qd + 0.03 * qd**3
+    tau = 0.2365 * np.gradient(qd, DT) + rubbing + noise * np.random.default_rng(seed).standard_normal(len(t))
+    whole = np.zeros(len(t), dtype=np.int64)
+    read = np.round(q / step) * step
+    return Recording(Path("run.csv"), t, whole, read[None], tau[None], ("revolute",), (slice(0, len(t)),), (None,))
+
+
+def test_the_beat_of_an_encoders_steps_with_the_samples_is_no_physics(drive: Model) -> None:
+    """Heard as bursts that nothing explains; the rows at which they beat do not count."""
+    recording = with_even_legs(1)
+    fit = fit_motion(drive, prepared(drive, [recording]), structure(drive))
+    motion = without_beats(fit)
+    (left_out,) = motion.left_out
+    beating = np.abs(fit.motion.row_time(0) % 20.0 - 16.25) < 1.5
+    assert left_out.sum() > 50
+    assert beating[left_out].all()
+    found = kept(diagnose, drive, [recording])
+    assert (found.verdict, found.findings) == ("clean", ())
