@@ -17,6 +17,7 @@ import typer
 
 from runtime.documents.parts import Document
 from runtime.plain_json import plain
+from runtime.version import is_ours
 
 if TYPE_CHECKING:
     from runtime.report.summary import ResultSummary
@@ -69,7 +70,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         if show := getattr(error, "format_message", None):
             return _complain(f"{_command(error)}: {show()} (see {_command(error)} --help)", BAD_INPUT)
         # Our own errors, such as ModelError, are for people; any other is a bug and keeps its traceback.
-        if type(error).__module__.split(".")[0] in ("runtime", "symbolic", "codegen"):
+        if is_ours(error):
             return _complain(str(error), BAD_INPUT)
         raise
 

@@ -72,7 +72,7 @@ def command(name: str) -> Any:
 
 @cache
 def _commands(module: str) -> Mapping[str, Any]:
-    declared: typer.Typer = import_module(f"runtime.cli.{module}").app
+    declared: typer.Typer = import_module(f"{__package__}.{module}").app
     declared.rich_markup_mode = None
     for one in declared.registered_commands:
         if one.callback is not None:

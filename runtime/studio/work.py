@@ -68,7 +68,7 @@ class Work:
         self, folder: Path, effects: Path | None, changed: Callable[[], None], finished: Callable[[WorkState], None]
     ) -> None:
         arguments = [str(folder), *([str(effects)] if effects else [])]
-        self._command = [sys.executable, "-m", "runtime.studio.worker", *arguments]
+        self._command = [sys.executable, "-m", f"{__package__}.worker", *arguments]
         self._changed, self._finished = changed, finished
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.RLock()

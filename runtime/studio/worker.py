@@ -23,6 +23,7 @@ from runtime.progress import heard_by
 from runtime.studio.loaded import LoadedSession, Reporter
 from runtime.studio.session import StudioSession
 from runtime.studio.tasks import TASKS
+from runtime.version import is_ours
 
 
 def main(folder: str, effects: str | None = None) -> None:
@@ -50,8 +51,7 @@ def main(folder: str, effects: str | None = None) -> None:
         except Exception as error:
             # For people: one line, without the path of the session.
             line = " ".join(str(error).split()).replace(f"{Path(folder).resolve() / 'given'}{os.sep}", "")
-            ours = type(error).__module__.split(".")[0] in ("runtime", "symbolic", "codegen", "msgspec")
-            if not ours and not isinstance(error, OSError):
+            if not is_ours(error) and not isinstance(error, OSError | msgspec.MsgspecError):
                 traceback.print_exc()
                 line = f"this is a mistake in Tendon: {type(error).__name__}: {error}"
             report.message(error=line)

@@ -46,7 +46,9 @@ def load_user_effects(path: Path, space: bool = True) -> tuple[Effect, ...]:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a file may raise anything
-        raise EffectsError(f"{path}: the file of effects failed: {said(error)}") from error
+        old = isinstance(error, ModuleNotFoundError) and error.name == "symbolic"
+        hint = "; import from tendon.effects instead" if old else ""
+        raise EffectsError(f"{path}: the file of effects failed: {said(error)}{hint}") from error
     if found is None:
         raise EffectsError(f"{path}: no EFFECTS in it; define EFFECTS = (Effect(...), ...)")
     if type(found) not in (tuple, list):

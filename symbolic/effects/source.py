@@ -29,16 +29,18 @@ _IMPORTS = (
     ("math", ("inf",)),
     ("pathlib", ("Path",)),
     ("", ("sp",)),
-    ("symbolic", ("u",)),
-    ("symbolic.effects", ("load_user_effects",)),
+    ("tendon.effects", ("u",)),
     (
-        "symbolic.effects.declaration",
-        ("DT", "SIGNAL", "Effect", "Grid", "LinearForm", "Parameter", "State", "parameter", "state"),
+        "tendon.effects",
+        (
+            *("DT", "SIGNAL", "Effect", "Grid", "LinearForm", "Parameter", "State"),
+            *(sorted(w.name.upper() for w in WIDTHS)),
+            *("absolute", "load_user_effects", "parameter", "ramp", "sgn", "state", "step"),
+        ),
     ),
-    ("symbolic.primitives", (*sorted(w.name.upper() for w in WIDTHS), "absolute", "ramp", "sgn", "step")),
 )
 _KINDS = {"p": "parameter", "x": "state"}
-_LINES = {"sp": "import sympy as sp", "u": "from symbolic import units as u"}
+_LINES = {"sp": "import sympy as sp", "u": "from tendon.effects import units as u"}
 
 
 def python_source(effect: Effect, notes: Sequence[str] = (), beside: str | None = None) -> str:
@@ -75,7 +77,7 @@ def _imports(body: str) -> list[str]:
     groups: list[list[str]] = [[], [], []]
     for module, names in _IMPORTS:
         here = [name for name in names if name in used]
-        group = groups[1 if not module else 2 if module.startswith("symbolic") else 0]
+        group = groups[1 if not module else 2 if module.startswith("tendon") else 0]
         if here:
             group.append(_LINES.get(here[0]) or f"from {module} import {', '.join(here)}")
     lines = [line for group in groups if group for line in (*group, "")]

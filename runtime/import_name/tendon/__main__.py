@@ -1,0 +1,5 @@
+"""`python -m tendon` is the command line."""
+
+from runtime.cli.main import main
+
+main()
