@@ -55,8 +55,8 @@ runtime.study
 runtime.workspace
 runtime.notebook
 runtime.studio
-runtime.import_name
 runtime.cli
+runtime.import_name
 """
 """From the ground up: a room imports those above it in this list and nothing else. Rooms of one line stand side by
 side and may lean on those left of them."""
