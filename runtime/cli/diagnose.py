@@ -60,13 +60,13 @@ def diagnose(
             raise UsageError(f"{draft}: already exists and is not a draft; choose another name")
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
+    invocation = typed.invocation(source, typed.provenance("diagnose", source, budget))
     from runtime.diagnosis.stages import diagnose as diagnosed
 
     with terminal.working("looking for missing effects"):
         result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses, budget=budget)
     from runtime.report.summary import ResultSummary
 
-    invocation = typed.invocation(source)
     summary = ResultSummary(result, invocation, drafted=draft is not None)
     document = summary.document
     if draft is not None:

@@ -46,6 +46,7 @@ def identify(
     source, data, loaded = typed.read()
     if write:
         typed.check_side(source, data)
+    provenance = typed.provenance("identify", source)
     from runtime.diagnosis.credibility import judged
     from runtime.identification.identify import identify as fit
 
@@ -57,9 +58,8 @@ def identify(
         source.edits.set(document).write()
         written = _written(document)
     origin = replace(document.skew, given=skew is not None)
-    emit(
-        json, document.as_part_of(IdentifyDocument, skew=origin, written=written), terminal.printer(fits.identification)
-    )
+    whole = document.as_part_of(IdentifyDocument, skew=origin, written=written, provenance=provenance)
+    emit(json, whole, terminal.printer(fits.identification))
     if written and json != "-":
         terminal.say(f"Written to {source.path}: {', '.join(written)}.")
     if found.verdict == "refused":
@@ -95,12 +95,13 @@ def compare(
 
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
+    invocation = typed.invocation(source, typed.provenance("compare", source))
     from runtime.identification.compare import compare as compared
 
     with terminal.working("comparing"):
         result = compared(loaded, data)
     from runtime.report.summary import ResultSummary
 
-    summary = ResultSummary(result, typed.invocation(source))
+    summary = ResultSummary(result, invocation)
     emit(json, summary.document, terminal.printer(loop.sections))
     write_page(report, summary, json)

@@ -56,9 +56,10 @@ def improve(
     source, data, _ = typed.read()
     if write or out:
         typed.check_side(source, data)
-    invocation = typed.invocation(source, model if write else out)
+    provenance = typed.provenance("improve", source, budget)
+    invocation = typed.invocation(source, provenance, model if write else out)
     fitted, kept = data[: len(recordings)], data[len(recordings) :]
-    result, summary = _improved(source, fitted, kept, invocation, budget)
+    result, summary = improved_summary(source, fitted, kept, invocation, budget)
     emit(json, summary.document, terminal.printer(loop.sections))
     if result.found.searched.suspicions:
         if (write or out) and json != "-":
@@ -88,16 +89,18 @@ def demo(
         paths = record_files(out)
     source = Source(out / "drive.toml", Source.shipped("drive").text)
     data = source.recordings(paths)
-    invocation = TypedInputs(Path("drive"), paths[:1], paths[1:]).invocation(source, source.path)
-    result, summary = _improved(source, data[:1], data[1:], invocation, BUDGET_S)
+    typed = TypedInputs(Path("drive"), paths[:1], paths[1:])
+    invocation = typed.invocation(source, typed.provenance("demo", source, BUDGET_S), source.path)
+    result, summary = improved_summary(source, data[:1], data[1:], invocation, BUDGET_S)
     files.replace(source.path, result.model_text.encode())
     emit(json, summary.document, terminal.printer(loop.sections))
     write_page(out, summary, json)
 
 
-def _improved(
+def improved_summary(
     source: Source, fitted: list[Recording], held_out: list[Recording], invocation: Invocation, budget: float
 ) -> tuple[Improvement, ResultSummary]:
+    """The result of improve, and its summary."""
     from runtime.loop.improve import floors
     from runtime.loop.improve import improve as improved
     from runtime.report import terminal

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from runtime.workspace.names import UsageError, column_mapping, is_name
+from runtime.cli.output import command_line
+from runtime.documents.provenance import InputFile, Provenance, now
+from runtime.version import VERSION
+from runtime.workspace.names import UsageError, arm_path, column_mapping, is_name
 from runtime.workspace.source import Source
 from runtime.workspace.writing import check_writable
 from symbolic.model_file.arm import LINK_TORQUE
@@ -73,7 +76,25 @@ class TypedInputs:
                     f"nothing is written; {stated} a copy of {source.path}, and write into that"
                 )
 
-    def invocation(self, source: Source, improved: Path | None = None) -> Invocation:
+    def provenance(self, verb: str, source: Source, budget: float | None = None) -> Provenance:
+        """What a result of a verb is made from, before it is made. Raises OSError."""
+        return Provenance(
+            verb=verb,
+            command=command_line(),
+            folder=str(Path.cwd()),
+            date=now(),
+            version=VERSION,
+            model=InputFile.of(self.model, arm_path(self.model)),
+            model_text=source.text,
+            recordings=list(map(InputFile.of, self.recordings)),
+            held_out=list(map(InputFile.of, self.held_out)),
+            effects=None if self.effects is None else InputFile.of(self.effects),
+            maps=list(self.maps or ()),
+            allow_gaps=self.allow_gaps,
+            budget=budget,
+        )
+
+    def invocation(self, source: Source, provenance: Provenance, improved: Path | None = None) -> Invocation:
         """For the commands that a result proposes; improved: file of the improved model."""
         from runtime.report.summary import Invocation, about
 
@@ -88,6 +109,7 @@ class TypedInputs:
             improved=improved,
             about=about(source.text),
             like=str(self.model) if named else None,
+            provenance=provenance,
         )
 
 

@@ -7,9 +7,11 @@ import gc
 import io
 import json
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
@@ -28,6 +30,14 @@ _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
 _ALLOCATED, _YOUNGER = 100_000, 50
 """Thresholds of the garbage collector. A verb allocates a million small objects, nearly all of which stay
 alive; Python's defaults of 700 and 10 would scan them over and over."""
+
+
+_ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("arguments of the call that runs", default=())
+
+
+def command_line() -> str:
+    """The command that runs, as it was typed."""
+    return shlex.join(["tendon", *_ARGUMENTS.get()])
 
 
 def open_streams() -> None:
@@ -50,6 +60,7 @@ def open_streams() -> None:
 
 def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """Run `tendon ARGUMENTS` and return its exit status; errors of the user are one line on standard error."""
+    _ARGUMENTS.set(tuple(arguments))
     try:
         status = int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
         # typer turns Ctrl-C into a status without a message.

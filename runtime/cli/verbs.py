@@ -54,6 +54,7 @@ GROUPS: Mapping[str, Mapping[str, Verb]] = {
         "execute": Verb("execute", "Execute a planned motion on a simulated or real arm."),
     },
     "More": {
+        "report": Verb("report", "Make a report again from the JSON of a result."),
         "schema": Verb("schema", "Print the JSON schema of what --json writes."),
         "paper": Verb("paper", "Reproduce the tables and figures of the paper."),
     },

@@ -30,6 +30,7 @@ from runtime.documents.parts import (
     Unit,
     key,
 )
+from runtime.documents.provenance import Origin
 
 Verdict = Annotated[
     Literal["effect", "clean", "unexplained", "refused"],
@@ -243,6 +244,7 @@ class DiagnosisDocument(DiagnosisBase, frozen=True, kw_only=True):
     peaks: Peaks
     commands: Commands
     improved_model: ImprovedModel
+    provenance: Origin = UNSET
     draft_reason: Annotated[str | UnsetType, key("why there is no draft; absent unless --draft asked for one")] = UNSET
 
 
@@ -283,3 +285,4 @@ class ImprovementDocument(ImprovementBase, frozen=True, kw_only=True):
     peaks: Peaks
     commands: Commands
     improved_model: ImprovedModel
+    provenance: Origin = UNSET

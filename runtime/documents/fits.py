@@ -20,6 +20,7 @@ from runtime.documents.parts import (
     Unit,
     key,
 )
+from runtime.documents.provenance import Origin
 
 
 class InertialEntry(Document, frozen=True, kw_only=True):
@@ -134,6 +135,7 @@ class CompareDocument(Document, frozen=True, kw_only=True):
     skew: Skew
     joints: Annotated[list[ComparedJoint], key("residual of each joint with the structure of the model file, fitted")]
     warnings: Warnings
+    provenance: Origin = UNSET
 
 
 class RecordingFit(Document, frozen=True, kw_only=True):
@@ -180,3 +182,4 @@ class IdentifyDocument(JudgedFitDocument, frozen=True, kw_only=True):
     """The fitted parameters: `tendon identify --json`."""
 
     written: Annotated[list[str], key("parameters and effects that --write put into the model file")]
+    provenance: Origin = UNSET

@@ -23,6 +23,7 @@ from runtime.documents.plans import (
     OptimizeDocument,
     SweepDocument,
 )
+from runtime.documents.provenance import ReportDocument
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
 
 BY_VERB: dict[str, type[Document]] = {
@@ -46,6 +47,7 @@ BY_VERB: dict[str, type[Document]] = {
     "firmware": FirmwareDocument,
     "import": ImportDocument,
     "export": ExportDocument,
+    "report": ReportDocument,
 }
 OR_ELSE: dict[str, type[Document]] = {"effects": EffectDocument, "optimize": InfeasibleDocument}
 """A verb's other document: of one effect by its name, and where there is no plan."""

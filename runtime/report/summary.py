@@ -9,11 +9,13 @@ from functools import cached_property
 from pathlib import Path
 
 from msgspec import UNSET
+from msgspec.structs import replace
 
 from runtime.diagnosis.steps import Step, after_effect, physics
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEntry, ImprovementDocument, PeaksEntry
 from runtime.documents.fits import CompareDocument
+from runtime.documents.provenance import Provenance
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
@@ -35,6 +37,7 @@ class Invocation:
     improved   where the improved model was written, if it was
     about      what the model file says of itself
     like       the arm of Tendon that was named in place of a model file; `model` is then where a copy of it goes
+    provenance   what the result was made from; None where no verb made it
     """
 
     model: Path
@@ -46,6 +49,7 @@ class Invocation:
     improved: Path | None = None
     about: str = ""
     like: str | None = None
+    provenance: Provenance | None = None
 
     def copy(self) -> str:
         """Makes the arm that was named a model file of the user's."""
@@ -134,9 +138,11 @@ class ResultSummary:
     @cached_property
     def document(self) -> LoopDocument:
         """As --json writes it."""
+        origin = UNSET if self.given is None or self.given.provenance is None else self.given.provenance
         if isinstance(self.result, Comparison):
-            return self.result.document(warnings(self.result.fit))
+            return replace(self.result.document(warnings(self.result.fit)), provenance=origin)
         follows = {
+            "provenance": origin,
             "more_is_left": self.more_is_left,
             "peaks": [PeaksEntry(joint=k, frequencies_hz=f) for k, f in enumerate(self.peaks, 1) if f],
             "commands": self.commands,

@@ -30,6 +30,7 @@ class ReportPage:
     """A report: its head, its groups of sections, and the figures that these name.
 
     kind, tag   colour and words of the badge          short      sections at the head
+    made        when, and by which version; "" where that is unknown
     drawings    elements of figures by name            document   the result as JSON, embedded for other programs
     """
 
@@ -42,6 +43,7 @@ class ReportPage:
     groups: Sequence[Group]
     drawings: Mapping[str, Markup]
     document: Mapping[str, Any]
+    made: str = ""
 
     def html(self) -> str:
         """The page; the same bytes for the same content."""

@@ -12,14 +12,16 @@ from msgspec import UNSET
 
 from runtime.diagnosis.steps import Step, remainder, seconds_moving
 from runtime.documents.diagnosis import HistoryEntry
-from runtime.documents.fits import CompareDocument, JointEntry
+from runtime.documents.fits import CompareDocument, IdentifyDocument, JointEntry
+from runtime.documents.parts import given
+from runtime.documents.provenance import Provenance
 from runtime.identification.compare import as_written, structure_entries, structure_shares
 from runtime.identification.identify import fit_document
 from runtime.loop.improve import Improvement
 from runtime.model.terms import Term
 from runtime.motion import spectra
 from runtime.plain_json import plain
-from runtime.report import diagnosed, findings, fits, loop, reasons
+from runtime.report import diagnosed, findings, fits, loop, origin, reasons
 from runtime.report.diagnosed import finding_entry, ranking_entries
 from runtime.report.findings import Context
 from runtime.report.fits import Names
@@ -29,7 +31,7 @@ from runtime.report.page.moving import of_result
 from runtime.report.page.page_figures import drawn
 from runtime.report.sections import Commands, Facts, Group, Paragraph, Plots, Section, table, texts, words
 from runtime.report.signals import joint_signals
-from runtime.report.summary import Result, ResultSummary
+from runtime.report.summary import LoopDocument, Result, ResultSummary
 from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence, times_floor
 
 TAGS = {
@@ -69,17 +71,45 @@ def report(result: Result | ResultSummary) -> ReportPage:
     if warnings := texts(summary.document.warnings, "warning"):
         groups.append(Group(f"Warnings ({len(warnings)})", tuple(warnings), "warnings"))
     name = summary.first.fit.model.name
+    provenance = given(summary.document.provenance)
+    groups += _origin(provenance)
     return ReportPage(
         title=f"{name}: {answer.tag}",
         model=name,
         kind=answer.kind,
         tag=answer.tag,
+        made="" if provenance is None else origin.made(provenance),
         headline=answer.sentence,
         short=[*texts([answer.more] if answer.more else []), *_short(summary)],
         groups=groups,
         drawings=drawings,
         document=plain(summary.document),
     )
+
+
+def of_document(document: LoopDocument | IdentifyDocument) -> ReportPage:
+    """The page of a result of which only the document is left: what the terminal prints, without plots."""
+    provenance = given(document.provenance)
+    kind = "comparison" if isinstance(document, CompareDocument) else document.verdict
+    tag = TAGS.get(kind, kind)
+    shown = fits.identification(document) if isinstance(document, IdentifyDocument) else loop.sections(document)
+    name = "" if provenance is None else Path(provenance.model.typed).stem
+    return ReportPage(
+        title=f"{name}: {tag}".removeprefix(": "),
+        model=name,
+        kind="comparison" if kind == "fitted" else kind,
+        tag=tag,
+        made="" if provenance is None else origin.made(provenance),
+        headline=tag.capitalize() if isinstance(document, CompareDocument) else sentence(document.reason),
+        short=[],
+        groups=[Group("Result", tuple(shown), "result"), *_origin(provenance)],
+        drawings={},
+        document=plain(document),
+    )
+
+
+def _origin(provenance: Provenance | None) -> list[Group]:
+    return [] if provenance is None else [Group("What it was made from", tuple(origin.sections(provenance)), "origin")]
 
 
 class PageVerdict(NamedTuple):

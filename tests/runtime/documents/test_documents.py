@@ -39,6 +39,7 @@ LINES = {
     "init": ["--like", "drive", "--out", "like.toml"],
     "export": ["drive", "--to", "urdf", "--out", "other.urdf"],
     "import": ["arm.urdf", "--out", "arm.toml"],
+    "report": ["compared.json", "--out", "again"],
 }
 
 SLOW = {"demo", "experiment"}
@@ -52,6 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert output.run(app, ["simulate", "drive", "--out", str(place / "run.csv"), *MODEL]) == 0
     assert output.run(app, ["export", "drive", "--to", "urdf", "--out", str(place / "arm.urdf")]) == 0
     assert output.run(app, ["optimize", "scenario1", "--out", str(place / "plan.json")]) == 0
+    assert output.run(app, ["compare", "drive", str(place / "run.csv"), "--json", str(place / "compared.json")]) == 0
     text = (ARMS / "drive.toml").read_text()
     (place / "own.toml").write_text(text)
     (place / "bare.toml").write_text(text)

@@ -1,0 +1,160 @@
+"""The verb that makes a report again from the JSON of a result: report."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import msgspec
+import typer
+
+from runtime.cli.inputs import TypedInputs
+from runtime.cli.options import EffectsFile, Json
+from runtime.cli.output import emit
+from runtime.cli.places import READ, Role
+from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
+from runtime.documents.fits import CompareDocument, IdentifyDocument
+from runtime.documents.parts import given
+from runtime.documents.provenance import InputFile, ReportDocument, digest
+from runtime.report import page
+from runtime.workspace.names import UsageError, column_mapping
+from runtime.workspace.source import Source, effects_library
+
+if TYPE_CHECKING:
+    from runtime.report.summary import LoopDocument, ResultSummary
+
+_KINDS: dict[str, type[LoopDocument | IdentifyDocument]] = {
+    "history": ImprovementDocument,
+    "findings": DiagnosisDocument,
+    "written": IdentifyDocument,
+    "joints": CompareDocument,
+}
+"""The kind of a document by a key that the kinds below it lack."""
+_SAME = 1e-3
+"""Part by which a residual may differ where the same is computed again: sums in another order, on another machine."""
+
+app = typer.Typer()
+
+
+@app.command("report", epilog="Example: tendon report result.json --out report")
+def report_again(
+    result: Annotated[
+        Path,
+        typer.Argument(metavar="RESULT.json", help="What compare, diagnose, improve, identify or demo wrote as JSON."),
+        READ,
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="Write the HTML page into this directory."),
+        Role(writes=True, names=(page.NAME,)),
+    ],
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """The result is computed again and the page has its plots, if the recordings are where they were and have not
+    changed; otherwise the page has the words and tables of the JSON."""
+    from runtime.report.page import reports
+    from runtime.report.terminal import say
+
+    document = read_result(result)
+    why_not = list(_changed(document, effects))
+    summary = None
+    if not why_not and not isinstance(document, IdentifyDocument):
+        summary = _computed_again(document, effects)
+        if not _agree(document, summary.document):
+            summary, why_not = None, ["computed again, the result is another one; the page is that of the JSON"]
+    for reason in why_not:
+        print(f"{result}: no plots: {reason}", file=sys.stderr)
+    made = reports.of_document(document) if summary is None else reports.report(summary)
+    path = made.write(out)
+    again = ReportDocument(page=str(path), plots=summary is not None, why_not=why_not)
+    emit(json, again, lambda _: say(f"Report: {path}"))
+
+
+def read_result(path: Path) -> LoopDocument | IdentifyDocument:
+    """The result in a JSON file. Raises UsageError, OSError."""
+    kinds = "compare, diagnose, improve, identify or demo"
+    try:
+        found = msgspec.json.decode(path.read_bytes())
+        kind = next((kind for key, kind in _KINDS.items() if key in found), None) if isinstance(found, dict) else None
+        if kind is not None:
+            return msgspec.convert(found, kind)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path}: not what --json of {kinds} writes: {error}") from error
+    raise UsageError(f"{path}: not the result of {kinds}; expected the file that its --json wrote")
+
+
+def _changed(document: LoopDocument | IdentifyDocument, effects: Path | None) -> Iterator[str]:
+    """Why a result cannot be computed again, a sentence each."""
+    provenance = given(document.provenance)
+    if provenance is None:
+        yield "the JSON does not say what it was made from"
+        return
+    for file in (*provenance.recordings, *provenance.held_out):
+        yield from _differs(file, Path(file.path))
+    if provenance.effects is not None and effects is None:
+        yield f"name the file of effects again, which is run: --effects {provenance.effects.typed}"
+    elif provenance.effects is not None and effects is not None:
+        yield from _differs(provenance.effects, effects)
+
+
+def _differs(file: InputFile, path: Path) -> Iterator[str]:
+    if not path.exists():
+        yield f"{path} is not there"
+    elif file.sha256 is None or digest(path) != file.sha256:
+        yield f"{path} is not the file that was read: its SHA-256 differs"
+
+
+def _computed_again(document: LoopDocument, effects: Path | None) -> ResultSummary:
+    """The same from the text of the model and the recordings. Raises ModelError, RecordingError."""
+    from runtime.cli.improve import improved_summary
+    from runtime.diagnosis.stages import diagnose
+    from runtime.identification.compare import compare
+    from runtime.report.summary import ResultSummary
+    from runtime.report.terminal import working
+    from symbolic.model_file import reader
+
+    provenance = given(document.provenance)
+    assert provenance is not None
+    text, budget = provenance.model_text, provenance.budget or math.inf
+    own = None if effects is None else effects_library(effects, reader.is_spatial(text))
+    source = Source(Path(provenance.model.path), text, own)
+    typed = TypedInputs(
+        Path(provenance.model.typed),
+        [Path(file.typed) for file in provenance.recordings],
+        [Path(file.typed) for file in provenance.held_out],
+        effects=effects,
+        maps=provenance.maps,
+        allow_gaps=provenance.allow_gaps,
+    )
+    improved = None if isinstance(document, CompareDocument) else document.improved_model
+    invocation = typed.invocation(source, provenance, None if improved is None else Path(improved))
+    columns = column_mapping(provenance.maps)
+    fitted, held_out = (
+        source.recordings([Path(file.path) for file in files], columns, provenance.allow_gaps)
+        for files in (provenance.recordings, provenance.held_out)
+    )
+    if isinstance(document, ImprovementDocument):
+        return improved_summary(source, fitted, held_out, invocation, budget)[1]
+    with working("computing the result again"):
+        model = source.compiled.model()
+        if isinstance(document, CompareDocument):
+            return ResultSummary(compare(model, fitted), invocation)
+        found = diagnose(model, fitted, wider=source.compiled.model_with_guesses, budget=budget)
+        return ResultSummary(found, invocation)
+
+
+def _agree(one: LoopDocument, other: LoopDocument) -> bool:
+    """Whether two results name the same effects and leave the same residuals."""
+
+    def named(document: LoopDocument) -> list[str | None]:
+        if isinstance(document, ImprovementDocument):
+            return [step.added for step in document.history]
+        return [] if isinstance(document, CompareDocument) else [f"{f.effect}@{f.joint}" for f in document.findings]
+
+    pairs = zip(one.joints, other.joints, strict=False)
+    alike = all(math.isclose(a.rms, b.rms, rel_tol=_SAME) for a, b in pairs)
+    return named(one) == named(other) and len(one.joints) == len(other.joints) and alike

@@ -1,0 +1,85 @@
+"""What a result was made from and when: version, files with their hashes, and the command; and a report made again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from hashlib import file_digest, sha256
+from pathlib import Path
+from typing import Annotated
+
+from msgspec import UnsetType
+
+from runtime.documents.parts import Document, key
+
+
+class InputFile(Document, frozen=True, kw_only=True):
+    """A file that was read."""
+
+    typed: Annotated[str, key("its name as it was typed")]
+    path: Annotated[str, key("its full name")]
+    sha256: Annotated[str | None, key("SHA-256 of its bytes, hexadecimal; null for a pipe")]
+
+    @classmethod
+    def of(cls, typed: Path, path: Path | None = None) -> InputFile:
+        """path: where it is; default: as typed. Raises OSError."""
+        there = (path or typed).resolve()
+        return cls(typed=str(typed), path=str(there), sha256=digest(there))
+
+
+class Provenance(Document, frozen=True, kw_only=True):
+    """What a result was made from, and when."""
+
+    verb: Annotated[str, key("the verb that made it")]
+    command: Annotated[str, key("the command line")]
+    folder: Annotated[str, key("folder in which it was typed")]
+    date: Annotated[str, key("when, UTC, ISO 8601; SOURCE_DATE_EPOCH in its place if the environment sets it")]
+    version: Annotated[str, key("version of Tendon")]
+    model: Annotated[InputFile, key("model file")]
+    model_text: Annotated[str, key("its text")]
+    recordings: Annotated[list[InputFile], key("fitted recordings")]
+    held_out: Annotated[list[InputFile], key("recordings that were held out")]
+    effects: Annotated[InputFile | None, key("file of the user's own effects; null without one")]
+    maps: Annotated[list[str], key("entries of --map and --columns")]
+    allow_gaps: Annotated[bool, key("whether recordings were split at gaps")]
+    budget: Annotated[float | None, key("time that it might take; null for a verb without a budget", "s")]
+
+    @property
+    def files(self) -> Iterator[tuple[str, InputFile]]:
+        """Every file with its part in the result."""
+        yield "model", self.model
+        yield from (("fitted", file) for file in self.recordings)
+        yield from (("held out", file) for file in self.held_out)
+        if self.effects is not None:
+            yield "effects", self.effects
+
+
+class ReportDocument(Document, frozen=True, kw_only=True):
+    """The page made again: `tendon report --json`."""
+
+    page: Annotated[str, key("path of the page")]
+    plots: Annotated[bool, key("whether the result was computed again from its files, so that the page has its plots")]
+    why_not: Annotated[list[str], key("why it was not, a sentence each; empty if it was")]
+
+
+Origin = Annotated[Provenance | UnsetType, key("what it was made from, and when; absent where no verb made it")]
+
+
+def digest(path: Path) -> str | None:
+    """SHA-256 of a file, or of the names and hashes of the files in a folder; None for a pipe. Raises OSError."""
+    if path.is_dir():
+        below: Sequence[Path] = sorted(file for file in path.rglob("*") if file.is_file())
+        lines = "".join(f"{digest(file)}  {file.relative_to(path).as_posix()}\n" for file in below)
+        return sha256(lines.encode()).hexdigest()
+    if not path.is_file():
+        return None
+    with path.open("rb") as opened:
+        return file_digest(opened, "sha256").hexdigest()
+
+
+def now() -> str:
+    """The date for a result. Source: reproducible-builds.org, SOURCE_DATE_EPOCH."""
+    fixed = os.environ.get("SOURCE_DATE_EPOCH", "")
+    moment = datetime.fromtimestamp(int(fixed), UTC) if fixed.isdigit() else datetime.now(UTC)
+    return moment.isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -1,0 +1,154 @@
+"""Results say what they were made from, and a report is made again from the JSON of its result."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.version import VERSION
+from runtime.workspace.names import ARMS
+
+Run = Callable[..., tuple[int, str, str]]
+SIMULATED = ("--hide", "stribeck@1:torque=0.6,speed=0.15", "--seconds", "12")
+IMPROVE = ("improve", "arm.toml", "run.csv.gz", "--held-out", "other.csv.gz")
+WRITTEN = ("--json", "result.json", "--report", "report")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a model, two recordings, an improvement and its report, made in 1970."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as here:
+        here.chdir(folder)
+        here.setenv("SOURCE_DATE_EPOCH", "86400")
+        Path("arm.toml").write_bytes((ARMS / "drive.toml").read_bytes())
+        for name, seed in (("run.csv.gz", "0"), ("other.csv.gz", "1")):
+            assert output.run(app, ["simulate", "arm.toml", "--out", name, "--seed", seed, *SIMULATED]) == 0
+        assert output.run(app, [*IMPROVE, *WRITTEN]) == 0
+    return folder
+
+
+@pytest.fixture
+def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder."""
+    assert made.is_dir()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def result(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / "result.json").read_text()))
+
+
+def with_other(folder: Path, to: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """A copy of the result in which something is said otherwise."""
+    document = result(folder)
+    change(document["provenance"])
+    to.write_text(json.dumps(document))
+
+
+def test_a_result_says_what_it_was_made_from(made: Path) -> None:
+    said = result(made)["provenance"]
+    assert (said["verb"], said["date"], said["version"]) == ("improve", "1970-01-02T00:00:00Z", VERSION)
+    assert said["command"] == f"tendon {' '.join((*IMPROVE, *WRITTEN))}"
+    assert said["folder"] == str(made)
+    for file, name in ((said["model"], "arm.toml"), *zip(said["recordings"], ["run.csv.gz"], strict=True)):
+        found = hashlib.sha256((made / name).read_bytes()).hexdigest()
+        assert file == {"typed": name, "path": str(made / name), "sha256": found}
+    assert [file["typed"] for file in said["held_out"]] == ["other.csv.gz"]
+    assert said["model_text"] == (made / "arm.toml").read_text()
+
+
+@pytest.mark.parametrize("verb", ["compare", "identify", "diagnose"])
+def test_every_verb_of_a_fit_says_it(made: Path, here: Path, tendon: Run, verb: str) -> None:  # noqa: ARG001
+    out = tendon(verb, made / "arm.toml", made / "run.csv.gz", "--json", "-")[1]
+    said = json.loads(out)["provenance"]
+    assert (said["verb"], said["recordings"][0]["path"]) == (verb, str(made / "run.csv.gz"))
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", said["date"])
+
+
+def test_a_report_shows_it(made: Path) -> None:
+    page = html.unescape((made / "report" / "report.html").read_text())
+    shown = page[page.index("<body>") : page.index('id="result"')]
+    said = result(made)["provenance"]
+    for file in (said["model"], *said["recordings"], *said["held_out"]):
+        assert file["path"] in shown
+        assert file["sha256"] in shown
+    assert said["command"] in shown
+    assert shown.count(f"1970-01-02 00:00:00 UTC, Tendon {VERSION}") == 2  # at the head, and beside the files
+
+
+def test_the_same_report_is_made_again(made: Path, here: Path, tendon: Run) -> None:
+    """Although the model has changed since: its text is in the result."""
+    before = (made / "arm.toml").read_bytes()
+    (made / "arm.toml").write_text("mass = ")
+    try:
+        status, out, err = tendon("report", made / "result.json", "--out", "again", "--json", "said.json")
+    finally:
+        (made / "arm.toml").write_bytes(before)
+    assert (status, out, err.count("no plots")) == (0, "Report: again/report.html\n", 0)
+    assert json.loads((here / "said.json").read_text()) == {"page": "again/report.html", "plots": True, "why_not": []}
+    assert (here / "again" / "report.html").read_bytes() == (made / "report" / "report.html").read_bytes()
+
+
+def test_without_its_recordings_a_report_has_the_words(made: Path, here: Path, tendon: Run) -> None:
+    """And says which file is another one, or gone."""
+
+    def changed(provenance: dict[str, Any]) -> None:
+        provenance["recordings"][0]["sha256"] = "0" * 64
+        provenance["held_out"][0]["path"] = str(here / "gone.csv")
+
+    with_other(made, here / "other.json", changed)
+    status, out, err = tendon("report", "other.json", "--out", "again")
+    assert (status, out) == (0, "Report: again/report.html\n")
+    assert err.splitlines() == [
+        f"other.json: no plots: {made / 'run.csv.gz'} is not the file that was read: its SHA-256 differs",
+        f"other.json: no plots: {here / 'gone.csv'} is not there",
+    ]
+    page = html.unescape((here / "again" / "report.html").read_text())
+    assert "<svg" not in page
+    for text in ("stribeck at joint 1: residual", "as in the file", "What it was made from", "cross-validated"):
+        assert text in page
+
+
+def test_a_file_of_effects_is_run_only_if_it_is_named(made: Path, here: Path, tendon: Run) -> None:
+    own = here / "own.py"
+    own.write_text(f"open({str(here / 'run')!r}, 'w')\n")
+    of_own = {"typed": "own.py", "path": str(own), "sha256": hashlib.sha256(own.read_bytes()).hexdigest()}
+    with_other(made, here / "other.json", lambda provenance: provenance.update(effects=of_own))
+    status, _, err = tendon("report", "other.json", "--out", "again")
+    assert (status, err) == (
+        0,
+        "other.json: no plots: name the file of effects again, which is run: --effects own.py\n",
+    )
+    assert not (here / "run").exists()
+    own.write_text("changed\n")
+    assert "is not the file that was read" in tendon("report", "other.json", "--out", "again", "--effects", own)[2]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("{", "not what --json of compare, diagnose, improve, identify or demo writes"),
+        ("[1]", "not the result of compare"),
+        ('{"out": "drive.toml"}', "not the result of compare"),
+        ('{"joints": 3}', "Expected `array`, got `int`"),
+        ("[" * 5000, "not what --json of compare"),
+        ("\xff", "not what --json of compare"),
+    ],
+)
+def test_what_is_no_result_is_refused_in_one_line(here: Path, tendon: Run, content: str, expected: str) -> None:
+    (here / "no.json").write_bytes(content.encode("latin-1"))
+    status, out, err = tendon("report", "no.json", "--out", "again")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert expected in err
+    assert not (here / "again").exists()
