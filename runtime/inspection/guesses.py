@@ -99,7 +99,8 @@ def _unit(signal: str, preview: FieldPreview, arm: RecordedArm) -> str:
     spread = preview.largest - preview.least
     if signal == "t":
         step = spread / max(preview.samples - 1, 1)
-        return next((unit for unit in offered if step * UNITS[unit][1] <= SLOWEST_STEP), "")
+        likely = next((unit for unit in offered if step * UNITS[unit][1] <= SLOWEST_STEP), "")
+        return "" if likely == offered[0] else likely
     turns = signal.startswith("q") and not signal.startswith("qd") and "deg" in offered
     return "deg" if turns and spread > MANY_TURNS * 2 * pi else ""
 

@@ -75,6 +75,7 @@ def recording(
         cures=cures,
         cells=cells,
         guesses={signal: str(cell) for signal, cell in guesses(seen, arm).items()},
+        ratios={k: joint.gear_ratio for k, joint in enumerate(arm.joints, 1) if joint.torque_constant is None},
         units={signal: units_of(signal, arm) for signal in signals_of(arm)},
         signals=[] if read is None else [f"{name}-joint{k + 1}" for k in range(len(read.q))],
     )

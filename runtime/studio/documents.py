@@ -60,6 +60,7 @@ class RecordingOverview(Document, frozen=True, kw_only=True):
     problem   why it cannot be used as it is; None if it can
     cells     signal -> its column, as entries of `--map` name it
     guesses   the same, as the names of the columns suggest
+    ratios    of the gear of each joint whose torque constant is not known, by its number
     units     every signal of the arm, those first that a recording must have -> usual units, the one of SI first
     signals   names of the signal sets of its raw signals for /data, one a joint
     """
@@ -69,6 +70,7 @@ class RecordingOverview(Document, frozen=True, kw_only=True):
     cures: list[Cure]
     cells: dict[str, str]
     guesses: dict[str, str]
+    ratios: dict[int, float]
     units: dict[str, tuple[str, ...]]
     signals: list[str]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
+import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
@@ -55,6 +56,7 @@ class Inputs(Document, frozen=True, kw_only=True):
 
     like       the shipped arm whose model file was taken
     assumed    what was assumed where a robot description became a model file, a line each
+    constants  joint -> torque constant at its output, N m/A, that was stated here and not in the file that was given
     effects    name of the file of the user's own effects. The file is code and no part of the folder: whoever opens
                the session names it again
     """
@@ -62,6 +64,7 @@ class Inputs(Document, frozen=True, kw_only=True):
     model: GivenFile | None = None
     like: str | None = None
     assumed: tuple[str, ...] = ()
+    constants: dict[int, float] = msgspec.field(default_factory=dict)
     recordings: Annotated[tuple[GivenRecording, ...], Meta(max_length=MOST_RECORDINGS)] = ()
     effects: str | None = None
 

@@ -155,6 +155,19 @@ class Studio:
         """How a recording, by its name in `given/`, is read. Others are read as before."""
         self._take(self.inputs.changed(file, reading=reading))
 
+    def state_torque_constants(self, constants: Mapping[int, float]) -> None:
+        """Torque constants of joints at their outputs, N m/A, which the model file lacks; of its copy here."""
+        if self.inputs.model is None:
+            raise SessionError("there is no model yet; give one")
+        try:
+            edits = Source.read(self.session.given(self.inputs.model), self._effects).edits
+            text = edits.set_torque_constants(constants).text
+        except ValueError as error:
+            raise SessionError(self._without_path(error)) from error
+        model = replace(self.session.place_for(self.inputs.model.name), origin=self.inputs.model.origin)
+        files.replace(self.session.given(model), text.encode())
+        self._take(replace(self.inputs, model=model, constants={**self.inputs.constants, **constants}))
+
     def cure(self, cure: Cure) -> None:
         """Read recordings in the way in which what looks wrong with them is put right."""
         inputs = self.inputs
@@ -333,6 +346,10 @@ class Studio:
     def _effects_named(self) -> str | None:
         return None if self._effects is None else str(self._effects)
 
+    def _without_path(self, error: ValueError) -> str:
+        """A message about a given file, with its name alone."""
+        return str(error).replace(f"{self.session.folder / 'given'}{os.sep}", "")
+
     def _give_model(self, file: GivenFile, like: str | None = None) -> None:
         """Take a model file that lies in given/, if it is one."""
         path, model = self.session.given(file), file
@@ -345,8 +362,8 @@ class Studio:
             self._check_idle()
         except ValueError as error:
             path.unlink()
-            raise SessionError(str(error).replace(f"{path.parent}{os.sep}", "")) from error
-        self._take(replace(self.inputs, model=model, like=like, effects=self._effects_named))
+            raise SessionError(self._without_path(error)) from error
+        self._take(replace(self.inputs, model=model, like=like, constants={}, effects=self._effects_named))
 
     def _give_recording(self, file: GivenFile, held_out: bool, reading: GivenReading) -> None:
         """Take a recording that lies in given/, if it is one; whether its columns are understood is seen later."""

@@ -42,6 +42,10 @@ def commands(path: Sequence[SessionStep]) -> list[str]:
     return [
         *_apart(inputs),
         *([given.copy()] if given.like else []),
+        *(
+            f"# set torque_constant = {value:g} in joint {joint} of {quote(str(given.model))}"
+            for joint, value in inputs.constants.items()
+        ),
         shlex.join(["tendon", "improve", str(given.model), *data, "--report", "report", *own]),
         *(f"# remove {effect} from {quote(str(given.model))}" for effect in removed),
         *(given.add(Term(effect.effect, effect.joint)) for effect in added),

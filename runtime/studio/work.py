@@ -147,7 +147,7 @@ class Work:
             if "said" in message:
                 self._state = replace(state, said=(*state.said, str(message["said"])))
             elif "result" in message:
-                result = msgspec.convert(message["result"], TaskResult)
+                result = msgspec.convert(message["result"], TaskResult, str_keys=True)
                 self._conclude(replace(state, state="done", share=1.0, left=0.0, result=result))
             elif "error" in message:
                 self._conclude(replace(state, state="failed", error=str(message["error"])))

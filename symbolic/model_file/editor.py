@@ -138,6 +138,15 @@ class ModelText:
 
         return self._edited(change, apart=True)
 
+    def set_torque_constants(self, values: Mapping[int, float]) -> Self:
+        """Set torque constants: joint -> N m/A (N/A) at its output."""
+
+        def change(document: Any, _: TableOf = _plain) -> None:
+            for joint, value in values.items():
+                document["joint"][joint - 1]["torque_constant"] = _rounded(value)
+
+        return self._edited(change)
+
     @property
     def _place(self) -> Place:
         return Place(printable(str(self.path)))

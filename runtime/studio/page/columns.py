@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import chain
+from math import inf
 
 from msgspec.structs import replace
 
@@ -35,8 +36,10 @@ def columns(view: PageView, given: GivenRecording, shown: RecordingOverview) -> 
         if not shown.cells and not given.reading.maps:
             put("p", "Choose the column of each signal. The choices below are guesses from the names of the columns.")
         _table(view, given, shown, chosen)
-        _further(view, given, shown, chosen)
-        _torques(view, given, chosen)
+        with put("div", classes="acts"):
+            _further(view, given, shown, chosen)
+            _torques(view, given, chosen)
+        _constants(view, _unknown(view, given, shown, chosen))
         _act(view, given, shown, chosen)
 
 
@@ -185,16 +188,60 @@ def _torques(view: PageView, given: GivenRecording, chosen: Choice) -> None:
     )
 
 
+def _unknown(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen: Choice) -> dict[int, float]:
+    """The gear ratios of joints whose current is recorded and whose torque constant is not known."""
+    stated = {bare(column.name): MappedColumn.of(column.name).unit for column in view.studio.columns(given.given)}
+
+    def is_current(cell: MappedColumn) -> bool:
+        unit = cell.unit or stated.get(cell.name, "")
+        return UNITS.get(normal_unit(unit), ("",))[0] == "current"
+
+    found = ((k, ratio, chosen.get(f"tau{k}", NONE)) for k, ratio in shown.ratios.items())
+    return {k: ratio for k, ratio, text in found if is_current(MappedColumn.of(text))}
+
+
+def _constants(view: PageView, ratios: Mapping[int, float]) -> None:
+    """The torque constants that turn currents into torques."""
+    if ratios:
+        put("p", "A current becomes a torque with the torque constant of the motor, which the model file lacks.", "of")
+    for k, ratio in ratios.items():
+        put_in = partial(_type, view, k)
+        typed, times = view.constants.get(k, ""), f"times the gear ratio {number(ratio)}"
+        view.entry(f"constant {k}", f"motor of joint {k}, N m/A, {times}", value=typed, typed=put_in)
+
+
+def _type(view: PageView, joint: int, said: str) -> None:
+    view.set(constants={**view.constants, joint: said})
+
+
+def _positive(said: str) -> float | None:
+    """A number above 0; None for any other text."""
+    try:
+        value = float(said)
+    except ValueError:
+        return None
+    return value if 0 < value < inf else None
+
+
 def _act(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen: Choice) -> None:
     """Take the choice, or leave it."""
     file, studio = given.given.file, view.studio
     entries = tuple(f"{signal}={cell}" for signal, cell in chosen.items())
     absent = [said(signal) for signal in shown.units if _needed(signal) and signal not in chosen]
+    ratios = _unknown(view, given, shown, chosen)
+    stated = {k: _positive(view.constants.get(k, "")) for k in ratios}
+    absent += [f"torque constant {k}" for k, value in stated.items() if value is None]
+    constants = {k: ratios[k] * value for k, value in stated.items() if value is not None}
     taken = set(entries) == set(given.reading.maps)
 
     def use(reading: GivenReading) -> None:
+        def take() -> None:
+            if constants:
+                studio.state_torque_constants(constants)
+            studio.read_as(file, reading)
+
         _forget(view, file)
-        view.give(studio.read_as, file, reading)
+        view.give(take)
 
     with put("div", classes="acts"):
         wanted = replace(given.reading, maps=entries)
@@ -208,7 +255,7 @@ def _act(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen
             plain = replace(given.reading, maps=())
             button("Read it as the file says", partial(use, plain), disabled=view.busy, data_do="columns-remove")
     if absent:
-        put("p", f"Without a column: {', '.join(absent)}.", "of")
+        put("p", f"Still to be chosen: {', '.join(absent)}.", "of")
 
 
 def _set(view: PageView, file: str, chosen: Choice) -> None:
@@ -226,4 +273,4 @@ def _needed(signal: str) -> bool:
 def said(signal: str) -> str:
     """A signal in words: q2 is the position of joint 2."""
     stem = signal.rstrip("0123456789")
-    return f"{_NAMES[stem]} {signal[len(stem) :]}".strip() if stem in _NAMES else signal
+    return f"{_NAMES[stem]}{', joint ' * (stem != signal)}{signal[len(stem) :]}" if stem in _NAMES else signal

@@ -98,7 +98,11 @@ def _sections(view: PageView) -> list[PageSection]:
     section("details", lambda: view.verdict and view.here, verdict.details)
     section(
         "recordings",
-        lambda: (studio.inputs, step(), view.busy, read(), view.choices) if studio.inputs.recordings else None,
+        lambda: (
+            (studio.inputs, step(), view.busy, read(), view.choices, view.constants)
+            if studio.inputs.recordings
+            else None
+        ),
         start.recordings,
     )
     section("plans", lambda: (view.busy, repr(studio.plans())), start.plans)

@@ -129,6 +129,7 @@ class PageView:
     offered        effect and joint that may be added
     tried_effect   effect of the model whose values may be tried
     hidden_effect  effect and joint that may be hidden in the motion
+    constants      joint -> torque constant of its motor, N m/A, as typed
     choices        recording, by its name in `given/` -> the columns that are being chosen
     refused        why the last command was refused; ""
     """
@@ -141,6 +142,7 @@ class PageView:
         self.offered: tuple[str, int | None] | None = None
         self.tried_effect: str | None = None
         self.hidden_effect: tuple[str, int | None] | None = None
+        self.constants: Mapping[int, str] = {}
         self.choices: Mapping[str, Mapping[str, str]] = {}
         self.refused = ""
         self.changed: Callable[[], None] = lambda: None
@@ -167,6 +169,11 @@ class PageView:
         """Whether a task is running."""
         work = self.studio.work
         return work is not None and work.state == "running"
+
+    @property
+    def chosen_columns(self) -> object:
+        """What is being chosen of the columns of recordings."""
+        return self.choices, self.constants
 
     @property
     def closed(self) -> bool:
@@ -257,6 +264,13 @@ class PageView:
             put("span", label)
             made = put("input", type="range", data_control=name, **attributes)
         self._controls[name] = made, moved
+
+    def entry(self, name: str, label: str, *, value: str, typed: Callable[[str], Any]) -> None:
+        """A number that is typed."""
+        with put("label", classes="choice"):
+            put("span", label)
+            made = put("input", type="number", min=0, step="any", value=value, data_control=name)
+        self._controls[name] = made, typed
 
     def hear(self, event: GenericEventArguments) -> None:
         """Take the value to which the browser says that a control was set."""

@@ -100,6 +100,32 @@ def test_a_cure_is_of_its_recording_and_takes_the_place_of_an_earlier_one(
     assert held.reading == GivenReading()
 
 
+def test_a_current_is_a_torque_once_the_motor_is_known(new: Studio, recorded: Path, tmp_path: Path) -> None:
+    """The constant goes into the copy of the model file; the given one stays as it is."""
+    given = (recorded / "drive.toml").read_text()
+    rows = [line.split(",") for line in (recorded / EVIL).read_text().splitlines()[1:]]
+    log = tmp_path / "currents.csv"
+    log.write_text("\n".join(["t,q1,Iq [mA]", *(f"{r[0]},{r[1]},{float(r[2]) * 1000 / 8}" for r in rows)]) + "\n")
+    sent(new, log)
+    (taken,) = new.inputs.recordings
+    found = new.recording(taken)
+    assert found is not None
+    assert (found.guesses["tau1"], found.ratios) == ("Iq", {1: 100})
+    new.read_as(taken.given.file, GivenReading(("tau1=Iq",)))
+    with pytest.raises(SessionError, match=r"^drive\.toml"):
+        new.state_torque_constants({1: -8.0})
+    new.state_torque_constants({1: 8.0})
+    new.begin()
+    done(new)
+    assert new.history.here is not None
+    assert new.history.here.joints[0].rms == pytest.approx(0.4, rel=0.5)
+    assert "torque_constant = 8" in new.model_text(0)
+    assert (recorded / "drive.toml").read_text() == given
+    assert '# set torque_constant = 8 in joint 1 of "' in "\n".join(new.commands(0))
+    new.close()
+    assert StudioSession.open(new.session.folder).inputs.constants == {1: 8.0}
+
+
 def test_another_recording_keeps_the_steps_and_they_are_fitted_again(copied: Studio, recorded: Path) -> None:
     copied.go_to(1)
     before, inputs = copied.history, copied.inputs
