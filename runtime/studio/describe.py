@@ -12,6 +12,8 @@ import shlex
 import sys
 from collections.abc import Mapping, Sequence
 
+from msgspec.structs import replace
+
 from runtime.diagnosis.steps import Trail
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, structure_entries
@@ -247,5 +249,5 @@ def verdict(summary: ResultSummary) -> VerdictOverview:
         more=said.more,
         findings=findings,
         unexplained=reports.unexplained_joints(summary),
-        details=[*reports.diagnosis_groups(summary), *further],
+        details=[replace(group, folded=True) for group in (*reports.diagnosis_groups(summary), *further)],
     )

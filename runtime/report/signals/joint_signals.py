@@ -17,7 +17,7 @@ from runtime.report.page import page_figures as figures
 from runtime.report.plots.joint_plots import PlotAxis, running_mean
 from runtime.report.plots.style import residual_reach
 from runtime.report.signals.signal_set import Colour, DrawnCurve, DrawnLine, SignalPanel, SignalSet, around, curve
-from runtime.wording import numbered, percent
+from runtime.wording import MORE_THAN_NOISE, numbered, percent
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,9 @@ def of_series(
     before: JointSeries, after: JointSeries | None, added: str = "", more: Sequence[SignalPanel] = ()
 ) -> SignalSet:
     """A joint's series on the same rows, before and after effects were added; one model if `after` is None."""
-    models: list[tuple[str, Colour, JointSeries]] = [(BEFORE if after else "", "before", before)]
+    models: list[tuple[str, Colour, JointSeries]] = [
+        (BEFORE, "before", before) if after else ("", _of_one(before), before)
+    ]
     if after is not None:
         models.append((AFTER, "after", after))
     lines = {MEASURED: before.tau}
@@ -143,6 +145,11 @@ def of_recording(recording: Recording, joint: int) -> SignalSet:
     )
 
 
+def _of_one(series: JointSeries) -> Colour:
+    """The colour of a model that is compared with no other: that of a fallen error where nothing is left."""
+    return "after" if series.rms < MORE_THAN_NOISE * series.floor.value else "before"
+
+
 def _over(
     name: str,
     axis: PlotAxis,
@@ -191,8 +198,9 @@ def _spectrum(before: JointSeries, residuals: Sequence[Array], motion: Motion) -
     """
     joint = before.joint - 1
     cutoff, rate = motion.cutoff(joint), motion.row_rate(joint)
-    suffixes = (BEFORE, AFTER) if len(residuals) > 1 else ("",)
-    colours: tuple[Colour, ...] = ("before", "after")
+    several = len(residuals) > 1
+    suffixes = (BEFORE, AFTER) if several else ("",)
+    colours: tuple[Colour, ...] = ("before", "after") if several else (_of_one(before),)
     curves = []
     for suffix, colour, residual in zip(suffixes, colours, residuals, strict=False):
         frequency, density = figures.amplitudes(residual, rate)

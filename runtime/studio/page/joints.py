@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 from runtime.studio.history import JointError
 from runtime.studio.page.view import PageView, arm_in_motion, button, put, signals
@@ -16,7 +17,7 @@ def motion(view: PageView) -> None:
     if arm is None:
         put("p", "There is no picture: the rigid-body torque comes from your own model.", "of")
         return
-    arm_in_motion(arm).on("joint", lambda e: view.set(chosen=int(e.args["detail"]) + 1), ["detail"])
+    arm_in_motion(arm).on("joint", lambda e: view.show_joint(int(e.args["detail"]) + 1), ["detail"])
 
 
 def errors(view: PageView) -> None:
@@ -40,18 +41,47 @@ def _joint(view: PageView, before: JointError | None, after: JointError, longest
     """Bars of a joint; `before`: with the model as given, if that is another one."""
     chosen = view.joint.joint == after.joint
     pressed = put("button", classes="bar-joint", type="button", aria_pressed=json.dumps(chosen), data_joint=after.joint)
-    with pressed.on("click", lambda _: view.set(chosen=after.joint)):
+    with pressed.on("click", lambda _: view.show_joint(after.joint)):
         with put("span", classes="bar-head"):
-            unexplained = view.verdict is not None and after.joint in view.verdict.unexplained
-            level, said = _against_floor(after.floors)
-            # The colour of a joint, as in the picture of the arm.
-            put("span", classes="spot", data_level=2 if unexplained else level)
+            unexplained, said = _is_unexplained(view, after), _against_floor(after.floors)[1]
+            _spot(view, after)
             put("b", f"Joint {after.called}")
             put("span", "the residual is more than sensor noise" if unexplained else said, "of")
         old = (None, None) if before is None else (before.relative, before.held)
         _bar("fitted", old[0], after.relative, floor=after.relative_floor, longest=longest)
         if after.held is not None:
             _bar("held out", old[1], after.held, floor=after.held_floor, longest=longest)
+
+
+def navigation(view: PageView) -> None:
+    """What stays in view: the joints, and links to the parts of the page."""
+    joints = view.step.joints
+    if len(joints) > 1:
+        with put("div", classes="joints", role="group", aria_label="Joints"):
+            for joint in joints:
+                chosen = json.dumps(view.joint.joint == joint.joint)
+                pressed = put("button", type="button", aria_pressed=chosen, data_go=joint.joint, title=joint.called)
+                with pressed.on("click", partial(lambda number, _: view.show_joint(number), joint.joint)):
+                    _spot(view, joint)
+                    put("span", "Joint", "word")
+                    put("b", str(joint.joint))
+                    put("span", percent(joint.relative), "of")
+    parts = {"verdict": "Verdict", "joint": f"Joint {view.joint.joint}", "findings": "Findings", "try": "Add an effect"}
+    if view.verdict is None or not view.verdict.findings:
+        parts.pop("findings")
+    with put("div", classes="links"):
+        for name, text in {**parts, "ask": "Ask the model", "change": "Model file", "recordings": "Recordings"}.items():
+            put("a", text, href=f"#{name}")
+
+
+def _spot(view: PageView, joint: JointError) -> None:
+    """The colour of a joint, as in the picture of the arm."""
+    level = 2 if _is_unexplained(view, joint) else _against_floor(joint.floors)[0]
+    put("span", classes="spot", data_level=level)
+
+
+def _is_unexplained(view: PageView, joint: JointError) -> bool:
+    return view.verdict is not None and joint.joint in view.verdict.unexplained
 
 
 def _against_floor(floors: float | None) -> tuple[int, str]:
@@ -64,19 +94,26 @@ def _against_floor(floors: float | None) -> tuple[int, str]:
 
 def _bar(name: str, before: float | None, after: float, *, floor: float | None, longest: float) -> None:
     """An error, in parts of the longest bar; `before`: from where it falls."""
-    said = percent(after) if before is None else f"{percent(before)} → {percent(after)}"
+    said = change(before, after)
     with put("span", classes=f"bar-row {name.replace(' ', '-')}"):
         put("span", name, "bar-name")
         with put("span", classes="bar-track", role="img", aria_label=f"error {name} {said}"):
             width = f"width:{100 * after / longest:.2f}%"
             if before is None:
-                put("span", classes="bar", style=width)
+                clean = " clean" if floor is not None and after < MORE_THAN_NOISE * floor else ""
+                put("span", classes=f"bar{clean}", style=width)
             else:
                 put("span", classes="bar ghost", style=f"width:{100 * before / longest:.2f}%")
                 put("span", classes="bar bar-now", style=f"{width};--from:{100 * before / longest:.2f}%")
             if floor is not None:
                 put("span", classes="bar-floor", style=f"left:{100 * floor / longest:.2f}%")
         put("span", said, "bar-value")
+
+
+def change(before: float | None, after: float) -> str:
+    """An error, and from where it came unless that reads the same."""
+    old, new = "" if before is None else percent(before), percent(after)
+    return new if old in ("", new) else f"{old} → {new}"
 
 
 def joint(view: PageView) -> None:

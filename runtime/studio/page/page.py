@@ -75,6 +75,7 @@ def _sections(view: PageView) -> list[PageSection]:
     with put("div", classes="at-work"):
         section("work", task, _work, "div")
         section("progress", lambda: studio.work if view.busy else None, _progress, "div")
+        section("parts", lambda: view.here and step(joint()), joints.navigation, "nav")
     section("start", lambda: None if view.here else (studio.state, view.busy, read()), start.start)
     section(
         "changed",

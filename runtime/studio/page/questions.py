@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from runtime.studio.documents import EffectOverview, HiddenEffectAnswer, MotionAnswer, ValuesAnswer
+from runtime.studio.documents import EffectOverview, HiddenEffectAnswer, MotionAnswer, ParameterRange, ValuesAnswer
 from runtime.studio.page.steps import chosen_effect, offers
 from runtime.studio.page.view import PageView, button, put, signals
 from runtime.wording import number, percent, quantity, sentence
@@ -63,7 +63,8 @@ def sliders(view: PageView, effect: EffectOverview, prefix: str = "") -> None:
             with put("div", classes="acts"):
                 view.slider(
                     f"{mark} of {effect.placed}",
-                    f"{entry.name}: {number(value)} {entry.unit}, fitted {number(entry.value)}",
+                    f"{entry.name}: {_with_unit(value, entry)}, fitted {_with_unit(entry.value, entry)}, "
+                    f"from {_with_unit(low, entry)} to {_with_unit(high, entry)}",
                     partial(moved, entry.name),
                     min=low,
                     max=high,
@@ -76,6 +77,10 @@ def sliders(view: PageView, effect: EffectOverview, prefix: str = "") -> None:
         errors = f"error {percent(joint.fitted)} as fitted, {percent(joint.relative)} with these values"
         put("p", f"Joint {joint.joint}: {errors}.", role="status")
         signals(joint.signals)
+
+
+def _with_unit(value: float | None, entry: ParameterRange) -> str:
+    return f"{number(value)} {entry.unit}".strip()
 
 
 def _hiding(view: PageView) -> None:

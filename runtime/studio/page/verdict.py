@@ -6,6 +6,7 @@ from functools import partial
 
 from runtime.studio.history import PlacedEffect
 from runtime.studio.page import questions
+from runtime.studio.page.joints import change
 from runtime.studio.page.start import cure_button, cures
 from runtime.studio.page.view import TAGS, PageView, button, put, report_sections
 from runtime.wording import percent
@@ -44,26 +45,28 @@ def _sentence(view: PageView) -> str:
         return view.verdict.sentence
     if step.parent is None or step.kind == "given":
         return view.overview.sentence
-    pairs = zip(view.studio.history.step(step.parent).joints, step.joints, strict=True)
-    old, new = max(pairs, key=lambda pair: abs(pair[0].relative - pair[1].relative))
+    pairs = list(zip(view.studio.history.step(step.parent).joints, step.joints, strict=True))
+    own = [pair for pair in pairs if pair[1].joint == step.changed[0].joint]
+    old, new = max(own or pairs, key=lambda pair: abs(pair[0].relative - pair[1].relative))
+    before, after = percent(old.relative), percent(new.relative)
+    what = f"{'With' if step.kind == 'added' else 'Without'} {', '.join(map(str, step.changed))}"
+    if before == after:
+        does = "fall" if step.kind == "added" else "rise"
+        return f"{what} the error of joint {new.called} does not {does}: it stays at {after}."
     how = "falls" if new.relative < old.relative else "rises"
-    change = f"{'With' if step.kind == 'added' else 'Without'} {', '.join(map(str, step.changed))}"
-    return f"{change} the error of joint {new.called} {how} from {percent(old.relative)} to {percent(new.relative)}."
+    return f"{what} the error of joint {new.called} {how} from {before} to {after}."
 
 
 def _facts(view: PageView) -> None:
     """Errors of the joint that is shown, from the model as given to this step."""
     step, joint = view.step, view.joint.joint - 1
-    given, here = view.given.joints[joint], step.joints[joint]
-
-    def fall(before: float, after: float) -> str:
-        return percent(after) if step is view.given else f"{percent(before)} → {percent(after)}"
-
-    facts = {"error": fall(given.relative, here.relative), "noise floor": percent(here.relative_floor)}
+    here, first = step.joints[joint], view.given.joints[joint]
+    before, held_before = (None, None) if step is view.given else (first.relative, first.held)
+    facts = {"error": change(before, here.relative), "noise floor": percent(here.relative_floor)}
     if view.verdict is not None and view.verdict.unexplained:
         facts["sensor noise alone"] = percent(view.joint.instruments)
-    if here.held is not None and given.held is not None:
-        facts["error, held out"] = fall(given.held, here.held)
+    if here.held is not None:
+        facts["error, held out"] = change(held_before, here.held)
         if here.held_floor is not None:
             facts["noise floor, held out"] = percent(here.held_floor)
     with put("dl", classes="facts"):
@@ -106,7 +109,7 @@ def findings(view: PageView) -> None:
             with put("div", classes="acts"):
                 _add(view, finding.placed, f"Add {finding.title}", "first")
                 if view.joint.joint != finding.shows_at:
-                    button(f"Show joint {finding.shows_at}", partial(view.set, chosen=finding.shows_at))
+                    button(f"Show joint {finding.shows_at}", partial(view.show_joint, finding.shows_at))
                 for rival in finding.rivals:
                     _add(view, rival, f"Add {rival} instead")
                 effects = [finding.placed, *finding.rivals]

@@ -123,7 +123,7 @@ class PageSection:
 class PageView:
     """A session as one browser tab shows it.
 
-    chosen         joint that is shown, 1-based; None: the one with the largest residual in noise floors
+    chosen         joint that is shown, 1-based, and at which step, as long as that is shown; None: see `joint`
     held_out       whether its held-out recording is shown
     against        step with which the current one is compared; None: the model as given
     offered        effect and joint that may be added
@@ -136,7 +136,7 @@ class PageView:
 
     def __init__(self, studio: Studio) -> None:
         self.studio = studio
-        self.chosen: int | None = None
+        self.chosen: tuple[SessionStep, int] | None = None
         self.held_out = False
         self.against: int | None = None
         self.offered: tuple[str, int | None] | None = None
@@ -195,10 +195,22 @@ class PageView:
 
     @property
     def joint(self) -> JointOverview:
-        """The joint that is shown."""
-        joints = self.overview.joints
-        chosen = next((joint for joint in joints if joint.joint == self.chosen), None)
-        return chosen or max(joints, key=lambda joint: joint.floors or 0.0)
+        """The joint that is shown: the one that was chosen at this step, else that of the first finding, of the effect
+        that was added or left out, or with the largest residual in noise floors."""
+        joints, step, found = self.overview.joints, self.step, self.verdict
+        wanted: int | None = None
+        if self.chosen is not None and self.chosen[0] == step:
+            wanted = self.chosen[1]
+        elif found is not None and found.findings:
+            wanted = found.findings[0].shows_at
+        elif step.changed:
+            wanted = step.changed[0].joint
+        shown = next((joint for joint in joints if joint.joint == wanted), None)
+        return shown or max(joints, key=lambda joint: joint.floors or 0.0)
+
+    def show_joint(self, number: int) -> None:
+        """Show another joint, from 1."""
+        self.set(chosen=(self.step, number))
 
     def act(self, command: Callable[..., Any], *given: Any) -> None:
         """Execute a command; if it is refused the page says why."""

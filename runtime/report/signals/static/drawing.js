@@ -3,6 +3,7 @@
 Object.assign(globalThis.TendonSignals, (() => {
   const { ticks, tick, place, number } = globalThis.TendonSignals;
   const EDGE = { left: 58, right: 12, top: 8, bottom: 33 };
+  const BROAD = 3.4, PALE = 0.4;
   const GAP = 5, DOT = { few: 0.55, many: 0.2, faded: 0.12, lit: 0.75 };
 
   /* The frame of a panel: its rectangle, and conversions between values and pixels. */
@@ -17,6 +18,9 @@ Object.assign(globalThis.TendonSignals, (() => {
       valueY: (py) => panel.yAxis.from(view.v0 + (box.y + box.h - py) / up),
     };
   }
+
+  /* The colour of what was measured, where models are drawn over it. */
+  const pale = ({ rgb }) => `rgb(${rgb.paper.map((c, k) => Math.round(c + PALE * (rgb.ink[k] - c))).join()})`;
 
   /* Whether a line breaks: the value is NaN, or samples are missing. */
   const broken = (data, least, k, first) => Number.isNaN(least[k]) || (k > first && data.t[k] - data.t[k - 1] > GAP * data.pitch);
@@ -39,13 +43,13 @@ Object.assign(globalThis.TendonSignals, (() => {
 
   /* A line over a long time: in each column of pixels a bar from its smallest to its largest value, extended to meet the
      bar before. Filled rectangles on whole pixels are fast; a path with as many strokes takes a tenth of a second. */
-  function densely(pen, at, data, line, first, last, scale) {
+  function densely(pen, at, data, line, first, last, scale, broad) {
     const { t } = data, least = data.least[line], most = data.most[line], wide = 1 / scale;
     let column = NaN, low = 0, high = 0, low0 = NaN, high0 = NaN;
     const bar = () => {
       if (Number.isNaN(column)) return;
       const top = Math.round(at.y(high < low0 ? low0 : high) * scale), bottom = Math.round(at.y(low > high0 ? high0 : low) * scale);
-      pen.fillRect(column * wide, top * wide, wide, Math.max(bottom - top, 1) * wide);
+      pen.fillRect(column * wide - broad / 2, top * wide - broad / 2, wide + broad, Math.max(bottom - top, 1) * wide + broad);
       low0 = low;
       high0 = high;
     };
@@ -64,11 +68,12 @@ Object.assign(globalThis.TendonSignals, (() => {
     bar();
   }
 
-  function trace(pen, at, data, line, begin, end, scale) {
+  /* broad: px by which a line is wider than a thin one. */
+  function trace(pen, at, data, line, begin, end, scale, broad) {
     const { t } = data, first = Math.max(0, place(t, begin) - 1), last = Math.min(t.length - 1, place(t, end));
     if (first > last) return;
     const dense = (at.x(t[last]) - at.x(t[first])) * scale < 2 * (last - first);
-    if (dense) densely(pen, at, data, line, first, last, scale); else closely(pen, at, data, line, first, last);
+    if (dense) densely(pen, at, data, line, first, last, scale, broad); else closely(pen, at, data, line, first, last);
   }
 
   /* The background of the frame with the noise floor, as an image to which dots are added. */
@@ -255,9 +260,11 @@ Object.assign(globalThis.TendonSignals, (() => {
       if (scene.lit) litColumns(pen, at, scene.lit, colours);
       for (const line of panel.lines) {
         if (!scene.shown(line.name)) continue;
-        pen.strokeStyle = pen.fillStyle = colours[line.colour];
-        pen.lineWidth = line.colour === "ink" ? 1.3 : 1.1;
-        for (const [data, begin, end] of scene.stretches(panel)) trace(pen, at, data, scene.lineNumber(line.line), begin, end, scale);
+        // What was measured is a broad pale line below the thin ones of the models, so that both are seen where they agree.
+        const broad = line.colour === "ink" && panel.lines.length > 1 ? BROAD : 0;
+        pen.strokeStyle = pen.fillStyle = broad ? pale(colours) : colours[line.colour];
+        pen.lineWidth = 1.1 + broad;
+        for (const [data, begin, end] of scene.stretches(panel)) trace(pen, at, data, scene.lineNumber(line.line), begin, end, scale, broad);
       }
     }
     curves(pen, at, panel, scene);

@@ -8,8 +8,15 @@
     from.dispatchEvent(new CustomEvent("chosen", { detail, bubbles: true }));
   });
 
+  /* A link to a part of the page unfolds it. */
+  document.addEventListener("click", (event) => {
+    const link = event.target instanceof Element && event.target.closest('a[href^="#"]');
+    const part = link && document.getElementById(link.getAttribute("href").slice(1));
+    if (part) for (const folded of [part.closest("details"), ...part.querySelectorAll(":scope > details")]) if (folded) folded.open = true;
+  });
+
   /* A section that is drawn again returns the focus to the element that had it. */
-  const KEYS = ["data-control", "data-do", "data-step", "data-joint"];
+  const KEYS = ["data-control", "data-do", "data-step", "data-joint", "data-go"];
   let focused = null;
   document.addEventListener("focusin", (event) => {
     const key = KEYS.find((name) => event.target.hasAttribute(name));
