@@ -33,8 +33,8 @@ def plan_page(
         caption = f"Joint {called}: position, speed and torque over one cycle, with limits and phases."
         made.append(drawn(motion_plots.plan_of_joint(document, joint), f"plan{joint}", caption))
     legend = (
-        "One cycle. Dashed horizontal lines: limits near the curve; dotted: end of a phase; shaded: in contact. The "
-        "torque is the motor's; dashed: the torque of a spring, positive where it pushes the joint forward."
+        "One cycle. Dashes and dots: limits near the curve; dotted: end of a phase; shaded: in contact. The "
+        "torque is the motor's; orange: the torque of a spring, positive where it pushes the joint forward."
     )
     counted = document.objective.joints if isinstance(document, OptimizeDocument) else None
     costs = [

@@ -29,7 +29,7 @@ from runtime.report.page import page_figures as figures
 from runtime.report.page.html import ReportPage, add_figures, embedded, part
 from runtime.report.page.moving import of_result
 from runtime.report.page.page_figures import drawn
-from runtime.report.sections import Commands, Facts, Group, Paragraph, Plots, Section, table, texts, words
+from runtime.report.sections import Bullets, Commands, Facts, Group, Paragraph, Plots, Section, table, texts, words
 from runtime.report.signals import joint_signals
 from runtime.report.summary import LoopDocument, Result, ResultSummary
 from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence, times_floor
@@ -42,6 +42,10 @@ TAGS = {
     "refused": "refused",
     "comparison": "comparison",
 }
+
+
+_LONGEST_HEADLINE = 120
+"""characters: two lines of the page"""
 
 
 def write_report(directory: Path, result: Result | ResultSummary) -> Path:
@@ -73,14 +77,15 @@ def report(result: Result | ResultSummary) -> ReportPage:
     name = summary.first.fit.model.name
     provenance = given(summary.document.provenance)
     groups += _origin(provenance)
+    headline, further = _headline(answer.sentence)
     return ReportPage(
         title=f"{name}: {answer.tag}",
         model=name,
         kind=answer.kind,
         tag=answer.tag,
         made="" if provenance is None else origin.made(provenance),
-        headline=answer.sentence,
-        short=[*texts([answer.more] if answer.more else []), *_short(summary)],
+        headline=headline,
+        short=[*further, *texts(filter(None, [answer.more])), *_short(summary)],
         groups=groups,
         drawings=drawings,
         document=plain(summary.document),
@@ -94,18 +99,25 @@ def of_document(document: LoopDocument | IdentifyDocument) -> ReportPage:
     tag = TAGS.get(kind, kind)
     shown = fits.identification(document) if isinstance(document, IdentifyDocument) else loop.sections(document)
     name = "" if provenance is None else Path(provenance.model.typed).stem
+    headline, further = _headline(tag if isinstance(document, CompareDocument) else document.reason)
     return ReportPage(
         title=f"{name}: {tag}".removeprefix(": "),
         model=name,
         kind="comparison" if kind == "fitted" else kind,
         tag=tag,
         made="" if provenance is None else origin.made(provenance),
-        headline=tag.capitalize() if isinstance(document, CompareDocument) else sentence(document.reason),
-        short=[],
+        headline=headline,
+        short=further,
         groups=[Group("Result", tuple(shown), "result"), *_origin(provenance)],
         drawings={},
         document=plain(document),
     )
+
+
+def _headline(reason: str) -> tuple[str, list[Section]]:
+    """A reason as a sentence; of a long one the first clause, and the others below it."""
+    first, *others = reason.removesuffix(".").split("; ") if len(reason) > _LONGEST_HEADLINE else [reason]
+    return sentence(first), [Bullets(tuple(others))] if others else []
 
 
 def _origin(provenance: Provenance | None) -> list[Group]:
@@ -158,33 +170,35 @@ def _compared(summary: ResultSummary) -> str:
 
 def _short(summary: ResultSummary) -> list[Section]:
     """Errors and floors, where the improved model is, and what to type next."""
-    document = summary.document
-    made: list[Section] = []
+    improved = getattr(summary.document, "improved_model", None)
     if len(summary.first.joints) == 1:
-        made.append(Facts(tuple(_facts(summary)), large=True))
+        made: list[Section] = [Facts(tuple(_facts(summary, 0)), large=True)]
     else:
-        made += fits.errors_by_joint(history(summary), _entries(summary.last), summary.floor_entries)
-    if improved := getattr(document, "improved_model", None):
-        made.append(Paragraph(f"The improved model is in {improved}. By hand, in the model as it was:"))
-    to_type = [*summary.copying(), *summary.adding()] or summary.drafting()[:1]
-    return [*made, Commands(tuple(to_type))]
+        facts = [dict(_facts(summary, i)) for i in range(len(summary.first.joints))]
+        names = list(dict.fromkeys(name for own in facts for name in own))
+        rows = [(summary.called(i), *(own.get(name, "–") for name in names)) for i, own in enumerate(facts)]
+        made = [table(("joint", *names), rows)]
+    if improved:
+        return [*made, Paragraph(f"The improved model is in {improved}.")]
+    return [*made, Commands(tuple([*summary.copying(), *summary.adding()] or summary.drafting()[:1]))]
 
 
-def _facts(summary: ResultSummary) -> list[tuple[str, str]]:
+def _facts(summary: ResultSummary, joint: int) -> list[tuple[str, str]]:
+    """Errors of a joint (0-based) before and after, and its floors."""
     first, last = summary.first, summary.last
 
     def fall(before: float, after: float) -> str:
-        return percent(before) if first is last else f"{percent(before)} → {percent(after)}"
+        return " → ".join(dict.fromkeys((percent(before), percent(after))))
 
-    facts = [("error", fall(first.fitted.relative[0], last.fitted.relative[0]))]
-    facts.append(("noise floor", percent(summary.floor(0))))
-    floor = last.joints[0].floor
-    unexplained = summary.left is not None and bool(summary.left.unexplained)
+    facts = [("error", fall(first.fitted.relative[joint], last.fitted.relative[joint]))]
+    facts.append(("noise floor", percent(summary.floor(joint))))
+    floor = last.joints[joint].floor
+    unexplained = summary.left is not None and joint in summary.left.unexplained
     if unexplained and floor.value > MORE_THAN_NOISE * floor.spectrum:
-        facts.append(("noise of the instruments alone", percent(summary.floor(0) * floor.spectrum / floor.value)))
+        facts.append(("noise of the instruments alone", percent(summary.floor(joint) * floor.spectrum / floor.value)))
     if first.held_out is not None and last.held_out is not None:
-        facts.append(("error, held out", fall(first.held_out.relative[0], last.held_out.relative[0])))
-        if (held := summary.held_out_floor(0)) is not None:
+        facts.append(("error, held out", fall(first.held_out.relative[joint], last.held_out.relative[joint])))
+        if (held := summary.held_out_floor(joint)) is not None:
             facts.append(("noise floor, held out", percent(held)))
     return facts
 

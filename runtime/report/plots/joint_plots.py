@@ -11,12 +11,26 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, envelope, residual_scale, styled
+from runtime.report.plots.style import (
+    ABOVE_LEGEND,
+    AFTER,
+    BEFORE,
+    FAINT,
+    INK,
+    WIDTH,
+    envelope,
+    legend,
+    residual_scale,
+    styled,
+)
 
 Array = NDArray[np.float64]
 
@@ -78,41 +92,44 @@ def error_fall(
 
     steps (S,) what was added; fitted, held_out (S,) errors, and their floors: each relative to the torque.
     """
-    count = len(steps)
-    pitch = 0.52 if held_out is not None else 0.4
-    figure = Figure(figsize=(WIDTH, 0.95 + pitch * count), layout="constrained")
+    count, both = len(steps), held_out is not None
+    figure = Figure(figsize=(WIDTH, 1.15 + (0.52 if both else 0.4) * count), layout="constrained")
     ax = figure.add_subplot()
     rows = np.arange(count, dtype=float)
     colours = [BEFORE if k == 0 else AFTER for k in range(count)]
-    kinds: list[tuple[str, Sequence[float], float | None, float, float]] = [("", fitted, floor, 0.0, 0.9)]
+    kinds: list[tuple[str, Sequence[float], float | None, float, float]] = [
+        ("fitted", fitted, floor, -0.2 if both else 0.0, 0.9)
+    ]
     if held_out is not None:
-        kinds = [("fitted ", fitted, floor, -0.2, 0.9), ("held out ", held_out, held_out_floor, 0.2, 0.4)]
-    for what, values, least, shift, alpha in kinds:
-        height = 0.36 if held_out is not None else 0.56
+        kinds.append(("held out", held_out, held_out_floor, 0.2, 0.4))
+    height = 0.36 if both else 0.56
+    for _, values, least, shift, alpha in kinds:
         ax.barh(rows + shift, [100 * v for v in values], height, color=colours, alpha=alpha, lw=0, zorder=2)
-        _label_bars(ax, rows + shift, values, height, what=what, floor=least)
+        _label_bars(ax, rows + shift, values, height, least)
+    handles: list[Artist] = [Patch(color=INK, alpha=alpha, label=what) for what, *_, alpha in kinds if both]
+    legend(ax, [*handles, Line2D([], [], color=INK, lw=1.6, label="noise floor")])
     longest = max([*fitted, *(held_out or ()), floor, held_out_floor or 0.0, 1e-6])
-    ax.text(100 * floor, -0.62, "noise floor", color=FAINT, ha="center", va="bottom", fontsize=8)
-    ax.set(ylim=(count - 0.45, -0.6), xlim=(0, 134 * longest), xlabel="error, % of the torque")
+    ax.set(ylim=(count - 0.45, -0.55), xlim=(0, 134 * longest), xlabel="error, % of the torque")
     ax.set_yticks(rows, steps)
     ax.tick_params(axis="y", length=0)
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.spines["left"].set_visible(False)
     if title:
-        ax.set_title(title, pad=16)
+        ax.set_title(title, pad=ABOVE_LEGEND)
     return figure
 
 
-def _label_bars(ax: Axes, rows: Array, values: Sequence[float], height: float, what: str, floor: float | None) -> None:
+def _label_bars(ax: Axes, rows: Array, values: Sequence[float], height: float, floor: float | None) -> None:
     """The value behind each bar, and a mark at its noise floor, if that is known."""
     if floor is not None:
         reach = 0.5 * height + 0.04
         ax.vlines(np.full(len(rows), 100 * floor), rows - reach, rows + reach, color=INK, lw=1.6, zorder=3)
-    for k, (row, value) in enumerate(zip(rows, values, strict=True)):
-        text = f"{what if k == 0 else ''}{100 * value:.2f} %"
+    for row, value in zip(rows, values, strict=True):
         # A label does not overlap the mark of the noise floor.
         end = floor if floor is not None and value < floor < 1.4 * value else value
-        ax.annotate(text, (100 * end, row), (4, 0), textcoords="offset points", va="center", fontsize=8)
+        ax.annotate(
+            f"{100 * value:.2f} %", (100 * end, row), (4, 0), textcoords="offset points", va="center", fontsize=8
+        )
 
 
 # --- the residual over a signal ---
@@ -135,7 +152,7 @@ def residual_over(
     curve   (M,) torque that the added effects explain
     """
     parts = [("before", before, BEFORE)] if after is None else [("before", before, BEFORE), ("after", after, AFTER)]
-    figure = Figure(figsize=(WIDTH, 2.1 if after is None else 3.2), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.1 if after is None else 3.4), layout="constrained")
     panels = figure.subplots(len(parts), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for ax, (label, residual, colour) in zip(panels, parts, strict=True):
         # A fixed seed picks the same rows in every figure and every run; many dots are more transparent.
@@ -144,34 +161,38 @@ def residual_over(
         ax.scatter(axis.values[pick], residual[pick], s=2.2, c=colour, alpha=alpha, lw=0, rasterized=True, zorder=2)
         ax.axhspan(-floor, floor, color=FAINT, alpha=0.22, lw=0, zorder=0)
         ax.axhline(0, color=FAINT, lw=0.6, zorder=1)
-        _means(ax, axis, residual, color=colour, lw=2.2, zorder=4)
-        if after is not None:
-            ax.text(0.01, 0.98, label, transform=ax.transAxes, color=colour, va="top", weight="bold", fontsize=8.5)
+        _means(ax, axis, residual, signed=True, label=label, color=colour, lw=2.2, zorder=4)
         ax.set_ylabel(f"residual, {unit}")
         ax.yaxis.set_major_locator(MaxNLocator(4))
     if curve is not None:
-        _means(panels[0], axis, curve, color=INK, lw=1.5, ls=(0, (3, 1.5)), zorder=5)
-        place: Any = {"transform": panels[0].transAxes, "ha": "right", "va": "top"}
-        panels[0].text(0.99, 0.98, f"– – {curve_label}", **place, fontsize=8.5, zorder=6)
+        _means(panels[0], axis, curve, label=curve_label, color=INK, lw=1.5, ls=(0, (3, 1.5)), zorder=5)
+    for ax in panels if after is not None else ():
+        legend(ax)
     residual_scale(panels[0], [before], floor)
     _stretch(panels[-1], axis)
     panels[-1].set_xlabel(axis.label)
-    panels[0].set_title(title)
+    panels[0].set_title(title, pad=6 if after is None else ABOVE_LEGEND)
     figure.align_ylabels()
     return figure
 
 
-def _means(ax: Axes, axis: PlotAxis, y: Array, **style: Any) -> None:
-    """Running mean of each direction of motion; over the velocity it breaks at standstill."""
-    sides = axis.sides()
-    names = ["", ""] if axis.creep or len(sides) < 2 else ["+", "−"]
-    for side, name, shift in zip(sides, names, (4, -4), strict=False):
+def _means(ax: Axes, axis: PlotAxis, y: Array, label: str, signed: bool = False, **style: Any) -> None:
+    """Running mean of each direction of motion; over the velocity it breaks at standstill.
+
+    signed   whether + and − stand at the ends of the two directions, unless they are apart already
+    """
+    sides, ends = axis.sides(), list[tuple[float, float, str]]()
+    for k, (side, name) in enumerate(zip(sides, "+−", strict=False)):
         x, mean = running_mean(axis.stretched()[side], y[side])
         x = axis.unstretched(x)
-        ax.plot(x, mean, **style)
-        if name and len(x) and "ls" not in style:
-            place: Any = {"xytext": (4, shift), "textcoords": "offset points", "va": "center"}
-            ax.annotate(name, (x[-1], mean[-1]), **place, color=style["color"], zorder=6)
+        ax.plot(x, mean, label="" if k else label, **style)
+        ends += [(float(mean[-1]), float(x[-1]), name)] if len(x) else []
+    if not signed or axis.creep or len(sides) < 2:
+        return
+    # The higher one is moved up and the other down: they never overlap.
+    for (height, x_end, name), shift in zip(sorted(ends, reverse=True), (4, -4), strict=False):
+        place: Any = {"xytext": (4, shift), "textcoords": "offset points", "va": "center"}
+        ax.annotate(name, (x_end, height), **place, color=style["color"], zorder=6)
 
 
 def running_mean(x: Array, y: Array, bins: int = _BINS) -> tuple[Array, Array]:
@@ -264,10 +285,10 @@ def spectrum(
 @styled
 def structure(shares: Sequence[tuple[str, float, float | None]], title: str = "") -> Figure:
     """Share of the residual's variance that a curve over each signal explains: (signal, before, after or None)."""
-    figure = Figure(figsize=(WIDTH, 0.85 + 0.3 * len(shares)), layout="constrained")
+    both = any(after is not None for _, _, after in shares)
+    figure = Figure(figsize=(WIDTH, (1.05 if both else 0.85) + 0.3 * len(shares)), layout="constrained")
     ax = figure.add_subplot()
     rows = np.arange(len(shares), dtype=float)
-    both = any(after is not None for _, _, after in shares)
     for k, (_, before, after) in enumerate(shares):
         values = [(before, BEFORE, -0.19 if both else 0.0)] + ([(after, AFTER, 0.19)] if after is not None else [])
         for value, colour, shift in values:
@@ -278,7 +299,9 @@ def structure(shares: Sequence[tuple[str, float, float | None]], title: str = ""
     ax.set_xticks([0, 25, 50, 75, 100])
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
-    ax.set_title(title)
+    if both:
+        legend(ax, [Patch(color=BEFORE, label="before"), Patch(color=AFTER, label="after")])
+    ax.set_title(title, pad=ABOVE_LEGEND if both else 6)
     return figure
 
 
@@ -334,7 +357,7 @@ def torque_over_time(trace: Trace, title: str = "") -> Figure:
         ax.set_ylabel(f"torque, {trace.unit}" if trace.unit != "N" else "force, N")
         ax.tick_params(axis="x", length=0)
         ax.margins(x=0.01)
-        _legend(ax)
+        legend(ax)
     for _, torque, colour in trace.models():
         low.plot(*_running_rms(trace, trace.tau - torque), color=colour, lw=1.4)
     low.axhspan(0, trace.floor, color=FAINT, alpha=0.25, lw=0, zorder=0)
@@ -344,7 +367,7 @@ def torque_over_time(trace: Trace, title: str = "") -> Figure:
     for ax in (measured, predicted, low):
         ax.yaxis.set_major_locator(MaxNLocator(4))
     if title:
-        measured.set_title(title, pad=17)
+        measured.set_title(title, pad=ABOVE_LEGEND)
     figure.align_ylabels()
     return figure
 
@@ -361,7 +384,7 @@ def torque_closely(trace: Trace, title: str = "") -> Figure:
     low.axhline(0, color=FAINT, lw=0.6, zorder=0)
     residual_scale(low, [trace.tau - trace.before], trace.floor)
     low.set_ylabel(f"residual, {trace.unit}")
-    _legend(top)
+    legend(top)
     return figure
 
 
@@ -381,7 +404,7 @@ def effect_closely(trace: Trace, name: str, title: str = "") -> Figure:
         ax.set_ylabel(f"residual, {trace.unit}")
     _curve(top, trace, trace.after - trace.before, color=INK, lw=1.4, ls=(0, (3, 1.5)), label=name)
     for ax in (top, low):
-        _legend(ax)
+        legend(ax)
     return figure
 
 
@@ -391,20 +414,13 @@ def _time_axes(trace: Trace, title: str, heights: tuple[int, int] = (3, 2)) -> t
     top.set_ylabel(f"torque, {trace.unit}" if trace.unit != "N" else "force, N")
     low.set_xlabel("time, s")
     if title:
-        top.set_title(title, pad=17)
+        top.set_title(title, pad=ABOVE_LEGEND)
     for ax in (top, low):
         ax.yaxis.set_major_locator(MaxNLocator(4))
     top.tick_params(axis="x", length=0)
     top.margins(x=0.01)
     figure.align_ylabels()
     return figure, top, low
-
-
-def _legend(ax: Axes) -> None:
-    """A legend in one line above the curves."""
-    where: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0, "borderpad": 0.2}
-    shape: Any = {"ncols": 3, "handlelength": 1.1, "columnspacing": 1.2}
-    ax.legend(**where, **shape, frameon=False, labelcolor="linecolor", fontsize=8)
 
 
 def _running_rms(trace: Trace, residual: Array, bins: int = 90) -> tuple[Array, Array]:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from runtime.documents.parts import given
 from runtime.documents.plans import MotionDocument
-from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, envelope, styled
+from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, envelope, legend, styled
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def _draw(axes: Sequence[Axes], document: MotionDocument, joint: int, named: boo
     speed.plot(t, qd, color=INK, lw=1.3)
     torque.plot(t, tau, color=AFTER, lw=1.3, label="motor")
     if joint in {each["joint"] for each in document.springs}:
-        torque.plot(t, spring, color=BEFORE, lw=1.1, ls="--", label="spring")
+        torque.plot(t, spring, color=BEFORE, lw=1.1, label="spring")
         torque.legend(frameon=False, fontsize=7.5, loc="upper left", ncols=2)
         _widen(torque, _LINE, above=True)
     _limits(position, q, limits.position, units.position)
@@ -102,7 +103,7 @@ def _limits(ax: Axes, values: Array, limits: Sequence[float] | None, unit: str) 
         return
     near = near_limits(values, limits)
     for limit in near:
-        ax.axhline(limit, color=BEFORE, lw=0.9, ls=(0, (4, 2)), zorder=1)
+        ax.axhline(limit, color=INK, lw=0.9, ls=(0, (7, 2, 1, 2)), zorder=1)
     if not near:
         low, high = limits
         _note(ax, values, f"limits ±{high:g} {unit}" if low == -high else f"limits {low:g} and {high:g} {unit}")
@@ -179,9 +180,11 @@ def joint_cycles(joint: JointCycles) -> Figure:
     position.plot(joint.t, joint.q_planned, color=INK, lw=0.9, ls=(0, (4, 2)))
     for row in joint.torque:
         torque.plot(joint.t, row, color=AFTER, lw=0.8)
-    torque.plot(joint.t, joint.torque_planned, color=INK, lw=1.1, ls=(0, (4, 2)))
+    (planned,) = torque.plot(joint.t, joint.torque_planned, color=INK, lw=1.1, ls=(0, (4, 2)), label="planned")
+    named = [Line2D([], [], color=AFTER, lw=1.3, label="executed"), planned]
     if joint.spring is not None:
-        torque.plot(joint.t, joint.spring, color=BEFORE, lw=1.1)
+        named += torque.plot(joint.t, joint.spring, color=BEFORE, lw=1.1, label="spring")
+    legend(position, named)
     position.set_ylabel(f"position, {joint.position_unit}")
     error.set_ylabel(f"error, {joint.position_unit}")
     torque.set_ylabel(f"torque, {joint.force_unit}")

@@ -10,6 +10,7 @@ from typing import Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ COLOURS = {"ink": INK, "faint": FAINT, "before": BEFORE, "after": AFTER}
 """Colours by name; a page replaces them by its own."""
 
 WIDTH = 4.1  # inches, of every figure: its labels stay readable on a phone
+
+ABOVE_LEGEND = 17
+"""points between a panel and its title, where a legend stands between the two"""
 
 _STYLE: Any = {
     "font.family": "sans-serif",
@@ -81,6 +85,14 @@ def residual_scale(ax: Axes, residuals: Sequence[NDArray[np.float64]], floor: fl
     """Set a vertical scale that is symmetric about 0."""
     reach = residual_reach(residuals, floor)
     ax.set_ylim(-reach, reach)
+
+
+def legend(ax: Axes, handles: Sequence[Artist] | None = None) -> None:
+    """A legend in one line above the curves; handles: what it names, in place of the curves with a label."""
+    where: Any = {"loc": "lower left", "bbox_to_anchor": (0, 1.0), "borderaxespad": 0, "borderpad": 0.2}
+    shape: Any = {"ncols": 3, "handlelength": 1.1, "columnspacing": 1.2}
+    named: Any = {"labelcolor": "linecolor"} if handles is None else {"handles": handles}
+    ax.legend(**named, **where, **shape, frameon=False, fontsize=8)
 
 
 def envelope(t: NDArray[np.float64], y: NDArray[np.float64], points: int) -> tuple[NDArray[np.float64], ...]:

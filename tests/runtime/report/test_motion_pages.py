@@ -90,6 +90,20 @@ def test_figures_of_a_plan_show_speeds_limits_and_phases(planned) -> None:
     assert len(motion_plots.plan(document).axes) == 3 * 2
 
 
+def test_a_spring_does_not_look_like_a_limit(planned) -> None:
+    """Nor as what was planned or executed: each line of a panel has a colour and a dash of its own."""
+    _, _, document = planned
+    near = replace(document.joints[0].limits, torque=1.05 * max(map(abs, document.samples.tau[0])))
+    joint = replace(document.joints[0], limits=near)
+    sprung = replace(document, joints=[joint, *document.joints[1:]], springs=[{"joint": 1}])
+    torque = motion_plots.plan_of_joint(sprung, 1).axes[2]
+    spring = next(line for line in torque.lines if line.get_label() == "spring")
+    limits = [line for line in torque.lines if len(set(line.get_ydata())) == 1 and line.get_ydata()[0]]
+    assert len(limits) == 2
+    assert all(line.get_color() != spring.get_color() for line in limits)
+    assert (spring.get_linestyle(), {line.get_linestyle() for line in limits}) == ("-", {"--"})
+
+
 @pytest.mark.parametrize("ends", [-1.0, 1.0])
 def test_what_is_said_of_a_limit_stands_off_the_curve(planned, ends: float) -> None:
     """Over a curve that ends low, under one that ends high."""

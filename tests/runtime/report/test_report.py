@@ -9,6 +9,7 @@ import json
 import re
 import shlex
 from collections.abc import Callable
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -50,6 +51,7 @@ from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
 from tests.runtime.planning import planning_cases
+from tests.runtime.studio.browser import launched
 
 pytestmark = pytest.mark.xdist_group("report")  # its fixtures are made once
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>&"\'$x^2$'
@@ -576,6 +578,48 @@ def test_values_that_do_not_exist_are_null_in_the_page(improvement):
     found = changed(improvement.found, lambda s: replace(s, fit=fit) if s is last else s)
     document = json.loads(json.dumps(ResultSummary(found).document.to_json(), allow_nan=False))
     assert document["findings"][0]["parameters"]["speed"]["value"] is None
+
+
+def test_the_figures_name_their_colours_and_cut_no_label(summary):
+    """Legends stand above the panels; the values behind the bars fit beside them."""
+    error = page_figures.error(summary.steps, 0, 0.02)
+    follows = page_figures.structure(summary.first, summary.last, 0).figure
+    over = next(
+        drawn.figure
+        for drawn in page_figures.of_joint(summary.first, summary.last, 0, summary.findings_at(0))
+        if drawn.caption.startswith("Residual over velocity")
+    )
+    named = [
+        [text.get_text() for text in axes.get_legend().get_texts()] for f in (error, follows, over) for axes in f.axes
+    ]
+    assert named == [["fitted", "held out", "noise floor"], ["before", "after"], ["before", "stribeck"], ["after"]]
+    for figure in (error, follows):
+        figure.canvas.draw()
+        (axes,) = figure.axes
+        right = figure.bbox.x1
+        assert axes.texts
+        assert all(text.get_window_extent().x1 <= right for text in axes.texts)
+
+
+FREE = """() => [...document.querySelectorAll('.figures')].map(figures => {
+    const places = [...figures.children].map(child => child.getBoundingClientRect());
+    const reach = top => Math.max(...places.filter(p => Math.round(p.top) === top).map(p => p.right));
+    const tops = [...new Set(places.map(p => Math.round(p.top)))];
+    return tops.map(top => figures.getBoundingClientRect().right - reach(top));
+})"""
+"""Pixels that each row of each group of figures leaves free on the right."""
+
+
+def test_no_row_of_figures_is_half_empty(summary, tmp_path):
+    path = reports.write_report(tmp_path, summary)
+    with contextmanager(launched)() as browser:
+        page = browser.new_page()
+        for width in (1300, 900, 390):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.goto(path.as_uri())
+            groups = page.evaluate(FREE)
+            assert len(groups) >= 2
+            assert all(abs(free) < 1 for rows in groups for free in rows), (width, groups)
 
 
 def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
