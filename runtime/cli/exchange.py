@@ -15,7 +15,6 @@ from runtime.cli.inputs import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.documents.models import ImportDocument, ImportedJointEntry, LimitsEntry
 from runtime.setting import Checked, Setting
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import effects_described
@@ -72,6 +71,7 @@ def import_arm(
 ) -> None:
     """What the file does not state is unknown and can be identified."""
     from runtime.report import models, terminal
+    from runtime.workspace.importing import import_document
     from symbolic.model_file.exchange.importing import imported
 
     if out.exists():
@@ -80,30 +80,7 @@ def import_arm(
         file, effects_described(effects, space=True), chain.base, chain.tip, locked=chain.locked(), friction=friction
     )
     files.replace(out, made.text.encode())
-    joints = [
-        ImportedJointEntry(
-            joint=k,
-            name=joint.name,
-            type=joint.type,
-            links=list(found.links),
-            mass=joint.link.mass,
-            limits=LimitsEntry(position=joint.limits.position, speed=joint.limits.speed, torque=joint.limits.torque),
-            unknown=list(joint.unknown),
-            effects={name: dict(values) for name, values in joint.effects.items()},
-        )
-        for k, (joint, found) in enumerate(zip(made.arm.joints, made.chain.joints, strict=True), 1)
-    ]
-    document = ImportDocument(
-        out=str(out),
-        name=made.arm.name,
-        language=made.chain.tree.language,
-        base=made.chain.base,
-        tip=made.chain.tip_link,
-        gravity=list(made.arm.gravity),
-        joints=joints,
-        held=list(made.chain.held),
-        notes=list(made.notes),
-    )
+    document = import_document(made, str(out))
     emit(json, document, terminal.printer(models.imported))
 
 

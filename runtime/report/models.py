@@ -121,6 +121,20 @@ def generated_lines(document: GenerateDocument) -> list[str]:
 
 def imported(document: ImportDocument) -> list[Section]:
     """The joints of the new arm, notes about it, and what to type next."""
+    model = shlex.quote(document.out)
+    follow = {
+        f"tendon inspect RECORDING {model}": "shows what is in one and what looks wrong with it",
+        f"tendon improve {model} RECORDING --held-out ANOTHER": "finds the unknown values and what the model lacks",
+    }
+    return [
+        *imported_arm(document),
+        *texts([*document.notes, "", "Next, with recordings of the arm:"]),
+        Commands(tuple(CommandEntry(command=command, what=what) for command, what in follow.items())),
+    ]
+
+
+def imported_arm(document: ImportDocument) -> list[Section]:
+    """The joints of the new arm, and what of each is unknown."""
     joints = document.joints
     count = "1 joint" if len(joints) == 1 else f"{len(joints)} joints"
     rows = [
@@ -134,16 +148,9 @@ def imported(document: ImportDocument) -> list[Section]:
         )
         for joint in joints
     ]
-    model = shlex.quote(document.out)
-    follow = {
-        f"tendon inspect RECORDING {model}": "shows what is in one and what looks wrong with it",
-        f"tendon improve {model} RECORDING --held-out ANOTHER": "finds the unknown values and what the model lacks",
-    }
     return [
         Paragraph(f"{document.out}: {document.name}, {count} from {document.base} to {document.tip}"),
         table(("joint", "name", "type", "mass [kg]", "range", words("unknown")), rows),
-        *texts([*document.notes, "", "Next, with recordings of the arm:"]),
-        Commands(tuple(CommandEntry(command=command, what=what) for command, what in follow.items())),
     ]
 
 

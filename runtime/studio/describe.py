@@ -1,15 +1,13 @@
 """Results of fits and diagnoses -> the documents that the page shows, in the words of the report.
 
-Of the studio's modules this one, tasks.py, page/view.py and the server import the report.
+Of the studio's modules this one, the tasks, the page and the server import the report.
 """
 
 from __future__ import annotations
 
 import itertools
 import json
-import re
 import shlex
-import sys
 from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
@@ -44,6 +42,7 @@ from runtime.studio.documents import (
 )
 from runtime.studio.history import JointError, PlacedEffect
 from runtime.studio.inputs import GivenRecording
+from runtime.studio.spoken import spoken
 from runtime.wording import MORE_THAN_NOISE, numbered, unit
 
 
@@ -130,12 +129,6 @@ def _done(entry: str, cells: Mapping[str, str]) -> str:
     if wanted.turned != before.turned:
         parts.append("with the opposite sign")
     return f"Read {signal} {' '.join(parts)}"
-
-
-def spoken(message: str) -> str:
-    """A message without what one would type on a command line: the page has buttons for that."""
-    named = re.sub(r"--map (\w+):", r"\1:", message)
-    return "; ".join(part for part in named.split("; ") if "--" not in part and sys.executable not in part)
 
 
 def step(

@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from runtime.documents.models import ImportDocument
 from runtime.documents.parts import Document
 from runtime.studio.settings import MOST_RECORDINGS
 
@@ -51,11 +52,28 @@ class GivenRecording(Document, frozen=True):
     reading: GivenReading = GivenReading()
 
 
+class DescribedArm(Document, frozen=True, kw_only=True):
+    """A URDF or MJCF from which a model file is made, or cannot be made before base and tip are chosen.
+
+    links      its links
+    base, tip  those that were chosen; None: the root, and the only end
+    made       what was made of it
+    problem    why nothing was; "" otherwise
+    """
+
+    file: GivenFile
+    links: tuple[str, ...]
+    base: str | None = None
+    tip: str | None = None
+    made: ImportDocument | None = None
+    problem: str = ""
+
+
 class Inputs(Document, frozen=True, kw_only=True):
     """What a session works on.
 
     like       the shipped arm whose model file was taken
-    assumed    what was assumed where a robot description became a model file, a line each
+    described  the robot description from which the model file is made
     constants  joint -> torque constant at its output, N m/A, that was stated here and not in the file that was given
     effects    name of the file of the user's own effects. The file is code and no part of the folder: whoever opens
                the session names it again
@@ -63,7 +81,7 @@ class Inputs(Document, frozen=True, kw_only=True):
 
     model: GivenFile | None = None
     like: str | None = None
-    assumed: tuple[str, ...] = ()
+    described: DescribedArm | None = None
     constants: dict[int, float] = msgspec.field(default_factory=dict)
     recordings: Annotated[tuple[GivenRecording, ...], Meta(max_length=MOST_RECORDINGS)] = ()
     effects: str | None = None

@@ -148,7 +148,8 @@ class StudioSession:
         every = [session.inputs, *session.state.earlier, *session.state.later]
         for inputs in (*every, *(step.inputs for step in session.history.steps)):
             given = [recording.given for recording in inputs.recordings]
-            for file in (*given, *filter(None, [inputs.model])):
+            described = None if inputs.described is None else inputs.described.file
+            for file in (*given, *filter(None, [inputs.model, described])):
                 if not session.given(file).is_file():
                     lost = f"lacks given/{file.file}, which {FILE} names"
                     raise SessionError(f"{folder}: {lost}; the session is incomplete")

@@ -25,14 +25,15 @@ from runtime.recordings.recording import opened
 from runtime.simulation.demo import record_files
 from runtime.studio.documents import ColumnOverview, Cure, PlanOverview, RecordingOverview, document
 from runtime.studio.history import History, HistoryError, PlacedEffect
-from runtime.studio.inputs import GivenFile, GivenReading, GivenRecording, Inputs
+from runtime.studio.inputs import DescribedArm, GivenFile, GivenReading, GivenRecording, Inputs
 from runtime.studio.session import READING_DIGITS, SessionError, SessionState, StudioSession
 from runtime.studio.settings import LOOKS_EVERY, MOST_MODEL, MOST_PLANS, MOST_RECORDINGS, MOST_UPLOADED
 from runtime.studio.terminal import commands
 from runtime.studio.work import Work, WorkError, WorkState
+from runtime.workspace.importing import import_document
 from runtime.workspace.source import Source, effects_described
 from symbolic.model_file.checks import quote
-from symbolic.model_file.exchange.importing import imported
+from symbolic.model_file.exchange.importing import imported, read_tree
 
 T = TypeVar("T")
 
@@ -154,6 +155,14 @@ class Studio:
     def read_as(self, file: str, reading: GivenReading) -> None:
         """How a recording, by its name in `given/`, is read. Others are read as before."""
         self._take(self.inputs.changed(file, reading=reading))
+
+    def choose_ends(self, base: str | None, tip: str | None) -> None:
+        """Links between which the arm of the robot description lies; None: the root, and the only end."""
+        described = self.inputs.described
+        if described is None:
+            raise SessionError("the model was not made from a robot description")
+        self._check_idle()
+        self._take(self._made(replace(self.inputs, described=replace(described, base=base, tip=tip))))
 
     def state_torque_constants(self, constants: Mapping[int, float]) -> None:
         """Torque constants of joints at their outputs, N m/A, which the model file lacks; of its copy here."""
@@ -351,19 +360,36 @@ class Studio:
         return str(error).replace(f"{self.session.folder / 'given'}{os.sep}", "")
 
     def _give_model(self, file: GivenFile, like: str | None = None) -> None:
-        """Take a model file that lies in given/, if it is one."""
-        path, model = self.session.given(file), file
+        """Take a model file or a robot description that lies in given/, if it is one."""
+        path, inputs = self.session.given(file), replace(self.inputs, like=like, constants={}, described=None)
         try:
             if path.suffix.lower() in _ROBOT_DESCRIPTIONS:
-                made = imported(path, effects_described(self._effects, space=True))
-                model = self.session.place_for(f"{made.arm.name}.toml")
-                files.replace(self.session.given(model), made.text.encode())
-            Source.read(self.session.given(model), self._effects).arm()
+                described = DescribedArm(file=file, links=tuple(read_tree(path).links))
+                self._check_idle()
+                self._take(self._made(replace(inputs, described=described)))
+                return
+            Source.read(path, self._effects).arm()
             self._check_idle()
         except ValueError as error:
             path.unlink()
             raise SessionError(self._without_path(error)) from error
-        self._take(replace(self.inputs, model=model, like=like, constants={}, effects=self._effects_named))
+        self._take(replace(inputs, model=file, effects=self._effects_named))
+
+    def _made(self, inputs: Inputs) -> Inputs:
+        """With the model file that follows from a robot description, base and tip; without one if none does."""
+        described = inputs.described
+        assert described is not None
+        path = self.session.given(described.file)
+        try:
+            library = effects_described(self._effects, space=True)
+            made = imported(path, library, described.base, described.tip)
+        except ValueError as error:
+            problem = replace(described, made=None, problem=self._without_path(error))
+            return replace(inputs, model=None, described=problem)
+        model = self.session.place_for(f"{made.arm.name}.toml")
+        files.replace(self.session.given(model), made.text.encode())
+        done = replace(described, made=import_document(made, model.name), problem="")
+        return replace(inputs, model=model, constants={}, described=done, effects=self._effects_named)
 
     def _give_recording(self, file: GivenFile, held_out: bool, reading: GivenReading) -> None:
         """Take a recording that lies in given/, if it is one; whether its columns are understood is seen later."""

@@ -42,6 +42,7 @@ def commands(path: Sequence[SessionStep]) -> list[str]:
     return [
         *_apart(inputs),
         *([given.copy()] if given.like else []),
+        *_importing(inputs),
         *(
             f"# set torque_constant = {value:g} in joint {joint} of {quote(str(given.model))}"
             for joint, value in inputs.constants.items()
@@ -51,6 +52,15 @@ def commands(path: Sequence[SessionStep]) -> list[str]:
         *(given.add(Term(effect.effect, effect.joint)) for effect in added),
         given.identify(),
     ]
+
+
+def _importing(inputs: Inputs) -> list[str]:
+    """Makes the model file from a robot description."""
+    arm = inputs.described
+    if arm is None or inputs.model is None:
+        return []
+    ends = [part for name, link in (("--base", arm.base), ("--tip", arm.tip)) if link for part in (name, link)]
+    return [shlex.join(["tendon", "import", arm.file.typed, *ends, "--out", inputs.model.typed])]
 
 
 def _apart(inputs: Inputs) -> list[str]:

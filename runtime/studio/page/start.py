@@ -6,10 +6,12 @@ from functools import partial
 
 from msgspec.structs import replace
 
+from runtime.report.models import imported_arm
 from runtime.studio.documents import Cure, RecordingOverview
 from runtime.studio.inputs import GivenRecording
 from runtime.studio.page.columns import columns
-from runtime.studio.page.view import PageView, button, folded, put, signals
+from runtime.studio.page.view import PageView, button, folded, put, report_sections, signals
+from runtime.studio.spoken import spoken
 from runtime.wording import number
 
 ARMS = ("drive", "vishard4", "emps", "ur10", "panda")
@@ -49,9 +51,43 @@ def start(view: PageView) -> None:
             if inputs.model is not None or inputs.recordings:
                 put("p", "It takes the place of what you gave.", "of")
             button("Open the demo", lambda: view.act(demo), "first", disabled=view.busy, data_do="demo")
+    if inputs.described is not None:
+        with put("section", classes="give"):
+            put("h2", f"The model of {inputs.described.file.name}")
+            described(view)
     with put("div", classes="acts"):
         compare(view, "Compare the model with the recordings")
         undo_buttons(view)
+
+
+def described(view: PageView) -> None:
+    """What was assumed where a model file was made from a robot description, and between which links the arm lies."""
+    arm = view.studio.inputs.described
+    if arm is None:
+        return
+    if arm.problem:
+        put("p", spoken(arm.problem), "warning", role="alert")
+    base, tip = arm.base or "", arm.tip or ""
+
+    def choose(base: str, tip: str) -> None:
+        view.give(view.studio.choose_ends, base or None, tip or None)
+
+    links = {link: link for link in arm.links}
+    with put("div", classes="acts"):
+        root, end = {"": "the root"}, {"": "the only end"}
+        view.choice("base", "begins at", options=root | links, value=base, chosen=lambda link: choose(link, tip))
+        view.choice("tip", "ends at", options=end | links, value=tip, chosen=lambda link: choose(base, link))
+    if arm.made is not None:
+        with folded("What was assumed", open_=view.here is None):
+            gravity = ", ".join(number(value) for value in arm.made.gravity)
+            everywhere = [{name for name, values in joint.effects.items() if not values} for joint in arm.made.joints]
+            with put("ul", data_assumed=""):
+                if assumed := sorted(set.intersection(*everywhere)):
+                    put("li", f"every joint is given {' and '.join(assumed)}, whose values are unknown")
+                put("li", f"gravity is ({gravity}) m/s² in the axes of {arm.made.base}")
+                for note in map(spoken, arm.made.notes):
+                    put("li", note)
+            report_sections(imported_arm(arm.made))
 
 
 def compare(view: PageView, text: str) -> None:
@@ -67,7 +103,7 @@ def unready(view: PageView) -> str:
     """What has to be given or put right before a fit; "" if nothing."""
     studio, inputs = view.studio, view.studio.inputs
     if inputs.model is None:
-        return "A model is missing."
+        return "A model is missing." if inputs.described is None else "Choose where the arm ends."
     if not inputs.fitted:
         return "A recording to fit is missing."
     read = ((given.given.name, studio.recording(given)) for given in inputs.recordings)

@@ -6,7 +6,7 @@ from functools import partial
 
 from runtime.studio.documents import EffectOffered
 from runtime.studio.history import PlacedEffect, SessionStep
-from runtime.studio.page.start import undo_buttons
+from runtime.studio.page.start import described, undo_buttons
 from runtime.studio.page.view import TAGS, PageView, button, folded, put
 from runtime.wording import percent
 
@@ -95,6 +95,7 @@ def change(view: PageView) -> None:
     with put("div", classes="acts"):
         for what, text in downloads.items():
             put("a", text, "download", href=f"/download/{what}?step={here.number}", download="")
+    described(view)
     others = {str(s.number): f"step {s.number}: {s.title}" for s in studio.history.steps if s is not here}
     against = view.against if view.against != here.number else None
     view.choice(

@@ -67,6 +67,8 @@ def test_an_arm_of_tendon_and_a_robot_description(here, served):
     made = served[-1][0]
     assert made.inputs.model.file == "bench.toml"
     assert 'name = "hinge"' in made.model_text(None)
+    assert made.inputs.described.made.joints[0].unknown == ["rotor_inertia"]
+    assert any("gear_ratio" in note for note in made.inputs.described.made.notes)
 
 
 @pytest.mark.parametrize(

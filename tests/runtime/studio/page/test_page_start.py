@@ -80,6 +80,44 @@ def test_a_robot_description_is_dropped_and_a_broken_one_is_said(tab: Tab, new_s
     assert 'name = "hinge"' in (new_server.folder / "studio-session/given/bench.toml").read_text()
 
 
+GRIPPER = URDF.replace(
+    "</robot>",
+    """<link name="left"/><link name="right"/>
+<joint name="open_left" type="prismatic"><parent link="arm"/><child link="left"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0.1" effort="1" velocity="1"/></joint>
+<joint name="open_right" type="prismatic"><parent link="arm"/><child link="right"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0.1" effort="1" velocity="1"/></joint></robot>""",
+)
+
+
+def test_a_robot_description_says_what_was_assumed(tab: Tab, new_server: Server, tmp_path: Path) -> None:
+    """Friction, gravity and what is unknown; where the arm ends is chosen where the file does not say it."""
+    (tmp_path / "gripper.urdf").write_text(GRIPPER)
+    seen = tab(new_server)
+    page = seen.emptied()
+    page.set_input_files("#start file-drop[as=model] input", tmp_path / "gripper.urdf")
+    page.wait_for_selector("#start .warning:has-text('2 links end the chains')")
+    assert page.is_disabled("[data-do=begin]")
+    page.select_option("[data-control=tip]", "arm")
+    page.wait_for_selector("[data-assumed]")
+    said = page.inner_text("[data-assumed]")
+    for part in (
+        "coulomb_asymmetric and viscous",
+        "gravity is (0, 0, \N{MINUS SIGN}9.81)",
+        "open_left, open_right are not between base and tip: locked at 0",
+        "the rotor's inertia of joint 1: not stated, hence unknown",
+        "gear_ratio of joint 1: not stated, set to 1",
+    ):
+        assert part in said
+    assert "--" not in page.inner_text("#start")
+    assert "hinge" in page.inner_text("#start table")
+    page.select_option("[data-control=tip]", "left")
+    page.wait_for_selector("#start tbody tr:nth-child(2):has-text('open_left')")
+    page.click("[data-do=undo]:not([disabled])")
+    page.wait_for_selector("#start tbody:not(:has(tr:nth-child(2)))")
+    assert seen.wrong == []
+
+
 def test_a_plan_is_opened_and_its_page_shown_by_clicks(tab: Tab, new_server: Server, tmp_path: Path) -> None:
     """The plan's page runs its own scripts in another origin than the studio; no name becomes markup in either."""
     hostile = tmp_path / "<img src=x onerror=alert(1)>.json"
