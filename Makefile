@@ -8,7 +8,7 @@ WORKERS ?= auto
 PYTEST := $(BIN)/python -m pytest
 # A test goes to the process that is free; tests of one xdist_group share a dear fixture and go to one process.
 PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadgroup --no-loadscope-reorder --durations=10
-.PHONY: demo quick test test-all check analysis benchmark benchmarked benchmark-short generated pictures clean
+.PHONY: demo quick test test-all wheel check analysis benchmark benchmarked benchmark-short generated pictures clean
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Tendon needs Python 3.11 or newer; run make PYTHON=/path/to/python3.11")'
@@ -36,6 +36,10 @@ test: $(STAMP)
 
 test-all: $(STAMP)
 	$(PYTEST) $(PARALLEL)
+
+# The wheel, built and installed into an empty environment.
+wheel: $(STAMP)
+	$(PYTEST) tests/test_wheel.py
 
 check: quick analysis
 

@@ -16,7 +16,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import runtime
 from runtime.report.page.html import policy
 from runtime.report.signals.signal_set import AskedWrongly, SignalSet
 from runtime.studio.session import SessionError, safe_name
@@ -114,7 +113,7 @@ def application(studio: Studio) -> FastAPI:
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _add_routes(app, studio)
-    home = Path(runtime.__file__).parent
+    home = Path(__file__).parent.parent
     app.mount("/static/signals", StaticFiles(directory=home / "report" / "signals" / "static"))
     app.mount("/static/page", StaticFiles(directory=home / "studio" / "page" / "static"))
 

@@ -20,7 +20,6 @@ from typing import Any, Literal
 
 import msgspec
 
-import runtime
 from runtime.plain_json import plain
 from runtime.studio.documents import TaskResult
 from runtime.studio.settings import ENDS_WITHIN
@@ -116,7 +115,7 @@ class Work:
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._process.poll() is not None:
-            home = str(Path(runtime.__file__).resolve().parent.parent)
+            home = str(Path(__file__).resolve().parents[__name__.count(".")])
             path = os.pathsep.join(filter(None, [home, os.environ.get("PYTHONPATH")]))
             self._process = subprocess.Popen(
                 self._command,
