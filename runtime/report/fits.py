@@ -289,11 +289,18 @@ def parameters_by_joint(
         aside = f"{wrong} contradict{'s' if wrong == 1 else ''} the model file" if wrong else ""
         title = "Whole arm" if joint is None else f"Joint {place(joint, names)}"
         plain = _parameter_table(own, names, before is not None)
-        cells = [(*cells, row.difference, row.meaning) for cells, row in zip(plain.rows, own, strict=True)]
-        shown = table((*plain.columns, "fit − file", words("meaning")), cells)
+        # The heading names the joint.
+        cells = [(*cells[1:], row.difference, row.meaning) for cells, row in zip(plain.rows, own, strict=True)]
+        shown = _without_empty(table((*plain.columns[1:], "fit − file", words("meaning")), cells))
         closed = joint is None or joint in quiet
         made.append(shown if len(places) == 1 else Group(title, (shown,), folded=closed, aside=aside))
     return made
+
+
+def _without_empty(shown: TableSection) -> TableSection:
+    """The table without columns in which no row has a value."""
+    kept = [k for k in range(len(shown.columns)) if any(row[k] not in ("–", Cell("–")) for row in shown.rows)]
+    return table((shown.columns[k] for k in kept), ([row[k] for k in kept] for row in shown.rows), shown.caption)
 
 
 def inertial_parameters(document: DiagnosisBase, names: Names) -> TableSection:

@@ -177,6 +177,12 @@ EMBEDDED_COLUMNS, EMBEDDED_ROWS = 1_000, 3_000
 """Columns and samples that a report embeds for a joint: some 100 kB, so that it can be sent by mail."""
 
 
+def _moments(line: Array) -> tuple[float, float] | None:
+    """Mean and rms of a line (M,); None if it has no value."""
+    values = line[np.isfinite(line)]
+    return (float(values.mean()), float(np.sqrt(np.mean(values**2)))) if len(values) else None
+
+
 class AskedWrongly(ValueError):
     """A malformed request of a browser."""
 
@@ -230,6 +236,7 @@ class SignalSet:
             "floor": self.floor,
             "unit": self.unit,
             "units": dict(self.units),
+            "whole": {name: _moments(line) for name, line in self.lines.items()},
             "panels": msgspec.to_builtins(self.panels),
         }
 

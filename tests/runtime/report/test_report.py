@@ -46,6 +46,7 @@ from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
 from runtime.report.sensors import SensorWorth
+from runtime.report.signals import joint_signals
 from runtime.report.summary import Invocation, ResultSummary, about
 from runtime.simulation import demo
 from runtime.simulation.options import SimulationSettings
@@ -599,6 +600,15 @@ def test_the_figures_name_their_colours_and_cut_no_label(summary):
         right = figure.bbox.x1
         assert axes.texts
         assert all(text.get_window_extent().x1 <= right for text in axes.texts)
+
+
+def test_what_is_read_of_all_samples_is_the_number_of_the_tables(summary):
+    """Although the page holds a part of the samples."""
+    first, last = summary.first, summary.last
+    held = joint_signals.of_joint(first, last, 0, "stribeck").embedded()
+    whole = held["spec"]["whole"]
+    for name, step in (("residual before", first), ("residual after", last)):
+        assert whole[name][1] == pytest.approx(step.fitted.rms[0], rel=1e-12)
 
 
 FREE = """() => [...document.querySelectorAll('.figures')].map(figures => {

@@ -65,7 +65,8 @@ Object.assign(globalThis.TendonSignals, (() => {
     }
   }
 
-  /* Statistics of samples: count, times, and the mean, rms and share of the sum of squares of every line. */
+  /* Statistics of samples: count, times, and the mean, rms and share of the sum of squares of every line. Those of all
+     samples stand in the spec: a table may hold a part of them. */
   function statistics(rows, all, spec) {
     const of = (x, what) => { let sum = 0; for (let k = 0; k < x.length; k++) sum += what(x[k]); return x.length ? sum / x.length : NaN; };
     const { time } = rows.signals;
@@ -74,17 +75,18 @@ Object.assign(globalThis.TendonSignals, (() => {
     return {
       samples: rows.total,
       share: rows.total / Math.max(all.total, 1),
-      estimated: rows.count < rows.total,
+      estimated: rows !== all && rows.count < rows.total,
       from: time.length ? time[0] : NaN,
       to: time.length ? time[time.length - 1] : NaN,
       lines: names.map((name) => {
-        const own = rows.signals[name], square = of(own, (x) => x * x), whole = of(all.signals[name], (x) => x * x);
+        const whole = spec.whole[name] ?? [NaN, NaN], own = rows.signals[name];
+        const [mean, rms] = rows === all ? whole : [of(own, (x) => x), Math.sqrt(of(own, (x) => x * x))];
         return {
           name,
-          mean: of(own, (x) => x),
-          rms: Math.sqrt(square),
-          floors: spec.floor ? Math.sqrt(square) / spec.floor : NaN,
-          squares: whole ? square * rows.total / (whole * all.total) : NaN,
+          mean,
+          rms,
+          floors: spec.floor ? rms / spec.floor : NaN,
+          squares: whole[1] ? rms ** 2 * rows.total / (whole[1] ** 2 * all.total) : NaN,
         };
       }),
     };
