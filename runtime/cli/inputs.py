@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime.cli.output import command_line
-from runtime.documents.provenance import InputFile, Provenance, now
-from runtime.version import VERSION
+from runtime.documents.provenance import InputFile, Provenance
 from runtime.workspace.names import UsageError, arm_path, column_mapping, is_name
 from runtime.workspace.source import Source
 from runtime.workspace.writing import check_writable
@@ -78,18 +77,15 @@ class TypedInputs:
 
     def provenance(self, verb: str, source: Source, budget: float | None = None) -> Provenance:
         """What a result of a verb is made from, before it is made. Raises OSError."""
-        return Provenance(
-            verb=verb,
+        return Provenance.of(
+            verb,
+            InputFile.of(self.model, arm_path(self.model)),
+            source.text,
+            map(InputFile.of, self.recordings),
+            map(InputFile.of, self.held_out),
             command=command_line(),
-            folder=str(Path.cwd()),
-            date=now(),
-            version=VERSION,
-            model=InputFile.of(self.model, arm_path(self.model)),
-            model_text=source.text,
-            recordings=list(map(InputFile.of, self.recordings)),
-            held_out=list(map(InputFile.of, self.held_out)),
             effects=None if self.effects is None else InputFile.of(self.effects),
-            maps=list(self.maps or ()),
+            maps=self.maps or (),
             allow_gaps=self.allow_gaps,
             budget=budget,
         )

@@ -63,8 +63,11 @@ def report_again(
     why_not = list(_changed(document, effects))
     summary = None
     if not why_not and not isinstance(document, IdentifyDocument):
-        summary = _computed_again(document, effects)
-        if not _agree(document, summary.document):
+        try:
+            summary = _computed_again(document, effects)
+        except ValueError as error:
+            why_not = [f"it cannot be computed again: {error}"]
+        if summary is not None and not _agree(document, summary.document):
             summary, why_not = None, ["computed again, the result is another one; the page is that of the JSON"]
     for reason in why_not:
         print(f"{result}: no plots: {reason}", file=sys.stderr)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from hashlib import file_digest, sha256
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Annotated
 from msgspec import UnsetType
 
 from runtime.documents.parts import Document, key
+from runtime.version import VERSION
 
 
 class InputFile(Document, frozen=True, kw_only=True):
@@ -19,7 +20,7 @@ class InputFile(Document, frozen=True, kw_only=True):
 
     typed: Annotated[str, key("its name as it was typed")]
     path: Annotated[str, key("its full name")]
-    sha256: Annotated[str | None, key("SHA-256 of its bytes, hexadecimal; null for a pipe")]
+    sha256: Annotated[str | None, key("SHA-256 of its bytes, hexadecimal; null if it is no file: a pipe, or arrays")]
 
     @classmethod
     def of(cls, typed: Path, path: Path | None = None) -> InputFile:
@@ -32,8 +33,8 @@ class Provenance(Document, frozen=True, kw_only=True):
     """What a result was made from, and when."""
 
     verb: Annotated[str, key("the verb that made it")]
-    command: Annotated[str, key("the command line")]
-    folder: Annotated[str, key("folder in which it was typed")]
+    command: Annotated[str | None, key("the command line; null in a notebook and in the studio")]
+    folder: Annotated[str, key("the working directory")]
     date: Annotated[str, key("when, UTC, ISO 8601; SOURCE_DATE_EPOCH in its place if the environment sets it")]
     version: Annotated[str, key("version of Tendon")]
     model: Annotated[InputFile, key("model file")]
@@ -44,6 +45,38 @@ class Provenance(Document, frozen=True, kw_only=True):
     maps: Annotated[list[str], key("entries of --map and --columns")]
     allow_gaps: Annotated[bool, key("whether recordings were split at gaps")]
     budget: Annotated[float | None, key("time that it might take; null for a verb without a budget", "s")]
+
+    @classmethod
+    def of(
+        cls,
+        verb: str,
+        model: InputFile,
+        text: str,
+        recordings: Iterable[InputFile],
+        held_out: Iterable[InputFile] = (),
+        *,
+        command: str | None = None,
+        effects: InputFile | None = None,
+        maps: Iterable[str] = (),
+        allow_gaps: bool = False,
+        budget: float | None = None,
+    ) -> Provenance:
+        """Of a result of this version that is made now in the working directory."""
+        return cls(
+            verb=verb,
+            command=command,
+            folder=str(Path.cwd()),
+            date=now(),
+            version=VERSION,
+            model=model,
+            model_text=text,
+            recordings=list(recordings),
+            held_out=list(held_out),
+            effects=effects,
+            maps=list(maps),
+            allow_gaps=allow_gaps,
+            budget=budget,
+        )
 
     @property
     def files(self) -> Iterator[tuple[str, InputFile]]:

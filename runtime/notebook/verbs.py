@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from runtime.diagnosis import stages
 from runtime.diagnosis.credibility import judged
 from runtime.diagnosis.settings import BUDGET_S
+from runtime.documents.provenance import InputFile, Provenance
 from runtime.identification import compare as comparison
 from runtime.identification import identify as identification
 from runtime.inspection import inspection
@@ -50,7 +51,7 @@ def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
     """Where does the model fail? The residual of every joint, and what it follows."""
     data = arm.recordings(recordings)
     result = comparison.compare(arm.model, data)
-    return ComparisonResult(result, ResultSummary(result, _invocation(arm, data)))
+    return ComparisonResult(result, ResultSummary(result, _invocation("compare", arm, data)))
 
 
 def diagnose(arm: LoadedArm, recordings: Recordings, budget: float = BUDGET_S) -> DiagnosisResult:
@@ -58,7 +59,7 @@ def diagnose(arm: LoadedArm, recordings: Recordings, budget: float = BUDGET_S) -
     that it may take."""
     data = arm.recordings(recordings)
     result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses, budget=budget)
-    return DiagnosisResult(result, ResultSummary(result, _invocation(arm, data)))
+    return DiagnosisResult(result, ResultSummary(result, _invocation("diagnose", arm, data)))
 
 
 def improve(
@@ -69,7 +70,7 @@ def improve(
     fitted, held = arm.recordings(recordings), arm.recordings(held_out)
     result = loop.improve(arm.source, fitted, held, budget=budget)
     floors = loop.floors(result.steps[-1].fit, held)
-    summary = ResultSummary(result, _invocation(arm, fitted, held), floors)
+    summary = ResultSummary(result, _invocation("improve", arm, fitted, held), floors)
     return ImprovementResult(result, summary, arm.with_text(result.model_text))
 
 
@@ -134,8 +135,11 @@ def inspect(
     return InspectionResult(found if arm is None else inspection.with_model(found, arm.model))
 
 
-def _invocation(arm: LoadedArm, fitted: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Invocation:
-    """What the same would be on the command line, for the commands that follow from a result."""
+def _invocation(
+    verb: str, arm: LoadedArm, fitted: Sequence[Recording], held_out: Sequence[Recording] = ()
+) -> Invocation:
+    """What the same would be on the command line, for the commands that follow from a result, and what it was made
+    from."""
     path = arm.source.path
     named = path.parent == ARMS
     return Invocation(
@@ -144,4 +148,11 @@ def _invocation(arm: LoadedArm, fitted: Sequence[Recording], held_out: Sequence[
         tuple(r.path for r in held_out),
         about=about(arm.text),
         like=path.stem if named else None,
+        provenance=Provenance.of(
+            verb,
+            InputFile.of(path),
+            arm.text,
+            [InputFile.of(r.path) for r in fitted],
+            [InputFile.of(r.path) for r in held_out],
+        ),
     )

@@ -14,9 +14,9 @@ def made(provenance: Provenance) -> str:
 
 def sections(provenance: Provenance) -> list[Section]:
     """Date, version and command of a result, and every file with its full name and hash."""
-    rows = [(part, file.path, file.sha256 or "a pipe, not a file") for part, file in provenance.files]
+    rows = [(part, file.path, file.sha256 or "no file") for part, file in provenance.files]
     return [
         Facts((("made", made(provenance)), ("in the folder", provenance.folder))),
-        Commands((CommandEntry(what="made it", command=provenance.command),)),
+        *([Commands((CommandEntry(what="made it", command=provenance.command),))] if provenance.command else []),
         table(("file", words("full name"), words("SHA-256")), rows),
     ]

@@ -14,6 +14,7 @@ from typing import Any, TextIO
 from runtime.diagnosis.stages import begin as begun
 from runtime.diagnosis.steps import Step, Trail
 from runtime.documents.parts import Document
+from runtime.documents.provenance import InputFile, Provenance
 from runtime.inspection.inspection import Inspection, inspect
 from runtime.loop.improve import HeldOut, left
 from runtime.model.loader import Model
@@ -22,9 +23,10 @@ from runtime.progress import Progress
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.preview import FieldPreview, previews
 from runtime.recordings.recording import Recording
+from runtime.report.summary import Invocation
 from runtime.studio.documents import ValuesFound, document
 from runtime.studio.history import PlacedEffect
-from runtime.studio.inputs import GivenRecording, Inputs
+from runtime.studio.inputs import GivenFile, GivenRecording, Inputs
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.settings import PROGRESS_EVERY
 from runtime.workspace.names import column_mapping
@@ -120,6 +122,24 @@ class LoadedSession:
             return self.source.recorded_arm()
         found = self.inspection(given).recording
         return RecordedArm.without_model(1 if found is None else len(found.q))
+
+    def provenance(self, verb: str, step: int, given: Invocation) -> Provenance:
+        """What a result about a step is made from: the session's copies of the files. Raises OSError."""
+        assert self.inputs.model is not None
+
+        def file(one: GivenFile) -> InputFile:
+            return InputFile.of(Path(one.typed), self.session.given(one))
+
+        return Provenance.of(
+            verb,
+            file(self.inputs.model),
+            self.text(step),
+            [file(one.given) for one in self.inputs.fitted],
+            [file(one.given) for one in self.inputs.held_out],
+            effects=None if self.effects is None else InputFile.of(self.effects),
+            maps=given.maps,
+            allow_gaps=given.allow_gaps,
+        )
 
     def recordings(self, held_out: bool) -> list[Recording]:
         """The fitted or the held-out recordings. Raises SessionError."""

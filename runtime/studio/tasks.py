@@ -7,6 +7,7 @@ read and fitted is kept in memory for the next task.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -161,6 +162,7 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
     ends = [first] if first is last else [first, last]
     held = [left(end.fit, loaded.recordings(True)) for end in ends if loaded.inputs.held_out]
     given = invocation(loaded.inputs, about(loaded.source.text))
+    given = replace(given, provenance=loaded.provenance("diagnose", step, given))
     summary = ResultSummary(result, given, tuple(joint.floor for joint in held[-1].joints) if held else ())
     folder = loaded.new_folder("answer")
     named = [f.term for f in result.findings if f.term in last.values]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from runtime.documents.provenance import digest
 from runtime.report.signals.signal_set import SignalSet
 from runtime.studio.documents import (
     EffectOffered,
@@ -108,7 +109,11 @@ def test_from_the_verdict_to_the_fallen_error_and_back(shared: Studio) -> None:
     assert (found.findings[0].placed, found.findings[0].shows_at) == (SPRING, 1)
     report = shared.file(0, "report.html")
     assert report is not None
-    assert report.read_text().startswith("<!doctype html>")
+    page = report.read_text()
+    assert page.startswith("<!doctype html>")
+    for given in (shared.inputs.model, *(r.given for r in shared.inputs.recordings)):
+        assert given is not None
+        assert digest(shared.session.given(given)) in page  # the hash of each file
     before, after = (s.joints[0] for s in shared.history.path(1))
     # Of 16 s the floor is known to a third.
     assert after.relative < 1.33 * after.relative_floor < before.relative / 3
