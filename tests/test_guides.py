@@ -35,7 +35,7 @@ from symbolic.effects.declaration import Effect
 tendon = pytest.importorskip("tendon", reason="the package is not installed (pip install -e .)")
 
 GUIDES = ["README.md", "symbolic/README.md", "codegen/README.md", "runtime/README.md", "tests/README.md"]
-LONGEST = 200
+LONGEST = 150
 """Lines of the first page."""
 
 INSTEAD = {"make demo": "tendon demo"}
