@@ -12,11 +12,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from codegen.toolchain import build, stack
+from codegen.toolchain import build
 from codegen.toolchain.build import WARNINGS, BuildError
-from codegen.toolchain.stack import Elf, Sizes
 from symbolic.model_file.checks import quote
+
+if TYPE_CHECKING:
+    from codegen.toolchain.stack import Sizes, Stack
 
 LANGUAGE = ("-std=c99", "-pedantic", "-ffreestanding")
 ARITHMETIC = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
@@ -197,7 +200,7 @@ class Image:
     toolchain: Toolchain
     start: int
     sizes: Sizes
-    stack: stack.Stack
+    stack: Stack
     symbols: Mapping[str, int]
 
     @property
@@ -254,8 +257,10 @@ def compile_image(
     tail = ["-lgcc"] if toolchain.kind == "gcc" else []
     link = [*toolchain.link, *toolchain.link_flags(target), "-T", script]
     _run([*link, *outputs, *tail, "-o", f"{output}.elf"], directory)
+    from codegen.toolchain import stack  # its reader of ELF files is slow to import, and images alone need it
+
     path = stem.with_suffix(".elf")
-    elf = Elf.read(path)
+    elf = stack.Elf.read(path)
     start, content = elf.binary()
     stem.with_suffix(".bin").write_bytes(content)
     frames = stack.frames_of_usage(objects) if toolchain.kind == "gcc" else stack.frames_of_sections(elf)

@@ -19,7 +19,7 @@ import typer
 
 from runtime.documents.parts import Document
 from runtime.plain_json import plain
-from runtime.version import is_ours
+from runtime.version import is_our_module, is_ours
 
 if TYPE_CHECKING:
     from runtime.report.summary import ResultSummary
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 D = TypeVar("D")
 NO, BAD_INPUT, INTERRUPTED = 1, 2, 130
 _NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO)
+_DISTRIBUTIONS = {"elftools": "pyelftools", "PIL": "pillow"}
+"""Packages that are installed under another name."""
 _ALLOCATED, _YOUNGER = 100_000, 50
 """Thresholds of the garbage collector. A verb allocates a million small objects, nearly all of which stay
 alive; Python's defaults of 700 and 10 would scan them over and over."""
@@ -83,6 +85,10 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         # Our own errors, such as ModelError, are for people; any other is a bug and keeps its traceback.
         if is_ours(error):
             return _complain(str(error), BAD_INPUT)
+        if isinstance(error, ModuleNotFoundError) and error.name and not is_our_module(error.name):
+            package = error.name.partition(".")[0]
+            how = f"{sys.executable} -m pip install {_DISTRIBUTIONS.get(package, package)}"
+            return _complain(f"this needs {package}, which is not installed; run: {how}", BAD_INPUT)
         raise
 
 

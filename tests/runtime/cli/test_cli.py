@@ -129,6 +129,24 @@ def test_help_lists_the_verbs_by_group_and_cuts_no_sentence(run):
     assert listed == {name: verb.summary for name, verb in VERBS.items()}
 
 
+def test_a_package_that_is_not_installed_is_named(here):
+    """As in an installation without all that the wheel requires."""
+    code = (
+        "import sys; sys.modules['casadi'] = sys.modules['elftools'] = sys.modules['matplotlib'] = None\n"
+        "from runtime.cli import main, output\nsys.exit(output.run(main.app, sys.argv[1:]))"
+    )
+
+    def without(*arguments):
+        return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+
+    done = without("simulate", "drive.toml", "--out", "run.csv")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("this needs casadi, which is not installed; run: ")
+    assert done.stderr.splitlines()[-1].endswith("-m pip install casadi")
+    assert sorted(path.name for path in here.iterdir()) == ["drive.toml"]
+    assert without("init", "--like", "emps", "--out", "emps.toml").returncode == 0
+
+
 def test_help_imports_no_verb_and_nothing_heavy():
     code = (
         "import sys; from runtime.cli import main, output; output.run(main.app, ['--help'])\n"
