@@ -207,14 +207,15 @@ def errors_by_joint(
     fitted = [(step_name(s), s.relative, s.rms) for s in history]
     held = [(step_name(s), s.held_out_relative, s.held_out) for s in history if s.held_out_relative and s.held_out]
     made: list[Section] = []
-    for title, steps, least in (("error, rms", fitted, floors), ("held out", held, held_out_floors)):
+    for what, steps, least in (("error, rms", fitted, floors), ("held out, rms", held, held_out_floors)):
         if not least or not steps:
             continue
+        (title,), said = _in_units((what,), joints)
         rows = [
             (
                 place(j.joint, names),
-                *(f"{percent_or_dash(relative[k])}, {number(rms[k])}" for _, relative, rms in steps),
-                f"{number(floor.floor)}{unit(j.unit, ' ')} ({floor.floor_source})",
+                *(f"{percent_or_dash(relative[k])}, {said(rms[k], j)}" for _, relative, rms in steps),
+                f"{said(floor.floor, j)} ({floor.floor_source})",
             )
             for k, (j, floor) in enumerate(zip(joints, least, strict=True))
         ]

@@ -308,12 +308,13 @@ def long_arm(n: int) -> ImprovementDocument:
 def test_many_joints_have_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     terminal.show(loop.sections(long_arm(7)))
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert [x for x in lines if x.startswith("7 axis7")] == ["7 axis7 3.50 %, 3.5 1.75 %, 1.75 0.7 N m (repeats)"] * 2
+    assert [x for x in lines if x.startswith("7 axis7")] == ["7 axis7 3.50 %, 3.5 1.75 %, 1.75 0.7 (repeats)"] * 2
+    assert [x.partition("]")[0] for x in lines if "noise floor" in x] == ["error, rms [N m", "held out, rms [N m"]
     assert "cable: c1 >, N m/rad 1.5 3 4.5 6 7.5 9" in lines
 
 
 def test_few_joints_have_their_detection_limits_abreast(capsys: pytest.CaptureFixture[str]) -> None:
     terminal.show(loop.sections(long_arm(2)))
     said = re.sub(" +", " ", capsys.readouterr().out)
-    assert "2 axis2 1.00 %, 1 0.50 %, 0.5 0.2 N m (repeats)" in said
+    assert "2 axis2 1.00 %, 1 0.50 %, 0.5 0.2 (repeats)" in said
     assert "cable c1 > 1.5 N m/rad (c2 0.5)" in said
