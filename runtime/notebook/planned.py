@@ -19,7 +19,8 @@ from runtime.execution.options import ExecutionSettings
 from runtime.experiments import design
 from runtime.experiments.options import ExperimentSettings
 from runtime.notebook.arm import LoadedArm, PathOrText
-from runtime.notebook.results import ResultFigures, VerbResult
+from runtime.notebook.figures import ResultFigures
+from runtime.notebook.results import VerbResult
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning import trajectory as trajectories

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from runtime.diagnosis.credibility import JudgedFit
 from runtime.diagnosis.verdict import Diagnosis
@@ -32,28 +32,15 @@ from runtime.documents.recordings import DeterminedParameter, InspectDocument, S
 from runtime.identification.compare import Comparison
 from runtime.inspection.inspection import Inspection
 from runtime.loop.improve import Improvement
-from runtime.notebook import html
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.plain_json import plain
 from runtime.recordings.recording import Recording
 from runtime.report import diagnosed, fits, loop, recordings, terminal
-from runtime.report.page import page_figures
-from runtime.report.page.page_figures import Drawn
-from runtime.report.page.reports import write_report
 from runtime.report.sections import Section
 from runtime.report.summary import ResultSummary
 
-
-class ResultFigures(tuple[Drawn, ...]):
-    """Figures of a result; the last line of a cell draws them all, an item one of them."""
-
-    __slots__ = ()
-
-    def __repr__(self) -> str:
-        return "\n".join(f"[{k}] {figure.caption}" for k, figure in enumerate(self))
-
-    def _repr_html_(self) -> str:
-        return "".join(figure._repr_html_() for figure in self)
+if TYPE_CHECKING:
+    from runtime.notebook.figures import ResultFigures  # Matplotlib, CasADi and the pages are imported where used
 
 
 class VerbResult(ABC):
@@ -80,6 +67,8 @@ class VerbResult(ABC):
         return "\n".join(loop.in_short(self.document))
 
     def _repr_html_(self) -> str:
+        from runtime.notebook import html
+
         return html.shown(repr(self).splitlines(), type(self)._sections(self.document))
 
     def show(self) -> None:
@@ -142,10 +131,15 @@ class _Loop(VerbResult):
     @cached_property
     def figures(self) -> ResultFigures:
         """The error, then every joint's torque and residual."""
+        from runtime.notebook.figures import ResultFigures
+        from runtime.report.page import page_figures
+
         return ResultFigures(page_figures.of_result(self.summary))
 
     def report(self, directory: PathOrText) -> Path:
         """Write the HTML page into a directory; its path. Raises OSError."""
+        from runtime.report.page.reports import write_report
+
         return write_report(Path(directory), self.summary)
 
 

@@ -30,7 +30,6 @@ from runtime.recordings import in_memory
 from runtime.recordings.recording import Recording
 from runtime.report import diagnosed
 from runtime.report.summary import Invocation, ResultSummary, about
-from runtime.simulation import simulate as simulation
 from runtime.simulation.options import SimulationSettings
 from runtime.workspace.names import ARMS
 
@@ -100,6 +99,8 @@ def simulate(
     noise     standard deviation of the torque's noise, part of the torque's rms
     signals   further ones that are recorded: q_link, tau_link, temperature
     """
+    from runtime.simulation import simulate as simulation  # CasADi
+
     hidden = [simulation.parse_hidden(text, arm.model) for text in ([hide] if isinstance(hide, str) else hide)]
     path = simulation.read_motion(Path(motion), arm.model.n) if isinstance(motion, str | PathLike) else motion
     if path is not None and path.shape[-1:] == (arm.n,):

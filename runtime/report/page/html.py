@@ -10,16 +10,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, UndefinedError
 from markupsafe import Markup, escape
 
 from runtime import files
 from runtime.report.page import NAME
-from runtime.report.page.page_figures import Drawn
 from runtime.report.sections import Group, Section
 from runtime.report.signals import EMBEDDED_SCRIPTS, STATIC
+
+if TYPE_CHECKING:
+    from runtime.report.page.page_figures import Drawn
 
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 """Scripts that are run; one with a type is data."""
