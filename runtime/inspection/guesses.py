@@ -81,6 +81,11 @@ def guesses(previews: Sequence[FieldPreview], arm: RecordedArm) -> dict[str, Map
     return cells
 
 
+def alike(name: str, names: Sequence[str]) -> list[str]:
+    """The names that differ from one only in a number, in the order of that number: the same signal of all joints."""
+    return [bare(found) for found in _of_joints(RecordedField(name), [RecordedField(other) for other in names])]
+
+
 def _of_joints(best: RecordedField, fields: Sequence[RecordedField]) -> list[str]:
     """The names of the fields that are the same signal of other joints, in the order of their numbers."""
     stem, several = _family(best, fields)

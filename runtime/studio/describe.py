@@ -16,7 +16,6 @@ from runtime.diagnosis.steps import Trail
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, structure_entries
 from runtime.identification.estimate import Estimate
-from runtime.inspection.guesses import guesses
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
@@ -61,7 +60,7 @@ def columns(found: Sequence[FieldPreview]) -> list[ColumnOverview]:
 
 
 def recording(
-    given: GivenRecording, name: str, inspection: Inspection, seen: Sequence[FieldPreview], arm: RecordedArm
+    given: GivenRecording, name: str, inspection: Inspection, guesses: Mapping[str, str], arm: RecordedArm
 ) -> RecordingOverview:
     """What was read of a recording, and what puts right what looks wrong with it. name: of its signal sets."""
     found, read = diagnosed.inspected(inspection), inspection.recording
@@ -75,7 +74,7 @@ def recording(
         problem=None if inspection.problem is None else spoken(inspection.problem),
         cures=cures,
         cells=cells,
-        guesses={signal: str(cell) for signal, cell in guesses(seen, arm).items()},
+        guesses=dict(guesses),
         ratios={k: joint.gear_ratio for k, joint in enumerate(arm.joints, 1) if joint.torque_constant is None},
         units={signal: units_of(signal, arm) for signal in signals_of(arm)},
         signals=[] if read is None else [f"{name}-joint{k + 1}" for k in range(len(read.q))],
@@ -88,8 +87,7 @@ def cure(suspicion: Suspicion, cells: Mapping[str, Mapping[str, str]]) -> Cure:
     cells   recording -> signal -> column, of the first recording as the suspicion names it
     """
     where = f"joint {suspicion.joint}: " if suspicion.joint else ""
-    pairs = (pair for option in suspicion.maps for pair in itertools.pairwise(shlex.split(option)))
-    entries = [entry for flag, entry in pairs if flag == "--map"]
+    entries = map_entries(suspicion)
     if not entries:
         return Cure(said=spoken(f"{where}{suspicion.found}: {suspicion.cure}"))
     first = next(iter(cells.values()))
@@ -98,6 +96,12 @@ def cure(suspicion: Suspicion, cells: Mapping[str, Mapping[str, str]]) -> Cure:
         for file, own in cells.items()
     }
     return Cure(said=f"{where}{suspicion.found}", does="; ".join(_done(e, first) for e in entries), readings=readings)
+
+
+def map_entries(suspicion: Suspicion) -> list[str]:
+    """The entries of `--map` that put right what looks wrong; none where a person has to decide."""
+    pairs = (pair for option in suspicion.maps for pair in itertools.pairwise(shlex.split(option)))
+    return [entry for flag, entry in pairs if flag == "--map"]
 
 
 def _carried(entry: str, named: Mapping[str, str], own: Mapping[str, str]) -> str | None:

@@ -15,6 +15,7 @@ from runtime.diagnosis.stages import begin as begun
 from runtime.diagnosis.steps import Step, Trail
 from runtime.documents.parts import Document
 from runtime.documents.provenance import InputFile, Provenance
+from runtime.inspection.guesses import guesses
 from runtime.inspection.inspection import Inspection, inspect
 from runtime.loop.improve import HeldOut, left
 from runtime.model.loader import Model
@@ -24,11 +25,12 @@ from runtime.recordings.columns import RecordedArm
 from runtime.recordings.preview import FieldPreview, previews
 from runtime.recordings.recording import Recording
 from runtime.report.summary import Invocation
+from runtime.studio.describe import map_entries
 from runtime.studio.documents import ValuesFound, document
 from runtime.studio.history import PlacedEffect
 from runtime.studio.inputs import GivenFile, GivenRecording, Inputs
 from runtime.studio.session import SessionError, StudioSession
-from runtime.studio.settings import PROGRESS_EVERY
+from runtime.studio.settings import MOST_CURES, PROGRESS_EVERY
 from runtime.workspace.names import column_mapping
 from runtime.workspace.source import Source
 
@@ -140,6 +142,26 @@ class LoadedSession:
             maps=given.maps,
             allow_gaps=given.allow_gaps,
         )
+
+    def guesses(self, given: GivenRecording) -> dict[str, str]:
+        """Signal -> column as entries of `--map` name it, which names and values suggest.
+
+        Where the recording cannot be read otherwise it is read so, and what then looks wrong, as a sign, is put right.
+        """
+        arm = self.arm(given)
+        found = {signal: str(column) for signal, column in guesses(self.previews(given), arm).items()}
+        if self.inspection(given).recording is not None:
+            return found
+        driven = [replace(joint, torque_constant=joint.torque_constant or 1.0) for joint in arm.joints]
+        path, arm = self.session.given(given.given), replace(arm, joints=driven)
+        for _ in range(MOST_CURES):  # of a joint an inspection says one thing at a time
+            read = inspect(path, arm, found, allow_gaps=True)
+            cures = (entry.partition("=") for suspicion in read.found for entry in map_entries(suspicion))
+            cured = found | {signal: column for signal, _, column in cures}
+            if cured == found:
+                break
+            found = cured
+        return found
 
     def recordings(self, held_out: bool) -> list[Recording]:
         """The fitted or the held-out recordings. Raises SessionError."""

@@ -50,7 +50,8 @@ def _read(loaded: LoadedSession, report: Reporter) -> None:
         for joint in range(0 if found is None else len(found.q)):
             assert found is not None
             of_recording(found, joint).save(folder / f"joint{joint + 1}.npz")
-        write(folder / "recording.json", describe.recording(given, target.name, inspection, seen, loaded.arm(given)))
+        guesses, arm = loaded.guesses(given), loaded.arm(given)
+        write(folder / "recording.json", describe.recording(given, target.name, inspection, guesses, arm))
         write(folder / "columns.json", describe.columns(seen))
         (folder / "columns.json").replace(loaded.session.columns(given.given))
         folder.rename(target)

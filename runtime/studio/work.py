@@ -131,7 +131,10 @@ class Work:
         assert process.stdout is not None
         with process.stdout as lines:
             for line in lines:
-                self._hear(process, json.loads(line))
+                try:
+                    self._hear(process, json.loads(line))
+                except (ValueError, TypeError) as error:  # else nobody would learn that the task has ended
+                    self._end("failed", f"the result of the task cannot be read: {error}")
         process.wait()
         with self._lock:
             lost = self._process is process and self.busy

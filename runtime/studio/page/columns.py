@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from itertools import chain
 from math import inf
 
 from msgspec.structs import replace
 
+from runtime.inspection.guesses import alike
 from runtime.recordings.columns import UNITS, MappedColumn, normal_unit
 from runtime.recordings.names import bare
 from runtime.recordings.recording import TORQUE
@@ -21,6 +23,7 @@ from symbolic.model_file.arm import TORQUES
 NONE = ""
 """No column."""
 _NAMES = {"t": "time", "q": "position", "qd": "velocity", "tau": "torque or current", "temperature": "temperature"}
+_HEADS = ("signal", "column", "unit", "sign", "first rows", "range", "picture")
 _WIDTH, _HEIGHT = 120, 28
 """px of a small picture."""
 
@@ -30,106 +33,212 @@ Choice = Mapping[str, str]
 
 def columns(view: PageView, given: GivenRecording, shown: RecordingOverview) -> None:
     """The columns of a recording: folded where it is read without a problem and nothing is being chosen."""
-    file, chosen = given.given.file, choice(view, given, shown)
-    changed = file in view.choices
-    with folded("Columns, units and signs", open_=changed or not shown.cells or bool(given.reading.maps)):
-        if not shown.cells and not given.reading.maps:
-            put("p", "Choose the column of each signal. The choices below are guesses from the names of the columns.")
-        _table(view, given, shown, chosen)
+    choosing = _Choosing(view, given, shown, _chosen(view, given, shown))
+    unread, mapped = not shown.cells, bool(given.reading.maps)
+    with folded("Columns, units and signs", open_=given.given.file in view.choices or unread or mapped):
+        if unread and not mapped:
+            put("p", "Choose the column of each signal. The choices below are guesses from names and values.")
+        choosing.table()
         with put("div", classes="acts"):
-            _further(view, given, shown, chosen)
-            _torques(view, given, chosen)
-        _constants(view, _unknown(view, given, shown, chosen))
-        _act(view, given, shown, chosen)
+            choosing.further()
+            choosing.torques()
+        choosing.constants()
+        choosing.act()
 
 
-def choice(view: PageView, given: GivenRecording, shown: RecordingOverview) -> Choice:
+def _chosen(view: PageView, given: GivenRecording, shown: RecordingOverview) -> Choice:
     """What is chosen in this tab; before that how the recording is read, and where it cannot be read what was asked
     for and what is guessed."""
     asked = dict(entry.split("=", 1) for entry in given.reading.maps if "=" in entry)
     stated = {TORQUE: asked[TORQUE]} if TORQUE in asked else {}
-    asked = {signal: cell for signal, cell in asked.items() if signal in shown.units}
+    asked = {signal: column for signal, column in asked.items() if signal in shown.units}
     return view.choices.get(given.given.file, (shown.cells or {**shown.guesses, **asked}) | stated)
 
 
-def _table(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen: Choice) -> None:
-    known = {bare(column.name): column for column in view.studio.columns(given.given)}
-    listed = [signal for signal in shown.units if _needed(signal) or signal in chosen]
-    heads = ("signal", "column", "unit", "sign", "first rows", "range", "picture")
-    with put("div", classes="scroll"), put("table", classes="stack columns-of"):
-        with put("thead"), put("tr"):
-            for head in heads:
-                put("th", head, scope="col")
-        with put("tbody"):
-            for signal in listed:
-                with put("tr", data_signal=signal):
-                    _row(view, given, shown, chosen, signal=signal, known=known)
+@dataclass(frozen=True)
+class _Choosing:
+    """The columns of one recording, as they are chosen in one tab."""
+
+    view: PageView
+    given: GivenRecording
+    shown: RecordingOverview
+    chosen: Choice
+
+    @property
+    def file(self) -> str:
+        return self.given.given.file
+
+    @cached_property
+    def known(self) -> dict[str, ColumnOverview]:
+        """The columns of the file by name."""
+        return {bare(column.name): column for column in self.view.studio.columns(self.given.given)}
+
+    @cached_property
+    def ratios(self) -> dict[int, float]:
+        """The gear ratios of joints whose current is recorded and whose torque constant is not known."""
+        found = ((k, ratio, self._of(f"tau{k}")) for k, ratio in self.shown.ratios.items())
+        return {k: ratio for k, ratio, column in found if UNITS.get(self._unit(column), ("",))[0] == "current"}
+
+    # The table
+
+    def table(self) -> None:
+        """A row a signal."""
+        with put("div", classes="scroll"), put("table", classes="stack columns-of"):
+            with put("thead"), put("tr"):
+                for head in _HEADS:
+                    put("th", head, scope="col")
+            with put("tbody"):
+                for signal in self.shown.units:
+                    if _needed(signal) or signal in self.chosen:
+                        with put("tr", data_signal=signal):
+                            self._row(signal)
+
+    def _row(self, signal: str) -> None:
+        cell = self._of(signal)
+        column = self.known.get(cell.name)
+        with put("th", scope="row"):
+            put("span", said(signal))
+            if cell.name and not self.shown.cells and str(cell) == self.shown.guesses.get(signal):
+                put("span", "guessed", "of guessed")
+        names = {NONE: "none yet" if _needed(signal) else "none"} | {name: name for name in self.known}
+        with put("td", data_is="column"):
+            self._list(signal, "column", names, cell.name if column else NONE, chosen=partial(self._name, signal))
+        with put("td", data_is="unit"):
+            if column is not None and self.shown.units[signal]:
+                options = self._units(signal, column, cell)
+                self._list(signal, "unit", options, cell.unit, chosen=partial(self._measure, signal))
+        with put("td", data_is="sign"):
+            if column is not None and _signed(signal):
+                signs, sign = {"+": "+", "-": "\N{MINUS SIGN}"}, "-" if cell.turned else "+"
+                self._list(signal, "sign", signs, sign, chosen=partial(self._turn, signal))
+        _preview(column, cell, self.shown.units[signal], self._unit(cell))
+
+    def _list(
+        self, signal: str, what: str, options: dict[str, str], value: str, *, chosen: Callable[[str], None]
+    ) -> None:
+        self.view.choice(f"{self.file} {signal} {what}", "", options=options, value=value, chosen=chosen)
+
+    def _units(self, signal: str, column: ColumnOverview, cell: MappedColumn) -> dict[str, str]:
+        units, stated = self.shown.units[signal], MappedColumn.of(column.name).unit
+        default = f"{stated}, as the file says" if stated else f"{units[0]}, not stated"
+        return {NONE: default} | {unit: unit for unit in (*units, cell.unit) if unit}
+
+    # A choice is made
+
+    def _name(self, signal: str, name: str) -> None:
+        """Another column, with the unit that is guessed for it; joints without one take those that are called alike."""
+        cell, guess = self._of(signal), MappedColumn.of(self.shown.guesses.get(signal, NONE))
+        new = guess if guess.name == name else MappedColumn(name, "", cell.turned)
+        others = {}
+        for k, other in enumerate(alike(name, list(self.known)) if name else (), 1):
+            beside = f"{_stem(signal)}{k}"
+            if beside in self.shown.units and beside not in self.chosen:
+                others[beside] = str(MappedColumn(other, new.unit, new.turned))
+        self._set({**others, signal: str(new)})
+
+    def _measure(self, signal: str, unit: str) -> None:
+        """Another unit, also of the same signal of other joints that was in the same one."""
+        before = self._of(signal).unit
+        same = [s for s in self.chosen if _stem(s) == _stem(signal) and self._of(s).unit == before and s != TORQUE]
+        cells = {s: self._of(s) for s in same if not unit or unit in self.shown.units[s]}
+        self._set({s: str(MappedColumn(cell.name, unit, cell.turned)) for s, cell in cells.items()})
+
+    def _turn(self, signal: str, sign: str) -> None:
+        cell = self._of(signal)
+        self._set({signal: str(MappedColumn(cell.name, cell.unit, sign == "-"))})
+
+    def _set(self, changes: Choice) -> None:
+        chosen = {signal: text for signal, text in {**self.chosen, **changes}.items() if text}
+        self.view.set(choices={**self.view.choices, self.file: chosen})
+
+    def _forget(self) -> None:
+        self.view.set(choices={name: other for name, other in self.view.choices.items() if name != self.file})
+
+    # Below the table
+
+    def further(self) -> None:
+        """Signals that a recording may have beside those that it must have."""
+        absent = {s: said(s) for s in self.shown.units if not _needed(s) and s not in self.chosen}
+        free = next(iter(self.known), NONE)
+
+        def add(signal: str) -> None:
+            if signal:
+                self._set({signal: self.shown.guesses.get(signal, free)})
+
+        if absent and free:
+            options = {NONE: "choose"} | absent
+            self.view.choice(f"{self.file} further", "further signal", options=options, value=NONE, chosen=add)
+
+    def torques(self) -> None:
+        """What the torques are."""
+        self.view.choice(
+            f"{self.file} torques",
+            "the torques are those of the",
+            options={NONE: "motor, if nothing else is stated", **{name: name for name in TORQUES}},
+            value=self.chosen.get(TORQUE, NONE),
+            chosen=lambda name: self._set({TORQUE: name}),
+        )
+
+    def constants(self) -> None:
+        """The torque constants that turn currents into torques."""
+        if self.ratios:
+            put("p", "A current becomes a torque with the torque constant of the motor, which the model lacks.", "of")
+        for k, ratio in self.ratios.items():
+            label = f"motor of joint {k}, N m/A, times the gear ratio {number(ratio)}"
+            value = self.view.constants.get(k, "")
+            self.view.entry(f"constant {k}", label, value=value, typed=partial(self._type, k))
+
+    def _type(self, joint: int, text: str) -> None:
+        self.view.set(constants={**self.view.constants, joint: text})
+
+    def act(self) -> None:
+        """Take the choice, or leave it."""
+        absent = [said(signal) for signal in self.shown.units if _needed(signal) and signal not in self.chosen]
+        stated = {k: _positive(self.view.constants.get(k, "")) for k in self.ratios}
+        absent += [f"torque constant {k}" for k, value in stated.items() if value is None]
+        constants = {k: self.ratios[k] * value for k, value in stated.items() if value is not None}
+        how = self.given.reading
+        entries = tuple(f"{signal}={column}" for signal, column in self.chosen.items())
+        ready = not (absent or self.view.busy or set(entries) == set(how.maps))
+        with put("div", classes="acts"):
+            use = partial(self._use, replace(how, maps=entries), constants)
+            button("Use these columns", use, "first" if ready else "", disabled=not ready, data_do="columns")
+            if self.file in self.view.choices:
+                button("Leave them as they were", self._forget, data_do="columns-back")
+            if how.maps:
+                plain = partial(self._use, replace(how, maps=()), {})
+                button("Read it as the file says", plain, disabled=self.view.busy, data_do="columns-remove")
+        if absent:
+            put("p", f"Still to be chosen: {', '.join(absent)}.", "of")
+
+    def _use(self, reading: GivenReading, constants: Mapping[int, float]) -> None:
+        def take() -> None:
+            if constants:
+                self.view.studio.state_torque_constants(constants)
+            self.view.studio.read_as(self.file, reading)
+
+        self._forget()
+        self.view.give(take)
+
+    # Cells
+
+    def _of(self, signal: str) -> MappedColumn:
+        """What is chosen for a signal; without a name if nothing is."""
+        return MappedColumn.of(self.chosen.get(signal, NONE))
+
+    def _unit(self, cell: MappedColumn) -> str:
+        """The unit that is chosen, or that the file states; ""."""
+        column = self.known.get(cell.name)
+        return normal_unit(cell.unit or ("" if column is None else MappedColumn.of(column.name).unit))
 
 
-def _row(
-    view: PageView,
-    given: GivenRecording,
-    shown: RecordingOverview,
-    chosen: Choice,
-    *,
-    signal: str,
-    known: Mapping[str, ColumnOverview],
-) -> None:
-    """A signal: its column, unit and sign, and what is in that column."""
-    file, cell = given.given.file, MappedColumn.of(chosen.get(signal, NONE))
-    column, units = known.get(cell.name), shown.units[signal]
-
-    def take(other: MappedColumn) -> None:
-        rest = {name: text for name, text in chosen.items() if name != signal}
-        _set(view, file, rest | ({signal: str(other)} if other.name else {}))
-
-    def named(name: str) -> None:
-        """Another column, with the unit that is guessed for it."""
-        guess = MappedColumn.of(shown.guesses.get(signal, NONE))
-        take(guess if guess.name == name else MappedColumn(name, "", cell.turned))
-
-    with put("th", scope="row"):
-        put("span", said(signal))
-        if cell.name and not shown.cells and str(cell) == shown.guesses.get(signal):
-            put("span", "guessed", "of guessed")
-    with put("td", data_is="column"):
-        names = {NONE: "none yet" if _needed(signal) else "none"} | {name: name for name in known}
-        view.choice(f"{file} {signal}", "", options=names, value=cell.name if column else NONE, chosen=named)
-    stated = None if column is None else MappedColumn.of(column.name).unit
-    with put("td", data_is="unit"):
-        if units and column is not None:
-            default = f"{stated}, as the file says" if stated else f"{units[0]}, not stated"
-            usual = {unit: unit for unit in (*units, cell.unit) if unit}
-            view.choice(
-                f"{file} {signal} unit",
-                "",
-                options={NONE: default} | usual,
-                value=cell.unit,
-                chosen=lambda unit: take(MappedColumn(cell.name, unit, cell.turned)),
-            )
-    with put("td", data_is="sign"):
-        if column is not None and signal[0] in "qt" and signal != "t" and not signal.startswith("temperature"):
-            signs = {"+": "+", "-": "\N{MINUS SIGN}"}
-            view.choice(
-                f"{file} {signal} sign",
-                "",
-                options=signs,
-                value="-" if cell.turned else "+",
-                chosen=lambda sign: take(MappedColumn(cell.name, cell.unit, sign == "-")),
-            )
-    _preview(column, cell, units, stated or "")
-
-
-def _preview(column: ColumnOverview | None, cell: MappedColumn, units: Sequence[str], stated: str) -> None:
+def _preview(column: ColumnOverview | None, cell: MappedColumn, units: Sequence[str], unit: str) -> None:
     """First values and range as they will be read, in SI, and the course of the signal."""
-    if column is None:
-        for head in ("first rows", "range", "picture"):
+    if column is None or column.least is None or column.largest is None:
+        put("td", "" if column is None else "no numbers", data_is="first rows")
+        for head in ("range", "picture"):
             put("td", data_is=head)
         return
-    if column.least is None or column.largest is None:
-        put("td", "no numbers", "warning", data_is="first rows")
-        return
-    unit = normal_unit(cell.unit or stated)
     dimension, factor, offset = UNITS.get(unit, ("", 1.0, 0.0))
     factor = -factor if cell.turned else factor
     # A current is multiplied by the torque constant later; it stays in ampere here.
@@ -160,117 +269,29 @@ def _picture(column: ColumnOverview, turned: bool) -> None:
         put("path", d=path, classes="course")
 
 
-def _further(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen: Choice) -> None:
-    """Signals that a recording may have beside those that it must have."""
-    file = given.given.file
-    absent = {signal: said(signal) for signal in shown.units if not _needed(signal) and signal not in chosen}
-    free = next((column.name for column in view.studio.columns(given.given)), NONE)
-
-    def add(signal: str) -> None:
-        if signal:
-            _set(view, file, {**chosen, signal: shown.guesses.get(signal, bare(free))})
-
-    if absent and free:
-        options = {NONE: "choose"} | absent
-        view.choice(f"{file} further", "further signal", options=options, value=NONE, chosen=add)
+def said(signal: str) -> str:
+    """A signal in words: q2 is the position of joint 2."""
+    stem = _stem(signal)
+    return f"{_NAMES[stem]}{', joint ' * (stem != signal)}{signal[len(stem) :]}" if stem in _NAMES else signal
 
 
-def _torques(view: PageView, given: GivenRecording, chosen: Choice) -> None:
-    """What the torques are."""
-    file = given.given.file
-    rest = {signal: cell for signal, cell in chosen.items() if signal != TORQUE}
-    view.choice(
-        f"{file} torques",
-        "the torques are those of the",
-        options={NONE: "motor, if nothing else is stated", **{name: name for name in TORQUES}},
-        value=chosen.get(TORQUE, NONE),
-        chosen=lambda name: _set(view, file, rest | ({TORQUE: name} if name else {})),
-    )
-
-
-def _unknown(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen: Choice) -> dict[int, float]:
-    """The gear ratios of joints whose current is recorded and whose torque constant is not known."""
-    stated = {bare(column.name): MappedColumn.of(column.name).unit for column in view.studio.columns(given.given)}
-
-    def is_current(cell: MappedColumn) -> bool:
-        unit = cell.unit or stated.get(cell.name, "")
-        return UNITS.get(normal_unit(unit), ("",))[0] == "current"
-
-    found = ((k, ratio, chosen.get(f"tau{k}", NONE)) for k, ratio in shown.ratios.items())
-    return {k: ratio for k, ratio, text in found if is_current(MappedColumn.of(text))}
-
-
-def _constants(view: PageView, ratios: Mapping[int, float]) -> None:
-    """The torque constants that turn currents into torques."""
-    if ratios:
-        put("p", "A current becomes a torque with the torque constant of the motor, which the model file lacks.", "of")
-    for k, ratio in ratios.items():
-        put_in = partial(_type, view, k)
-        typed, times = view.constants.get(k, ""), f"times the gear ratio {number(ratio)}"
-        view.entry(f"constant {k}", f"motor of joint {k}, N m/A, {times}", value=typed, typed=put_in)
-
-
-def _type(view: PageView, joint: int, said: str) -> None:
-    view.set(constants={**view.constants, joint: said})
-
-
-def _positive(said: str) -> float | None:
-    """A number above 0; None for any other text."""
-    try:
-        value = float(said)
-    except ValueError:
-        return None
-    return value if 0 < value < inf else None
-
-
-def _act(view: PageView, given: GivenRecording, shown: RecordingOverview, chosen: Choice) -> None:
-    """Take the choice, or leave it."""
-    file, studio = given.given.file, view.studio
-    entries = tuple(f"{signal}={cell}" for signal, cell in chosen.items())
-    absent = [said(signal) for signal in shown.units if _needed(signal) and signal not in chosen]
-    ratios = _unknown(view, given, shown, chosen)
-    stated = {k: _positive(view.constants.get(k, "")) for k in ratios}
-    absent += [f"torque constant {k}" for k, value in stated.items() if value is None]
-    constants = {k: ratios[k] * value for k, value in stated.items() if value is not None}
-    taken = set(entries) == set(given.reading.maps)
-
-    def use(reading: GivenReading) -> None:
-        def take() -> None:
-            if constants:
-                studio.state_torque_constants(constants)
-            studio.read_as(file, reading)
-
-        _forget(view, file)
-        view.give(take)
-
-    with put("div", classes="acts"):
-        wanted = replace(given.reading, maps=entries)
-        ready = not (absent or taken or view.busy)
-        button(
-            "Use these columns", partial(use, wanted), "first" if ready else "", disabled=not ready, data_do="columns"
-        )
-        if file in view.choices:
-            button("Leave them as they were", lambda: _forget(view, file), data_do="columns-back")
-        if given.reading.maps:
-            plain = replace(given.reading, maps=())
-            button("Read it as the file says", partial(use, plain), disabled=view.busy, data_do="columns-remove")
-    if absent:
-        put("p", f"Still to be chosen: {', '.join(absent)}.", "of")
-
-
-def _set(view: PageView, file: str, chosen: Choice) -> None:
-    view.set(choices={**view.choices, file: chosen})
-
-
-def _forget(view: PageView, file: str) -> None:
-    view.set(choices={name: chosen for name, chosen in view.choices.items() if name != file})
+def _stem(signal: str) -> str:
+    return signal.rstrip("0123456789")
 
 
 def _needed(signal: str) -> bool:
-    return signal == "t" or signal.removeprefix("q").isdigit() or signal.removeprefix("tau").isdigit()
+    return signal == "t" or (_stem(signal) in ("q", "tau") and _stem(signal) != signal)
 
 
-def said(signal: str) -> str:
-    """A signal in words: q2 is the position of joint 2."""
-    stem = signal.rstrip("0123456789")
-    return f"{_NAMES[stem]}{', joint ' * (stem != signal)}{signal[len(stem) :]}" if stem in _NAMES else signal
+def _signed(signal: str) -> bool:
+    """Whether a signal may have the other sign: positions, rates and torques."""
+    return signal.startswith(("q", "tau"))
+
+
+def _positive(text: str) -> float | None:
+    """A number above 0; None for any other text."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if 0 < value < inf else None

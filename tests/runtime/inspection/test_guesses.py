@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from runtime.inspection.guesses import guesses
+from runtime.inspection.guesses import alike, guesses
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.contents import RecordedField
 from runtime.recordings.preview import FieldPreview
@@ -46,3 +46,10 @@ def test_the_unit_of_time_follows_from_its_steps(last, unit):
 
 def test_tendons_own_names_are_taken_first():
     assert guessed(t=(0, 1), q1=(0, 1), tau1=(0, 1), current=(0, 9)) == {"t": "t", "q1": "q1", "tau1": "tau1"}
+
+
+def test_the_same_signal_of_other_joints_is_called_alike():
+    names = ["t", "J1_pos [deg]", "J1_iq", "J2_pos [deg]", "J2_iq"]
+    assert alike("J2_iq", names) == ["J1_iq", "J2_iq"]
+    assert alike("J1_pos", ["t", "J1_pos", "J2_pos"]) == ["J1_pos", "J2_pos"]
+    assert alike("t", names) == ["t"]

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from runtime.studio.history import HistoryError
@@ -78,6 +79,19 @@ def test_a_mapping_belongs_to_its_recording(new: Studio, recorded: Path, tmp_pat
     again.undo()
     assert again.state.fitted
     again.close()
+
+
+def test_the_sign_of_a_torque_is_guessed_from_its_work(new: Studio, recorded: Path, tmp_path: Path) -> None:
+    """A torque that brakes the motion on average has the other sign; and a column of rates may have another unit."""
+    rows = [[float(cell) for cell in line.split(",")] for line in (recorded / EVIL).read_text().splitlines()[1:]]
+    rates = np.gradient([row[1] for row in rows], 1e-3)
+    log = tmp_path / "turned.csv"
+    texts = [f"{r[0]},{r[1]},{np.degrees(rate)},{-r[2]}" for r, rate in zip(rows, rates, strict=True)]
+    log.write_text("\n".join(["time,position,velocity,torque", *texts]) + "\n")
+    sent(new, log)
+    found = new.recording(new.inputs.recordings[0])
+    assert found is not None
+    assert found.guesses == {"t": "time", "q1": "position", "qd1": "velocity [deg/s]", "tau1": "-torque"}
 
 
 def test_a_cure_is_of_its_recording_and_takes_the_place_of_an_earlier_one(

@@ -76,6 +76,29 @@ def test_columns_are_chosen_by_clicks_and_belong_to_their_recording(
     assert seen.outside() == []
 
 
+def test_a_log_in_milliampere_asks_for_the_motor(tab: Tab, new_server: Server, recorded: Path, tmp_path: Path) -> None:
+    """An ordinary log: ms, degrees and mA without a word of it in the header but in the names."""
+    rows = [[float(cell) for cell in line.split(",")] for line in (recorded / EVIL).read_text().splitlines()[1:]]
+    texts = [f"{1000 * r[0]:.6g},{r[1] * 57.29577951308232!r},{r[2] * 1000 / 8!r}" for r in rows]
+    (tmp_path / "lab.csv").write_text("\n".join(["time,pos_act_deg,Iq_mA", *texts]) + "\n")
+    seen = tab(new_server)
+    page = seen.emptied()
+    page.set_input_files("#start file-drop[as=model] input", recorded / "drive.toml")
+    page.wait_for_selector("#start .given:has-text('drive.toml')")
+    page.set_input_files("#start file-drop[as=fitted] input", tmp_path / "lab.csv")
+    page.wait_for_selector(row("tau1"))
+    units = [page.input_value(f"{row(signal)} td[data-is=unit] select") for signal in ("t", "q1", "tau1")]
+    assert units == ["ms", "deg", "mA"]
+    assert "Still to be chosen: torque constant 1" in page.inner_text("#recordings")
+    page.fill("[data-control='constant 1']", "0.08")
+    page.press("[data-control='constant 1']", "Tab")
+    page.click("[data-do=columns]:not([disabled])")
+    page.click("[data-do=begin]:not([disabled])")
+    page.wait_for_selector("[data-do=diagnose]:not([disabled])")
+    assert '# set torque_constant = 8 in joint 1 of "drive.toml"' in page.text_content("[data-commands]")
+    assert seen.wrong == []
+
+
 def test_a_recording_that_is_refused_or_added_leaves_the_steps(fitted: Watched, recorded: Path, tmp_path: Path) -> None:
     page = fitted.page
     steps = page.locator("#history li").count()
