@@ -56,7 +56,7 @@ def report_again(
 ) -> None:
     """The result is computed again and the page has its plots, if the recordings are where they were and have not
     changed; otherwise the page has the words and tables of the JSON."""
-    from runtime.report.page import reports
+    from runtime.report.page import reports, words_alone
     from runtime.report.terminal import say
 
     document = read_result(result)
@@ -71,7 +71,7 @@ def report_again(
             summary, why_not = None, ["computed again, the result is another one; the page is that of the JSON"]
     for reason in why_not:
         print(f"{result}: no plots: {reason}", file=sys.stderr)
-    made = reports.of_document(document) if summary is None else reports.report(summary)
+    made = words_alone.of_document(document) if summary is None else reports.report(summary)
     path = made.write(out)
     again = ReportDocument(page=str(path), plots=summary is not None, why_not=why_not)
     emit(json, again, lambda _: say(f"Report: {path}"))

@@ -12,7 +12,7 @@ from msgspec import UNSET
 
 from runtime.diagnosis.steps import Step, remainder, seconds_moving
 from runtime.documents.diagnosis import HistoryEntry
-from runtime.documents.fits import CompareDocument, IdentifyDocument, JointEntry
+from runtime.documents.fits import CompareDocument, JointEntry
 from runtime.documents.parts import given
 from runtime.documents.provenance import Provenance
 from runtime.identification.compare import as_written, structure_entries, structure_shares
@@ -31,7 +31,7 @@ from runtime.report.page.moving import of_result
 from runtime.report.page.page_figures import drawn
 from runtime.report.sections import Bullets, Commands, Facts, Group, Paragraph, Plots, Section, table, texts, words
 from runtime.report.signals import joint_signals
-from runtime.report.summary import LoopDocument, Result, ResultSummary
+from runtime.report.summary import Result, ResultSummary
 from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence, times_floor
 
 TAGS = {
@@ -76,8 +76,8 @@ def report(result: Result | ResultSummary) -> ReportPage:
         groups.append(Group(f"Warnings ({len(warnings)})", tuple(warnings), "warnings"))
     name = summary.first.fit.model.name
     provenance = given(summary.document.provenance)
-    groups += _origin(provenance)
-    headline, further = _headline(answer.sentence)
+    groups += origin_group(provenance)
+    headline, further = headline_of(answer.sentence)
     return ReportPage(
         title=f"{name}: {answer.tag}",
         model=name,
@@ -92,36 +92,15 @@ def report(result: Result | ResultSummary) -> ReportPage:
     )
 
 
-def of_document(document: LoopDocument | IdentifyDocument) -> ReportPage:
-    """The page of a result of which only the document is left: what the terminal prints, without plots."""
-    provenance = given(document.provenance)
-    kind = "comparison" if isinstance(document, CompareDocument) else document.verdict
-    tag = TAGS.get(kind, kind)
-    shown = fits.identification(document) if isinstance(document, IdentifyDocument) else loop.sections(document)
-    name = "" if provenance is None else Path(provenance.model.typed).stem
-    headline, further = _headline(tag if isinstance(document, CompareDocument) else document.reason)
-    return ReportPage(
-        title=f"{name}: {tag}".removeprefix(": "),
-        model=name,
-        kind="comparison" if kind == "fitted" else kind,
-        tag=tag,
-        made="" if provenance is None else origin.made(provenance),
-        headline=headline,
-        short=further,
-        groups=[Group("Result", tuple(shown), "result"), *_origin(provenance)],
-        drawings={},
-        document=plain(document),
-    )
+def origin_group(provenance: Provenance | None) -> list[Group]:
+    """What a result was made from, if it says so."""
+    return [] if provenance is None else [Group("What it was made from", tuple(origin.sections(provenance)), "origin")]
 
 
-def _headline(reason: str) -> tuple[str, list[Section]]:
+def headline_of(reason: str) -> tuple[str, list[Section]]:
     """A reason as a sentence; of a long one the first clause, and the others below it."""
     first, *others = reason.removesuffix(".").split("; ") if len(reason) > _LONGEST_HEADLINE else [reason]
     return sentence(first), [Bullets(tuple(others))] if others else []
-
-
-def _origin(provenance: Provenance | None) -> list[Group]:
-    return [] if provenance is None else [Group("What it was made from", tuple(origin.sections(provenance)), "origin")]
 
 
 class PageVerdict(NamedTuple):

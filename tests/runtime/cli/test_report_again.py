@@ -116,8 +116,31 @@ def test_without_its_recordings_a_report_has_the_words(made: Path, here: Path, t
     ]
     page = html.unescape((here / "again" / "report.html").read_text())
     assert "<svg" not in page
+    assert "<h1>Added to the model: stribeck@1.</h1>" in page
     for text in ("stribeck at joint 1: residual", "as in the file", "What it was made from", "cross-validated"):
         assert text in page
+
+
+@pytest.mark.parametrize(
+    ("verb", "tag", "headline"),
+    [
+        ("compare", "comparison", "Joint 1: misses "),
+        ("identify", "fitted", "The fit misses "),
+        ("diagnose", "effect found", "The model lacks stribeck at joint 1 "),
+    ],
+)
+def test_the_words_of_every_kind_of_result(
+    made: Path, here: Path, tendon: Run, verb: str, tag: str, headline: str
+) -> None:
+    """Also of a result that does not say what it was made from."""
+    document = json.loads(tendon(verb, made / "arm.toml", made / "run.csv.gz", "--json", "-")[1])
+    del document["provenance"]
+    (here / "bare.json").write_text(json.dumps(document))
+    status, _, err = tendon("report", "bare.json", "--out", "again")
+    assert (status, err) == (0, "bare.json: no plots: the JSON does not say what it was made from\n")
+    page = html.unescape((here / "again" / "report.html").read_text())
+    assert re.search(rf"<h1>{headline}", page)
+    assert f">{tag}</span>" in page
 
 
 def test_a_file_of_effects_is_run_only_if_it_is_named(made: Path, here: Path, tendon: Run) -> None:

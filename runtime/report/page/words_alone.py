@@ -1,0 +1,52 @@
+"""The page of a result of which only the document is left."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from runtime.documents.diagnosis import ImprovementDocument
+from runtime.documents.fits import CompareDocument, IdentifyDocument
+from runtime.documents.parts import given
+from runtime.plain_json import plain
+from runtime.report import fits, loop, origin
+from runtime.report.page.html import ReportPage
+from runtime.report.page.reports import TAGS, PageVerdict, headline_of, origin_group
+from runtime.report.sections import Group, texts
+from runtime.report.summary import LoopDocument
+from runtime.wording import sentence
+
+
+def of_document(document: LoopDocument | IdentifyDocument) -> ReportPage:
+    """What the terminal prints, as a page without plots."""
+    provenance = given(document.provenance)
+    answer = _verdict_of(document)
+    shown = fits.identification(document) if isinstance(document, IdentifyDocument) else loop.sections(document)
+    name = "" if provenance is None else Path(provenance.model.typed).stem
+    headline, further = headline_of(answer.sentence)
+    return ReportPage(
+        title=f"{name}: {answer.tag}".removeprefix(": "),
+        model=name,
+        kind=answer.kind,
+        tag=answer.tag,
+        made="" if provenance is None else origin.made(provenance),
+        headline=headline,
+        short=[*further, *texts(filter(None, [answer.more]))],
+        groups=[Group("Result", tuple(shown), "result"), *origin_group(provenance)],
+        drawings={},
+        document=plain(document),
+    )
+
+
+def _verdict_of(document: LoopDocument | IdentifyDocument) -> PageVerdict:
+    """The answer at the head of a document's page."""
+    if isinstance(document, CompareDocument):
+        every = "; ".join(map(fits.joint_in_short, document.joints))
+        return PageVerdict("comparison", TAGS["comparison"], every, "")
+    added = [step.added for step in document.history if step.added] if isinstance(document, ImprovementDocument) else []
+    if isinstance(document, ImprovementDocument) and added:
+        kind = "more" if document.more_is_left else "effect"
+        left = f"What is left is {TAGS[document.verdict]}: {sentence(document.reason)}"
+        return PageVerdict(kind, TAGS[kind], f"Added to the model: {', '.join(added)}", left)
+    if document.verdict == "fitted":
+        return PageVerdict("comparison", document.verdict, document.reason, "")
+    return PageVerdict(document.verdict, TAGS[document.verdict], document.reason, "")
