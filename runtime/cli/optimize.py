@@ -82,10 +82,12 @@ def optimize(
     try:
         with terminal.working(f"optimizing {case.name}"):
             plan = optimizer.optimize(model, case, settings)
+        with terminal.working(f"optimizing {case.name} without springs, to compare"):
+            without = optimizer.cost_without_springs(model, case, settings)
     except optimizer.Infeasible as error:
         emit(json, results.refusal(model, case, error), terminal.printer(motions.plan))
         raise typer.Exit(NO) from error
-    document = results.document(model, plan)
+    document = results.document(model, plan, without)
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:

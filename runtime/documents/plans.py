@@ -40,6 +40,10 @@ class ObjectiveEntry(Document, frozen=True, kw_only=True):
     unit: Annotated[str, key("unit of the values")]
     value: Annotated[float, key("objective by the exact laws", "`unit`")]
     smooth: Annotated[float, key("objective of the program, smooth at standstill", "`unit`")]
+    without_springs: Annotated[
+        float | UnsetType | None,
+        key("of the best motion without the springs, where springs are planned; null: there is none", "`unit`"),
+    ] = UNSET
 
 
 class PlanLimitsEntry(Document, frozen=True, kw_only=True):

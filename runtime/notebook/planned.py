@@ -10,6 +10,7 @@ from typing import Literal
 
 import msgspec
 import numpy as np
+from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from runtime.documents.plans import ExecuteDocument, OptimizeDocument
@@ -40,17 +41,19 @@ from runtime.workspace.source import scenario_source
 
 @dataclass(frozen=True, repr=False)
 class PlanResult(VerbResult):
-    """A planned motion; arm: with the plan's springs and contact in its text."""
+    """A planned motion; arm: with the plan's springs and contact in its text; without_springs: as
+    `cost_without_springs`."""
 
     plan: Plan
     arm: LoadedArm
+    without_springs: float | UnsetType | None = UNSET
 
     _sections = staticmethod(motions.plan)
 
     @cached_property
     def document(self) -> OptimizeDocument:
         """As `tendon optimize --json`."""
-        return plan_document(self.arm.model, self.plan)
+        return plan_document(self.arm.model, self.plan, self.without_springs)
 
     def __repr__(self) -> str:
         return "\n".join([motions.plan_headline(self.document), *motions.spring_lines(self.document)])
@@ -171,8 +174,10 @@ def optimize(
         cycle_time=case.cycle_time if cycle_time is None else cycle_time,
         friction=case.friction if friction is None else friction,
     )
-    plan = optimizer.optimize(arm.model, case, PlanningSettings(starts, seed))
-    return PlanResult(plan, arm.with_text(source.edits.mount(plan.trajectory).text))
+    settings = PlanningSettings(starts, seed)
+    plan = optimizer.optimize(arm.model, case, settings)
+    without = optimizer.cost_without_springs(arm.model, case, settings)
+    return PlanResult(plan, arm.with_text(source.edits.mount(plan.trajectory).text), without)
 
 
 def experiment(

@@ -9,6 +9,7 @@ from itertools import cycle, product
 from typing import TypeVar
 
 import numpy as np
+from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from runtime.model.loader import Library, Model
@@ -126,6 +127,19 @@ def optimize(model: Model, scenario: Scenario, settings: PlanningSettings = Plan
     free = any(point.reached for point in scenario.points.values())
     count = (_STARTS if free else 1) if settings.starts is None else settings.starts
     return Planner(model, scenario).plan(count, np.random.default_rng(settings.seed))
+
+
+def cost_without_springs(
+    model: Model, scenario: Scenario, settings: PlanningSettings = PlanningSettings()
+) -> float | UnsetType | None:
+    """The cost of the best motion of the same scenario without its springs; None where no motion meets all constraints
+    without them, UNSET where it has none."""
+    if not scenario.springs:
+        return UNSET
+    try:
+        return optimize(model, scenario.without_springs(), settings).cost
+    except Infeasible:
+        return None
 
 
 class Planner:

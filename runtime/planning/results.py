@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from msgspec import UNSET, UnsetType
 
 from runtime.documents.plans import (
     AttemptEntry,
@@ -37,8 +38,8 @@ SAMPLES = 400
 UNIT = {"peak_torque": "1", "electrical_energy": "J", "positive_work": "J"}
 
 
-def document(model: Model, plan: Plan) -> OptimizeDocument:
-    """A plan."""
+def document(model: Model, plan: Plan, without_springs: float | UnsetType | None = UNSET) -> OptimizeDocument:
+    """A plan; without_springs: as `optimize.cost_without_springs` has it, UNSET where it was not asked."""
     s = plan.scenario
     kinds = {model.joints[j - 1].force_unit for j in s.counted}
     squared = f"({'/'.join(sorted(kinds))})^2 s"
@@ -53,6 +54,7 @@ def document(model: Model, plan: Plan) -> OptimizeDocument:
             unit=UNIT.get(s.objective.goal, squared),
             value=plan.cost,
             smooth=plan.smooth_cost,
+            without_springs=without_springs,
         ),
         joints=[_joint(model, plan.effort, s.ranges, i) for i in range(model.n)],
         phases=[PhaseEntry(start=p.start, end=p.end, kind=p.kind, duration=s.cycle_time * p.part) for p in s.phases],

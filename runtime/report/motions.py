@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from msgspec import UnsetType
+
 from runtime.documents.parts import given
 from runtime.documents.plans import (
     BoardEntry,
@@ -76,10 +78,25 @@ def spring_lines(document: MotionDocument) -> list[str]:
             f" (from the catalogue; sought {quantity(float(spring['sought']), str(spring['unit']))})" if bought else ""
         )
         lines.append(f"Spring at joint {spring['joint']}: {spring['text']}{sought}.")
+    lines += _gain(document)
     if len(catalogue) > 1:
         units = {str(spring["joint"]): str(spring["unit"]) for spring in document.springs}
         lines.append(f"Springs compared, the best first: {'; '.join(_choice(c, units) for c in catalogue)}.")
     return lines
+
+
+def _gain(document: MotionDocument) -> list[str]:
+    """What the springs save, beside the best motion without them."""
+    if not isinstance(document, OptimizeDocument):
+        return []
+    goal, without = document.objective, document.objective.without_springs
+    if isinstance(without, UnsetType):
+        return []
+    if without is None:
+        return ["Without springs, no motion meets all constraints."]
+    saved = 100 * (1 - goal.value / without)
+    found = f"springs save {saved:.0f} %" if round(saved) > 0 else "springs save nothing"
+    return [f"The best motion without springs costs {quantity(without, goal.unit)}: {found}."]
 
 
 def _sizes(choice: Choice) -> list[Mapping[str, float]]:

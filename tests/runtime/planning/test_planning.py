@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import UNSET
 
 from runtime.execution.results import PlannedCycle
 from runtime.model.loader import Library, Model
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import at_times, effort, objective
-from runtime.planning.optimize import Infeasible, Plan, StartError, optimize
+from runtime.planning.optimize import Infeasible, Plan, StartError, cost_without_springs, optimize
 from runtime.planning.results import document
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.settings import PlanningSettings
@@ -103,6 +104,11 @@ def test_a_spring_is_found_that_swings(one: Model) -> None:
     scenario = and_back(one, 2.0, {"q1": 0.0}, {"q1": -np.pi / 2}, spring=[{"joint": 1, **FREE}])
     bare, sprung = optimize(one, scenario.without_springs()), optimize(one, scenario)
     assert 0.65 < 1 - sprung.cost / bare.cost < 0.67
+    without = cost_without_springs(one, scenario)
+    assert without == bare.cost
+    said = motions.spring_lines(document(one, sprung, without))
+    assert said[-1].endswith(f"springs save {100 * (1 - sprung.cost / bare.cost):.0f} %.")
+    assert cost_without_springs(one, scenario.without_springs()) is UNSET
     assert 1.0 < np.sqrt(0.06**2 * sprung.trajectory.springs[1]["stiffness"] / INERTIA) / (2 * np.pi / 2.0) < 4.0
 
 
