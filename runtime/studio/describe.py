@@ -24,7 +24,7 @@ from runtime.recordings.preview import FieldPreview
 from runtime.report import diagnosed
 from runtime.report.fits import estimate
 from runtime.report.page import moving, reports
-from runtime.report.sections import Group, Paragraph, texts
+from runtime.report.sections import Group, Paragraph, Section, TableSection, texts
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.studio.documents import (
     ColumnOverview,
@@ -235,7 +235,7 @@ def verdict(summary: ResultSummary) -> VerdictOverview:
                 title=reports.finding_title(summary, k),
                 shows_at=finding.joint_index + 1,
                 rivals=[PlacedEffect(t.name, t.joint) for t in finding.rivals],
-                card=reports.finding_card(summary, k),
+                card=[_folded(section) for section in reports.finding_card(summary, k)],
             )
         )
     further = [Group(title, tuple(inside), title.split()[-1].lower()) for title, inside in parts.items() if inside]
@@ -248,3 +248,10 @@ def verdict(summary: ResultSummary) -> VerdictOverview:
         unexplained=reports.unexplained_joints(summary),
         details=[replace(group, folded=True) for group in (*reports.diagnosis_groups(summary), *further)],
     )
+
+
+def _folded(section: Section) -> Section:
+    """A table is folded under its caption: the page of several joints is long enough."""
+    if not isinstance(section, TableSection):
+        return section
+    return Group(section.caption or "Table", (replace(section, caption=""),), folded=True)
