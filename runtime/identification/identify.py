@@ -19,7 +19,7 @@ from runtime.identification.fit import Fit, Inference
 from runtime.identification.fitting import drivable, fit_motion
 from runtime.identification.problem import Problem, Skew, configurations, weighted
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import BEAT_S, HEARD_BEAT, LASTING_BEAT, MOST_COMPENSATED
+from runtime.identification.settings import BEAT_S, BEAT_WAVES, HEARD_BEAT, LASTING_BEAT, MOST_COMPENSATED
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, joints_of, structure
 from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised_to_lines, rigid_inertia
@@ -95,19 +95,33 @@ def without_beats(fit: Fit) -> Motion:
 
 
 def _beats(fit: Fit, joint: int) -> NDArray[np.bool_]:
-    """(M,) rows of a joint (0-based) at which its encoder's steps beat with the samples."""
+    """(M,) rows of a joint (0-based) at which its encoder's steps beat with the samples, loud enough to be heard."""
     motion, use, step = fit.motion, fit.motion.moving(joint), fit.motion.band.resolution[joint]
     rate, none = 1 / motion.pieces_of(joint)[0].dt, np.zeros(len(use), dtype=bool)
     if not step or not use.any():
         return none
-    read = fit.problem.reread(joint, fit.shapes, fit.coefficients)[use]
-    if rate / (2 * motion.cutoff(joint)) * np.mean(read**2) < HEARD_BEAT * np.mean(fit.residual[joint][use] ** 2):
-        return none
-    steps = np.abs(motion.rows("qd", joint)[joint]) / (step * rate)
-    beating = use & (rate * np.abs(steps - np.round(steps)) < motion.cutoff(joint))
+    cutoff, steps = motion.cutoff(joint), np.abs(motion.rows("qd", joint)[joint]) / (step * rate)
+    beat = rate * np.abs(steps - np.round(steps)) / cutoff
+    noise = np.mean(fit.problem.reread(joint, fit.shapes, fit.coefficients)[use] ** 2)
+    loud = noise * _beat_power(beat, rate / cutoff) > HEARD_BEAT * np.mean(fit.residual[joint][use] ** 2)
+    # The beat is in the speed of each row, too, which scatters about that of the stretch.
     width = max(1, round(BEAT_S * motion.row_rate(joint)))
-    lasting: NDArray[np.bool_] = beating & (uniform_filter1d(beating.astype(float), width) > LASTING_BEAT)
+    lasting: NDArray[np.bool_] = use & (uniform_filter1d((use & loud).astype(float), width) > LASTING_BEAT)
     return lasting
+
+
+def _beat_power(beat: Array, rate: float) -> Array:
+    """In-band power (M,) of the acceleration of steps that beat, over that of steps whose error is white.
+
+    beat (M,) and rate: frequencies of the beat and of the samples, over the cut-off
+
+    A beat is a sawtooth of one step's height, whose m-th wave has an amplitude of step / (pi m); white errors have
+    a variance of step^2 / 12 up to half the rate.
+    """
+    waves = np.floor(1 / np.maximum(beat, 1 / BEAT_WAVES))
+    inside = np.where(beat < 1, beat**4 * waves * (waves + 1) * (2 * waves + 1) / 6, 0.0)
+    power: Array = 15 * rate / np.pi**2 * inside
+    return power
 
 
 def without_tip_rests(model: Model, motion: Motion) -> Motion:

@@ -171,12 +171,16 @@ arms on walls."""
 # rows that are left out -----------------------------------------------------------------------------------------------
 
 BEAT_S: Final = 0.5
-"""s; an encoder's steps beat with the samples where they do so for most of this time: a few periods of the beat, half
+"""s; an encoder's steps beat with the samples where they do so in many rows of this time: a few waves of the beat, half
 of the shortest stretches of even speed that motions have; a choice."""
 
-LASTING_BEAT: Final = 0.5
-"""part of BEAT_S; shorter, a speed only passes through; a choice."""
+LASTING_BEAT: Final = 1 / 3
+"""part of the rows in BEAT_S; of speeds that only pass through, a twentieth to an eighth are near a whole number of
+steps, of an even speed about half, as the beat scatters them; simulated arms."""
 
 HEARD_BEAT: Final = 0.25
-"""ratio of variances, of the steps' error with all its power in the band to what a fit leaves; less is not heard: half
-of the noise; simulated arms of six joints."""
+"""ratio of variances, of the beat's torque to what a fit leaves; less is not heard: half of the noise; simulated arms
+of six joints."""
+
+BEAT_WAVES: Final = 100
+"""number of a beat's waves in the band that count: of so slow a beat nothing is heard; a choice."""
