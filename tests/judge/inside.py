@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from .bodies import in_space
 from .hidden import Hidden, Rows, Setup, at, entry, more, same
+from .space import tip
 
 
 @entry("inside_offset", "inside")
@@ -30,10 +32,17 @@ def _(s: Setup) -> Hidden:
     )
 
 
+def at_tip(s: Setup) -> dict[str, float]:
+    """Where a payload is held, m, in base axes where q = 0; nothing in the plane."""
+    if not in_space(s.bodies):
+        return {}
+    return dict(zip(("PAYLOAD_X", "PAYLOAD_Y", "PAYLOAD_Z"), tip(s.bodies).tolist(), strict=True))
+
+
 @entry("inside_payload", "inside")
 def _(s: Setup) -> Hidden:
     def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
-        arm.update(PAYLOAD=amount, PAYLOAD_TIME=0.0)
+        arm.update(PAYLOAD=amount, PAYLOAD_TIME=0.0, **at_tip(s))
 
     return Hidden("", s.rng.uniform(0.2, 0.8), (0.0, 2.0), put, of_arm=True)
 

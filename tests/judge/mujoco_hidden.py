@@ -13,8 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from . import forms, inside, outside  # noqa: F401 (they add their entries)
-from .bodies import in_space
+from . import forms, inside, outside  # noqa: F401 (forms and outside add their entries)
 from .hidden import ENTRIES, POSITION, Entry, Hidden, Rows, Setup, at, same
 from .space import tip
 
@@ -160,7 +159,7 @@ def _(s: Setup) -> Hidden:
 
     def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
         springs = {"HANGING_STIFFNESS": amount * stiffness, "HANGING_DAMPING": amount * damping}
-        arm.update(HANGING=amount, HANGING_LENGTH=length, **springs, **_at_tip(s))
+        arm.update(HANGING=amount, HANGING_LENGTH=length, **springs, **inside.at_tip(s))
 
     return Hidden("", 0.2, (1e-3, 10.0), put, of_arm=True)
 
@@ -177,7 +176,7 @@ def _(s: Setup) -> Hidden:
     where |= dict(zip(("WALL_AT_X", "WALL_AT_Y", "WALL_AT_Z"), point.tolist(), strict=True))
 
     def put(_rows: Rows, arm: dict[str, float], amount: float) -> None:
-        arm.update(WALL=amount, **where, **_at_tip(s))
+        arm.update(WALL=amount, **where, **inside.at_tip(s))
 
     return Hidden("", 1e3, (1.0, 1e5), put, of_arm=True)
 
@@ -228,12 +227,6 @@ def _of_arm(name: str) -> Callable[[Rows, dict[str, float], float], None]:
         arm[name] = amount
 
     return put
-
-
-def _at_tip(s: Setup) -> dict[str, float]:
-    if not in_space(s.bodies):
-        return {}
-    return dict(zip(("PAYLOAD_X", "PAYLOAD_Y", "PAYLOAD_Z"), tip(s.bodies).tolist(), strict=True))
 
 
 def _path_of_tip(s: Setup) -> np.ndarray:
