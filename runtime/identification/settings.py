@@ -183,4 +183,4 @@ HEARD_BEAT: Final = 0.25
 of six joints."""
 
 BEAT_WAVES: Final = 100
-"""number of a beat's waves in the band that count: of so slow a beat nothing is heard; a choice."""
+"""number of waves; so many of a beat in the band count; of so slow a beat nothing is heard; a choice."""
