@@ -13,6 +13,7 @@ from runtime.version import VERSION
 
 app = typer.Typer(
     cls=Verbs,
+    subcommand_metavar="VERB ...",
     help="Models of robot arms: derive them, generate code, fit them to recordings, find missing physical effects.",
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -24,7 +24,7 @@ ARM = "vishard4"
 @with_settings
 def paper(
     what: Annotated[
-        str | None, typer.Argument(metavar="WHAT", help="table1 to table3 or figure4 to figure8; default: all.")
+        str | None, typer.Argument(metavar="[WHAT]", help="table1 to table3 or figure4 to figure8; default: all.")
     ] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Directory for the figures."), FILLED] = Path("paper-study"),
     trials: Annotated[int, Setting("Trials of each case on the simulated arm; 0: none.", 0, 20)] = TRIALS,

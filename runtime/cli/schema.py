@@ -26,7 +26,7 @@ MODEL, SCENARIO = "model.schema.json", "scenario.schema.json"
 @app.command("schema", epilog="Example: tendon schema diagnose")
 def show_schema(
     verb: Annotated[
-        str | None, typer.Argument(metavar="VERB", help="One verb; default: an object with the schemas of all.")
+        str | None, typer.Argument(metavar="[VERB]", help="One verb; default: an object with the schemas of all.")
     ] = None,
     json: Json = None,
 ) -> None:

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from runtime.cli import places
 
@@ -76,9 +76,18 @@ def _commands(module: str) -> Mapping[str, Any]:
     declared: typer.Typer = import_module(f"{__package__}.{module}").app
     declared.rich_markup_mode = None
     for one in declared.registered_commands:
+        one.cls = VerbCommand
         if one.callback is not None:
             one.callback = places.guarded(one.callback)
     return typer.main.get_group(declared).commands
+
+
+class VerbCommand(TyperCommand):
+    """A verb."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:  # noqa: ARG002
+        """What follows the verb in the line of its usage: the names of its arguments say what may be left out."""
+        return ["[OPTIONS]", *(str(p.metavar) for p in self.params if p.param_type_name == "argument")]
 
 
 class Verbs(TyperGroup):

@@ -19,7 +19,7 @@ from codegen import disk
 from runtime import files
 from runtime.cli import generate, output
 from runtime.cli.main import app
-from runtime.cli.verbs import GROUPS, VERBS
+from runtime.cli.verbs import GROUPS, VERBS, command
 from runtime.version import VERSION
 from runtime.workspace.generated import render_all
 from runtime.workspace.names import UsageError
@@ -119,6 +119,14 @@ def test_completion_of_the_shell(here, typed, proposed):
         check=False,
     )
     assert sorted(done.stdout.split()) == proposed
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_usage_says_what_may_be_left_out(run, verb):
+    arguments = [p for p in command(verb).params if p.param_type_name == "argument"]
+    assert all((p.metavar[0] == "[") != p.required for p in arguments)
+    usage = " ".join([f"Usage: tendon {verb} [OPTIONS]", *(p.metavar for p in arguments)])
+    assert run(verb, "--help")[1].splitlines()[0] == usage
 
 
 def test_help_lists_the_verbs_by_group_and_cuts_no_sentence(run):
