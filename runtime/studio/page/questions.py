@@ -63,8 +63,7 @@ def sliders(view: PageView, effect: EffectOverview, prefix: str = "") -> None:
             with put("div", classes="acts"):
                 view.slider(
                     f"{mark} of {effect.placed}",
-                    f"{entry.name}: {_with_unit(value, entry)}, fitted {_with_unit(entry.value, entry)}, "
-                    f"from {_with_unit(low, entry)} to {_with_unit(high, entry)}",
+                    _said(entry, value),
                     partial(moved, entry.name),
                     min=low,
                     max=high,
@@ -79,8 +78,10 @@ def sliders(view: PageView, effect: EffectOverview, prefix: str = "") -> None:
         signals(joint.signals)
 
 
-def _with_unit(value: float | None, entry: ParameterRange) -> str:
-    return f"{number(value)} {entry.unit}".strip()
+def _said(entry: ParameterRange, value: float | None) -> str:
+    """A value that is tried, the fitted one and the range."""
+    ends = f"{number(entry.low)} to {number(entry.high)} {entry.unit}".strip()
+    return f"{entry.name}: {f'{number(value)} {entry.unit}'.strip()} (fitted {number(entry.value)}, range {ends})"
 
 
 def _hiding(view: PageView) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import http.client
 import json
+import math
 import os
 import socket
 from collections.abc import Iterator
@@ -129,6 +130,31 @@ def test_what_is_sent_lands_in_the_session_or_nowhere(server):
         r["given"]["name"] for r in json.loads((server.folder / "session.json").read_text())["inputs"]["recordings"]
     ]
     assert names == ["<img src=x>.csv"]
+
+
+def test_a_file_is_checked_when_it_is_sent(server):
+    """What is no recording is refused in one line and changes nothing; the columns of one are read and guessed."""
+    before = (server.folder / "session.json").read_bytes()
+    for content in (b"no recording\n", b"", b"\0\1"):
+        status, _, body = server.ask("/given?as=fitted&name=nonsense.csv", "POST", content)
+        assert (status, body.count(b"\n")) == (400, 1)
+        assert body.startswith(b"nonsense.csv")
+        assert str(server.folder).encode() not in body
+    assert (server.folder / "session.json").read_bytes() == before
+    assert not (server.folder / "given" / "nonsense.csv").exists()
+    rows = [f"{5 * k};{90 * math.sin(k / 50):.4f};{math.cos(k / 50):.4f};RUN" for k in range(1000)]
+    log = "\n".join(["Time_ms;Axis Pos;Torque;state", *rows]) + "\n"
+    assert server.ask("/given?as=fitted&name=lab.csv", "POST", log.encode())[0] == 204
+    columns = json.loads((server.folder / "recordings" / "lab.csv.columns.json").read_text())
+    assert [(c["name"], c["first"][:2], c["least"]) for c in columns[::3]] == [
+        ("Time_ms", [0.0, 5.0], 0.0),
+        ("state", [], None),
+    ]
+    read = [json.loads(p.read_text()) for p in server.folder.glob("recordings/*/recording.json")]
+    (lab,) = [r for r in read if "Time_ms" in str(r["problem"])]
+    assert lab["problem"].startswith("lab.csv line 1: no column t")
+    assert "--" not in lab["problem"]
+    assert lab["guesses"] == {"t": "Time_ms [ms]", "q1": "Axis Pos [deg]", "tau1": "Torque"}
 
 
 def test_requests_that_are_no_files_are_short(server):
