@@ -163,7 +163,8 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
         f"cross-validated log-likelihood changes by {whole_apart(r.value, r.limit)}; at least {r.limit:g} is required"
     ),
     gates.ERROR.name: lambda r, *_: (
-        f"cross-validated squared error {fall(squared_fall(r.value), percent)}, not by {percent(squared_fall(r.limit))}"
+        f"cross-validated squared error {fall(squared_fall(r.value), percent)}; it must fall by "
+        f"{percent(squared_fall(r.limit))}"
     ),
     gates.RESOLUTION.name: _resolution,
     gates.MODEL.name: lambda r, *_: f"the model as it is can produce all but {100 * r.value:.2g} % of its torque",
