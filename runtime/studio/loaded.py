@@ -31,7 +31,7 @@ from runtime.studio.history import PlacedEffect
 from runtime.studio.inputs import GivenFile, GivenRecording, Inputs
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.settings import MOST_CURES, PROGRESS_EVERY
-from runtime.workspace.names import column_mapping
+from runtime.workspace.names import UsageError, column_mapping
 from runtime.workspace.source import Source
 
 
@@ -105,7 +105,10 @@ class LoadedSession:
         if place not in self._inspections:
             arm = None if self.inputs.model is None else self.source.recorded_arm()
             path, how = self.session.given(given.given), given.reading
-            found = inspect(path, arm, column_mapping(how.maps), how.allow_gaps)
+            try:
+                found = inspect(path, arm, column_mapping(how.maps), how.allow_gaps)
+            except UsageError as error:  # of entries that contradict each other: the page still shows the columns
+                found = replace(inspect(path, arm, {}, how.allow_gaps), recording=None, problem=str(error))
             if found.problem is not None:
                 found = replace(found, problem=found.problem.replace(f"{path.parent}{os.sep}", ""))
             self._inspections[place] = found

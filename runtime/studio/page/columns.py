@@ -199,7 +199,8 @@ class _Choosing:
         constants = {k: self.ratios[k] * value for k, value in stated.items() if value is not None}
         how = self.given.reading
         entries = tuple(f"{signal}={column}" for signal, column in self.chosen.items())
-        ready = not (absent or self.view.busy or set(entries) == set(how.maps))
+        changed = self.file in self.view.choices or not self.shown.cells
+        ready = changed and not (absent or self.view.busy or entries == how.maps)
         with put("div", classes="acts"):
             use = partial(self._use, replace(how, maps=entries), constants)
             button("Use these columns", use, "first" if ready else "", disabled=not ready, data_do="columns")

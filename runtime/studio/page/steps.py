@@ -26,6 +26,8 @@ def history(view: PageView) -> None:
                 with pressed.on("click", partial(lambda number, _: view.give(studio.go_to, number), step.number)):
                     put("span", str(step.number), "step-number")
                     put("span", step.title, "step-title")
+                    if step.inputs != view.step.inputs:
+                        put("span", "of other inputs", "of")
                     held = "" if joint.held is None else f", held out {percent(joint.held)}"
                     put("span", percent(joint.relative) + held, "step-error")
                     if step.verdict is not None:

@@ -114,6 +114,23 @@ def test_a_cure_is_of_its_recording_and_takes_the_place_of_an_earlier_one(
     assert held.reading == GivenReading()
 
 
+def test_entries_that_contradict_each_other_can_be_removed(new: Studio, recorded: Path) -> None:
+    """A session that somebody has written by hand."""
+    sent(new, recorded / "held.csv")
+    new.read_as("held.csv", GivenReading(("q1=q1", "q1=tau1")))
+    new.begin()
+    done(new)
+    shown = new.recording(new.inputs.recordings[0])
+    assert shown is not None
+    assert shown.problem == "q1: given twice"
+    assert shown.guesses["q1"] == "q1"
+    assert new.history.steps == ()
+    new.read_as("held.csv", GivenReading())
+    new.begin()
+    done(new)
+    assert len(new.history.steps) == 1
+
+
 def test_a_current_is_a_torque_once_the_motor_is_known(new: Studio, recorded: Path, tmp_path: Path) -> None:
     """The constant goes into the copy of the model file; the given one stays as it is."""
     given = (recorded / "drive.toml").read_text()
