@@ -149,7 +149,8 @@ def emit(target: str | None, document: D, show: Callable[[D], None]) -> None:
     if target is not None:
         from runtime.files import replace
 
-        replace(target, text.encode())
+        # A name of a file that is no UTF-8 is escaped, as JSON has it.
+        replace(target, text.encode(errors="backslashreplace"))
 
 
 def write_page(directory: Path | None, summary: ResultSummary, target: str | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator
+from json import loads
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -81,11 +82,11 @@ def read_result(path: Path) -> LoopDocument | IdentifyDocument:
     """The result in a JSON file. Raises UsageError, OSError."""
     kinds = "compare, diagnose, improve, identify or demo"
     try:
-        found = msgspec.json.decode(path.read_bytes())
+        found = loads(path.read_bytes())
         kind = next((kind for key, kind in _KINDS.items() if key in found), None) if isinstance(found, dict) else None
         if kind is not None:
             return msgspec.convert(found, kind)
-    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
         raise UsageError(f"{path}: not what --json of {kinds} writes: {error}") from error
     raise UsageError(f"{path}: not the result of {kinds}; expected the file that its --json wrote")
 

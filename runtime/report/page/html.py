@@ -63,7 +63,7 @@ class ReportPage:
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
         path = directory / NAME
-        files.replace(path, self.html().encode("utf-8"))
+        files.replace(path, self.html().encode("utf-8", "backslashreplace"))
         return path
 
 

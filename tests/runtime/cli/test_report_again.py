@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import html
 import json
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -141,6 +142,17 @@ def test_the_words_of_every_kind_of_result(
     page = html.unescape((here / "again" / "report.html").read_text())
     assert re.search(rf"<h1>{headline}", page)
     assert f">{tag}</span>" in page
+
+
+def test_a_name_that_is_no_utf8(made: Path, here: Path, tendon: Run) -> None:
+    """It is escaped in JSON and page, and the report is made again from it."""
+    run = here / os.fsdecode(b"run\xff.csv.gz")
+    run.write_bytes((made / "run.csv.gz").read_bytes())
+    assert tendon("compare", made / "arm.toml", run, "--json", "said.json", "--report", "page")[0] == 0
+    assert json.loads((here / "said.json").read_text("utf-8"))["provenance"]["recordings"][0]["path"] == str(run)
+    assert "run\\udcff.csv.gz" in (here / "page" / "report.html").read_text("utf-8")
+    assert tendon("report", "said.json", "--out", "again")[0] == 0
+    assert (here / "again" / "report.html").read_bytes() == (here / "page" / "report.html").read_bytes()
 
 
 def test_a_file_of_effects_is_run_only_if_it_is_named(made: Path, here: Path, tendon: Run) -> None:
