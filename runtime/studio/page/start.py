@@ -97,6 +97,8 @@ def compare(view: PageView, text: str) -> None:
     button(text, lambda: view.act(studio.begin), "first" if ready else "", disabled=not ready, data_do="begin")
     if waits:
         put("span", waits, "of")
+        if studio.inputs.recordings:
+            put("a", "See the recordings", href="#recordings")
 
 
 def unready(view: PageView) -> str:
@@ -108,7 +110,7 @@ def unready(view: PageView) -> str:
         return "A recording to fit is missing."
     read = ((given.given.name, studio.recording(given)) for given in inputs.recordings)
     wrong = [name for name, shown in read if shown is not None and shown.problem is not None]
-    return f"{', '.join(wrong)} cannot be used yet: see Recordings below." if wrong else ""
+    return f"{', '.join(wrong)} cannot be used yet." if wrong else ""
 
 
 def undo_buttons(view: PageView) -> None:

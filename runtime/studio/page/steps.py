@@ -27,7 +27,7 @@ def history(view: PageView) -> None:
                     put("span", str(step.number), "step-number")
                     put("span", step.title, "step-title")
                     if step.inputs != view.step.inputs:
-                        put("span", "of other inputs", "of")
+                        put("span", "with other inputs", "of")
                     held = "" if joint.held is None else f", held out {percent(joint.held)}"
                     put("span", percent(joint.relative) + held, "step-error")
                     if step.verdict is not None:

@@ -27,16 +27,20 @@
     if (focused && document.activeElement === document.body) document.querySelector(focused)?.focus({ preventScroll: true });
   }).observe(document.body, { childList: true, subtree: true });
 
+  /* What a place for files says last, by its role: the place is drawn again whenever the inputs change. */
+  const said = new Map();
+
   customElements.define("file-drop", class extends HTMLElement {
     connectedCallback() {
       if (this.firstChild) return;
       const label = document.createElement("label"), input = document.createElement("input"), text = document.createElement("span");
-      this.said = document.createElement("p");
-      this.said.setAttribute("role", "status");
+      this.status = document.createElement("p");
+      this.status.setAttribute("role", "status");
       Object.assign(input, { type: "file", multiple: !["model", "plan"].includes(this.getAttribute("as")) });
       text.textContent = this.getAttribute("label");
       label.append(text, input);
-      this.append(label, this.said);
+      this.append(label, this.status);
+      this.show(...said.get(this.getAttribute("as")) ?? ["", false]);
       input.addEventListener("change", () => { this.send([...input.files]); input.value = ""; });
       for (const name of ["dragenter", "dragover"]) this.addEventListener(name, (event) => { event.preventDefault(); this.setAttribute("data-over", ""); });
       this.addEventListener("dragleave", () => this.removeAttribute("data-over"));
@@ -55,13 +59,19 @@
           const answer = await fetch(`/given?${query}`, { method: "POST", body: file, credentials: "same-origin" });
           if (!answer.ok) { this.say((await answer.text()).trim(), true); return; }
         } catch { this.say(`${file.name} could not be sent; is the studio still running?`, true); return; }
-        this.say(`${file.name} received.`);
       }
+      this.say("");
     }
 
     say(text, wrong = false) {
-      this.said.textContent = text;
-      this.said.className = wrong ? "warning" : "of";
+      const role = this.getAttribute("as");
+      said.set(role, [text, wrong]);
+      for (const place of document.querySelectorAll(`file-drop[as="${role}"]`)) place.show(text, wrong);
+    }
+
+    show(text, wrong) {
+      this.status.textContent = text;
+      this.status.className = wrong ? "warning" : "of";
     }
   });
 })();

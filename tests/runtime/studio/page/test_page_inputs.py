@@ -99,6 +99,21 @@ def test_a_log_in_milliampere_asks_for_the_motor(tab: Tab, new_server: Server, r
     assert seen.wrong == []
 
 
+def test_of_several_files_the_one_that_is_refused_is_named(
+    tab: Tab, new_server: Server, recorded: Path, tmp_path: Path
+) -> None:
+    """Also once the page has been drawn again because of the one that was taken."""
+    (tmp_path / "nonsense.csv").write_text("no recording\n")
+    page = tab(new_server).emptied()
+    page.set_input_files("#start file-drop[as=fitted] input", [recorded / "held.csv", tmp_path / "nonsense.csv"])
+    page.wait_for_selector("#recordings article:has-text('16000 samples') [data-do=remove]:not([disabled])")
+    page.wait_for_selector("#start file-drop .warning:has-text('nonsense.csv')")
+    page.select_option("[data-control=arm]", "drive")
+    page.wait_for_selector("#start .given:has-text('drive.toml')")
+    assert page.locator("#recordings article").count() == 1
+    assert "nonsense.csv" in page.inner_text("#start file-drop[as=fitted] .warning")
+
+
 def test_a_recording_that_is_refused_or_added_leaves_the_steps(fitted: Watched, recorded: Path, tmp_path: Path) -> None:
     page = fitted.page
     steps = page.locator("#history li").count()

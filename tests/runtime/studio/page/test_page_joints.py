@@ -75,7 +75,7 @@ def test_the_joint_with_the_finding_is_shown_and_the_list_stays_in_view(tab: Tab
     assert shown(page) == f"Joint {FOUND} part_{FOUND}_joint"
     assert page.get_attribute(f"[data-go='{FOUND}']", "aria-pressed") == "true"
     page.click("#parts a:has-text('Recordings')")
-    page.wait_for_function("document.querySelector('#recordings').getBoundingClientRect().top < innerHeight")
+    page.wait_for_function("() => document.querySelector('#recordings').getBoundingClientRect().top < innerHeight")
     for k in range(1, COUNT + 1):
         box = page.locator(f"[data-go='{k}']").bounding_box()
         assert 0 <= box["y"] < 200
