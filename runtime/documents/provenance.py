@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from hashlib import file_digest, sha256
@@ -112,7 +113,7 @@ def digest(path: Path) -> str | None:
 
 
 def now() -> str:
-    """The date for a result. Source: reproducible-builds.org, SOURCE_DATE_EPOCH."""
+    """The date for a result; SOURCE_DATE_EPOCH holds seconds since 1970 (reproducible-builds.org)."""
     fixed = os.environ.get("SOURCE_DATE_EPOCH", "")
-    moment = datetime.fromtimestamp(int(fixed), UTC) if fixed.isdigit() else datetime.now(UTC)
+    moment = datetime.fromtimestamp(int(fixed), UTC) if re.fullmatch("[0-9]{1,11}", fixed) else datetime.now(UTC)
     return moment.isoformat(timespec="seconds").replace("+00:00", "Z")

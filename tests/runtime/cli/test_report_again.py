@@ -15,6 +15,7 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.documents.provenance import now
 from runtime.version import VERSION
 from runtime.workspace.names import ARMS
 
@@ -75,6 +76,12 @@ def test_every_verb_of_a_fit_says_it(made: Path, here: Path, tendon: Run, verb: 
     said = json.loads(out)["provenance"]
     assert (said["verb"], said["recordings"][0]["path"]) == (verb, str(made / "run.csv.gz"))
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", said["date"])
+
+
+@pytest.mark.parametrize("wrong", ["", "soon", "²", "9" * 40])
+def test_another_epoch_is_no_date(monkeypatch: pytest.MonkeyPatch, wrong: str) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", wrong)
+    assert re.fullmatch(r"2\d{3}-\d\d-\d\dT\d\d:\d\d:\d\dZ", now())
 
 
 def test_a_report_shows_it(made: Path) -> None:
