@@ -12,13 +12,16 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from runtime.diagnosis.stages import begin as begun
-from runtime.diagnosis.steps import Step, Trail
+from runtime.diagnosis.steps import Step, Trail, errors_elsewhere
 from runtime.documents.parts import Document
 from runtime.documents.provenance import InputFile, Provenance
+from runtime.fit_warnings import suspicions
+from runtime.identification.fitting import fit_motion
 from runtime.inspection.guesses import guesses
 from runtime.inspection.inspection import Inspection, inspect
 from runtime.loop.improve import HeldOut, left
 from runtime.model.loader import Model
+from runtime.model.terms import structure
 from runtime.plain_json import plain
 from runtime.progress import Progress
 from runtime.recordings.columns import RecordedArm
@@ -193,12 +196,28 @@ class LoadedSession:
         entries = document(self.session.step(number) / "found.json", list[ValuesFound]) or []
         return {e.placed: {k: v for k, v in e.values.items() if v is not None} for e in entries}
 
-    def trail(self, number: int, text: str | None = None) -> Trail:
-        """The fitted model from which a step's diagnosis starts; text: of its model file, None: as it was written."""
+    def trail(self, number: int) -> Trail:
+        """The fitted model from which a step's diagnosis starts."""
         if number not in self._trails:
-            model = self.model(self.text(number) if text is None else text)
-            self._trails[number] = begun(model, self.recordings(False), self.recordings(True))
+            step = self.session.history.step(number)
+            self.begin(number, self.text(number), None if step.kind == "given" else step.parent)
         return self._trails[number]
+
+    def begin(self, number: int, text: str, parent: int | None) -> Trail:
+        """The same of a step whose model file and parent are known; parent: None of a model as given.
+
+        A model with other effects is fitted to the rows of the model that it follows, so that errors are compared on
+        the same ones.
+        """
+        model = self.model(text)
+        if parent is None:
+            trail = begun(model, self.recordings(False), self.recordings(True))
+        else:
+            before = self.trail(parent)
+            step = _on_rows_of(before, model)
+            trail = Trail(model, before.motion, before.held_out, before.names, suspicions(step.fit), step)
+        self._trails[number] = trail
+        return trail
 
     def fitted(self, number: int) -> Step:
         """A step's model, fitted."""
@@ -215,7 +234,7 @@ class LoadedSession:
         if (number, placed) not in self._with:
             edits = self.source.with_text(self.text(number)).edits
             text = edits.add(placed.effect, placed.joint, self.values_found(number).get(placed)).text
-            self._with[number, placed] = begun(self.model(text), self.recordings(False)).steps[0]
+            self._with[number, placed] = _on_rows_of(self.trail(number), self.model(text))
         return self._with[number, placed]
 
     def new_folder(self, name: str) -> Path:
@@ -223,6 +242,13 @@ class LoadedSession:
         folder = self.session.scratch / name
         folder.mkdir(parents=True)
         return folder
+
+
+def _on_rows_of(before: Trail, model: Model) -> Step:
+    """A model fitted to the rows of another one."""
+    fit = fit_motion(model, before.motion, structure(model))
+    held = None if before.held_out is None else errors_elsewhere(fit, before.held_out)
+    return Step.of(fit, held_out=held)
 
 
 def write(path: Path, found: Document | Sequence[Document]) -> None:

@@ -114,7 +114,7 @@ def _fitted(
     report.part(COMPILING)
     loaded.model(text)
     report.part(FITTING)
-    trail = loaded.trail(number, text)
+    trail = loaded.begin(number, text, None if kind == "given" else parent)
     step, held = trail.last, loaded.held_out(number)
     held_joints = () if held is None else held.joints
     report.part(DRAWING)
