@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from runtime import files
 from runtime.model.loader import Model
 from runtime.model.terms import structure
-from runtime.notebook.dynamics import RigidBody
+from runtime.notebook.dynamics import ArmFunctions
 from runtime.recordings import in_memory
 from runtime.recordings.recording import Recording, checked, read
 from runtime.workspace.source import Source
@@ -26,7 +26,7 @@ Recorded = Recording | PathOrText
 
 
 @dataclass(frozen=True)
-class LoadedArm(RigidBody):
+class LoadedArm(ArmFunctions):
     """A model file, its equations derived and compiled; `text` is what would be written.
 
     source   the file as read, and the library of effects

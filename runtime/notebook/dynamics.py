@@ -1,24 +1,25 @@
-"""An arm's rigid-body functions, from its generated C: one sample (n,), or many (N, n) in one call without a loop in
-Python."""
+"""An arm's functions, from its generated C: one sample (n,), or many (N, n) in one call without a loop in Python."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.model.catalogue import LoaderError
 from runtime.model.loader import Model
+from runtime.notebook.effects_along import whole_torque
 
 Array = NDArray[np.float64]
 
 
-class RigidBody(ABC):
+class ArmFunctions(ABC):
     """Functions of q, qd, qdd and tau in SI, at the joints' side of the gears: rad or m, N m or N.
 
     Each argument is (n,), or (N, n) with the samples first; they broadcast as NumPy's do, so that 0 means zero at every
-    joint. Friction and other effects are not in them: they are in simulate and compare.
+    joint. Friction and other effects are in `torque` alone.
     A wrong shape raises LoaderError, and an arm whose file leaves masses or inertias open ModelError.
     """
 
@@ -40,6 +41,16 @@ class RigidBody(ABC):
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """Torques of the motors, D q̈ + C q̇ + g with the rotors, (n,) or (N, n)."""
         return self._call("inverse_dynamics", q=q, qd=qd, qdd=qdd)
+
+    def torque(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, dt: float | None = None) -> Array:
+        """Torques of the motors with friction and all other effects of the model file, (n,) or (N, n).
+
+        dt   s from sample to sample, for effects that depend on what was before: the samples are then one motion
+        Raises ModelError if a value is unknown.
+        """
+        turned = self._turned({"q": q, "qd": qd, "qdd": qdd})
+        rows = {name: array.reshape(self.n, -1) for name, array in turned.items()}
+        return whole_torque(self.model, **rows, dt=dt).T.reshape(turned["q"].T.shape)
 
     def forward_dynamics(self, q: ArrayLike, qd: ArrayLike, tau: ArrayLike) -> Array:
         """Accelerations under the torques tau, (n,) or (N, n) rad/s² or m/s²."""
@@ -78,6 +89,14 @@ class RigidBody(ABC):
 
     def _call(self, function: str, lumps: Array | None = None, **given: ArrayLike) -> Array:
         """Arguments with the samples first, and the result likewise; lumps: other base inertial parameters."""
+        turned = self._turned(given)
+        if lumps is None and function not in _GEOMETRY:
+            lumps = self.model.lump_values
+        result = self.model.call(function, turned, lumps)
+        return np.moveaxis(result, -1, 0) if turned["q"].ndim == 2 else result
+
+    def _turned(self, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
+        """Arguments, checked and broadcast, each joint's samples side by side, as the generated code takes them."""
         model, n = self.model, self.model.n
         arrays = [np.asarray(value, dtype=np.float64) for value in given.values()]
         for name, array in zip(given, arrays, strict=True):
@@ -89,12 +108,7 @@ class RigidBody(ABC):
             except ValueError as error:
                 listed = ", ".join(f"{name} {array.shape}" for name, array in zip(given, arrays, strict=True))
                 raise LoaderError(f"{model.name}: {listed} differ; expected {_shapes(n)} for each") from error
-        # The generated code takes each joint's samples side by side.
-        turned = {name: np.ascontiguousarray(array.T) for name, array in zip(given, arrays, strict=True)}
-        if lumps is None and function not in _GEOMETRY:
-            lumps = model.lump_values
-        result = model.call(function, turned, lumps)
-        return np.moveaxis(result, -1, 0) if arrays[0].ndim == 2 else result
+        return {name: np.ascontiguousarray(array.T) for name, array in zip(given, arrays, strict=True)}
 
 
 _GEOMETRY = ("tip", "tip_jacobian", "regressor")

@@ -19,7 +19,7 @@ diagnosis = tendon.diagnose(arm, run)
 better = tendon.improve(arm, run, held_out="held.csv.gz")
 for finding in better.added:
     print(finding.effect, finding.joint, finding.error_before, finding.error_after)
-tau = better.arm.inverse_dynamics(run.q.T, run.qd.T, 0)
+tau = better.arm.torque(run.q.T, run.qd.T, 0, run.dt)
 """
 
 
@@ -41,7 +41,7 @@ def test_the_path_reads_like_prose_and_lowers_the_error(
         assert finding.error_after < finding.error_before
     first, last = (np.array(better.history[k].held_out_relative) for k in (0, -1))
     assert (last**2).sum() < 0.7 * (first**2).sum()
-    # The rigid body is most of joint 2's torque; the rest is friction.
+    # Without accelerations: at joint 2 gravity and friction are nearly all of the torque.
     run = cell["run"]
     assert tau.shape == run.q.T.shape
-    assert np.corrcoef(run.tau[1], tau[:, 1])[0, 1] > 0.9
+    assert np.linalg.norm(run.tau[1] - tau[:, 1]) < 0.15 * np.linalg.norm(run.tau[1])
