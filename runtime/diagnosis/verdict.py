@@ -278,11 +278,11 @@ def _why_not_named(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -
         return "excitation"
     if remainder(last, joint):
         return "nothing explains"
-    if not_borne_out(trail, joint):
-        return "not borne out"
     band = trail.motion.band
     if _is_far_above(last.joints[joint], band):
         return "above the floor"
+    if not_borne_out(trail, joint):
+        return "not borne out"
     return "held out" if elsewhere and _is_far_above(elsewhere[joint], band) else "noise"
 
 

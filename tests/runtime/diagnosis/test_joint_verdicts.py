@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.detection_limits import Limit
+from runtime.diagnosis.gates import BIC
+from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.verdict import Diagnosis, decide
 from runtime.model.terms import Term
@@ -130,6 +133,17 @@ def test_white_is_not_noise_far_above_the_floor() -> None:
     white = with_floor(13.0)
     assert [v.why for v in white.joints] == ["above the floor", "noise"]
     assert (white.verdict, "13 times the noise floor" in reason(white)) == ("unexplained", True)
+
+
+def test_what_passes_every_gate_and_is_not_accepted_is_said() -> None:
+    """Beside it, what is left is no noise alone; a finding that others made superfluous says nothing."""
+    clean = found("", "")
+    near = Candidate(Term("stribeck", 1), {"speed": 0.1}, 1, gain=50.0, edge=1.0, results=(BIC.asked(50.0),))
+    trail = replace(clean.found, ranking=Ranking((near,)))
+    diagnosis = decide(trail)
+    assert [v.why for v in diagnosis.joints] == ["not borne out", "noise"]
+    assert (diagnosis.verdict, "stribeck@1 passes every gate" in reason(diagnosis)) == ("unexplained", True)
+    assert decide(replace(trail, taken_back=frozenset({near.term}))).verdict == "clean"
 
 
 def test_a_joint_whose_torque_could_be_missed_whole_is_not_clean() -> None:
