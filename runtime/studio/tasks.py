@@ -27,6 +27,7 @@ from runtime.studio.loaded import LoadedSession, Reporter, write
 from runtime.studio.questions import COMPILING, FITTING, experiment, hidden, open_plans, tried
 from runtime.studio.terminal import invocation
 from runtime.wording import percent
+from symbolic.model_file.checks import ModelError
 
 READING, DRAWING = "reading the recordings", "drawing the results"
 SEARCHING, LIMITS = "looking for missing effects", "computing the detection limits"
@@ -60,7 +61,7 @@ def _read(loaded: LoadedSession, report: Reporter) -> None:
 def begin(loaded: LoadedSession, report: Reporter) -> TaskResult:
     """Read the recordings, and where they can be used fit the model as given and the steps up to the current one.
 
-    With another model file than that of the current step only the model as given is fitted.
+    With another model file the same changes are made to that one, as far as they can be.
     """
     report.parts(READING, COMPILING, FITTING, DRAWING)
     _read(loaded, report)
@@ -68,26 +69,40 @@ def begin(loaded: LoadedSession, report: Reporter) -> TaskResult:
     problems = any(loaded.inspection(r).problem is not None for r in inputs.recordings)
     if problems or not inputs.complete or loaded.session.state.fitted:
         return TaskResult()
-    here = history.here
-    old = () if here is None or here.inputs.model != inputs.model else history.path(here.number)[1:]
-    number, parent = len(history.steps), None if here is None else here.number
-    texts = [loaded.source.text, *(loaded.text(step.number) for step in old)]
-    changes: list[tuple[Kind, tuple[PlacedEffect, ...]]] = [("given", ()), *((step.kind, step.changed) for step in old)]
-    made = []
-    for text, (kind, changed) in zip(texts, changes, strict=True):
+    here, text = history.here, loaded.source.text
+    ways: list[tuple[str, Kind, tuple[PlacedEffect, ...]]] = [(text, "given", ())]
+    for step in () if here is None else history.path(here.number)[1:]:
+        try:
+            text, done = _edited(loaded, text, step.kind, step.changed, values_of=step.parent)
+        except ModelError:  # another model may have the effect, or lack the joint
+            break
+        ways.append((text, step.kind, done))
+    number, parent, made = len(history.steps), None if here is None else here.number, []
+    for text, kind, changed in ways:
         made.append(_fitted(loaded, report, text, number=number, parent=parent, kind=kind, changed=changed))
         number, parent = number + 1, number
     return TaskResult(steps=tuple(made))
 
 
 def fit(loaded: LoadedSession, report: Reporter, step: int, kind: Kind, changed: Sequence[PlacedEffect]) -> TaskResult:
-    """A step's model with further effects, or without one, fitted: the next step.
-
-    The fit starts from the values that the step's diagnosis found.
-    """
+    """A step's model with further effects, or without one, fitted: the next step."""
     report.parts(COMPILING, FITTING, DRAWING)
-    values, done = loaded.values_found(step), []
-    edits = loaded.source.with_text(loaded.text(step)).edits
+    text, done = _edited(loaded, loaded.text(step), kind, changed, values_of=step)
+    number = len(loaded.session.history.steps)
+    made = _fitted(loaded, report, text, number=number, parent=step, kind=kind, changed=done)
+    return TaskResult(steps=(made,))
+
+
+def _edited(
+    loaded: LoadedSession, text: str, kind: Kind, changed: Sequence[PlacedEffect], *, values_of: int | None
+) -> tuple[str, tuple[PlacedEffect, ...]]:
+    """A model file with further effects, or without some, and these effects as they are called there.
+
+    values_of   the step whose diagnosis found values, from which the fit starts
+    Raises ModelError.
+    """
+    values = {} if values_of is None else loaded.values_found(values_of)
+    edits, done = loaded.source.with_text(text).edits, []
     for effect in changed:
         if kind == "added":
             done.append(PlacedEffect(edits.name_of_next(effect.effect, effect.joint), effect.joint))
@@ -95,9 +110,7 @@ def fit(loaded: LoadedSession, report: Reporter, step: int, kind: Kind, changed:
         else:
             done.append(effect)
             edits = edits.remove(effect.effect, effect.joint)
-    number = len(loaded.session.history.steps)
-    made = _fitted(loaded, report, edits.text, number=number, parent=step, kind=kind, changed=done)
-    return TaskResult(steps=(made,))
+    return edits.text, tuple(done)
 
 
 def _fitted(

@@ -101,7 +101,7 @@ def _sections(view: PageView) -> list[PageSection]:
         "recordings",
         lambda: (
             (studio.inputs, step(), view.busy, read(), view.choices, view.constants)
-            if studio.inputs.recordings
+            if studio.inputs.recordings or view.here
             else None
         ),
         start.recordings,

@@ -98,6 +98,7 @@ def change(view: PageView) -> None:
         for what, text in downloads.items():
             put("a", text, "download", href=f"/download/{what}?step={here.number}", download="")
     described(view)
+    put("file-drop", as_="model", label="Another model file, URDF or MJCF: the steps can be fitted again with it")
     others = {str(s.number): f"step {s.number}: {s.title}" for s in studio.history.steps if s is not here}
     against = view.against if view.against != here.number else None
     view.choice(

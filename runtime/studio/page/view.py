@@ -171,11 +171,6 @@ class PageView:
         return work is not None and work.state == "running"
 
     @property
-    def chosen_columns(self) -> object:
-        """What is being chosen of the columns of recordings."""
-        return self.choices, self.constants
-
-    @property
     def closed(self) -> bool:
         """Whether nothing can be asked of the current step: a task is running, or its inputs have changed."""
         return self.busy or not self.studio.state.fitted

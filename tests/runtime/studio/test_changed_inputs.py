@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from runtime.studio.history import HistoryError
+from runtime.studio.history import History, HistoryError
 from runtime.studio.inputs import GivenReading
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
@@ -191,6 +192,24 @@ def test_another_recording_keeps_the_steps_and_they_are_fitted_again(copied: Stu
     assert copied.inputs == inputs
     copied.redo()
     assert [(r.given.file, r.held_out) for r in copied.inputs.recordings[1:]] == changed
+
+
+def test_another_model_keeps_the_steps_and_takes_their_changes(copied: Studio, recorded: Path, tmp_path: Path) -> None:
+    """As far as it can: what the model has already is not added again."""
+    copied.go_to(1)
+    text = (recorded / "drive.toml").read_text()
+    for k, other in enumerate((text.replace("mass = 2.0", "mass = 2.1"), f"{text}[joint.effects.linear_spring]\n")):
+        (tmp_path / "other.toml").write_text(other)
+        sent(copied, tmp_path / "other.toml", "model")
+        assert not copied.state.fitted
+        copied.begin()
+        done(copied)
+        assert [s.title for s in copied.history.steps[2:]] == [
+            ["as given, fitted again", "+ linear_spring@1"],
+            ["as given, fitted again"],
+        ][k]
+        copied.go_to(1)
+        copied.session.change(replace(copied.state, history=History(copied.history.steps[:2], 1)))
 
 
 @pytest.mark.parametrize("content", ["no recording\n", "", "\0\1\2"])

@@ -129,6 +129,21 @@ def test_a_recording_that_is_refused_or_added_leaves_the_steps(fitted: Watched, 
     page.click("#changed [data-do=undo]")
     page.wait_for_selector("#changed", state="hidden")
     assert page.locator("#history li").count() == steps
+    # Without any recording left there is a place to give one, and undo.
+    count = page.locator("#recordings article").count()
+    for left in range(count - 1, -1, -1):
+        page.click("#recordings [data-do=remove]:not([disabled])")
+        page.locator("#recordings article").nth(left).wait_for(state="detached")
+    page.wait_for_selector("#changed:has-text('A recording to fit is missing')")
+    assert page.locator("#recordings file-drop[as=fitted]").count() == 1
+    for back in range(count):
+        page.click("#changed [data-do=undo]:not([disabled])")
+        page.locator("#recordings article").nth(back).wait_for()
+    page.wait_for_selector("#changed", state="hidden")
+    page.set_input_files("#recordings file-drop[as=fitted] input", recorded / EVIL)
+    page.wait_for_selector("#changed [data-do=undo]:not([disabled])")
+    page.click("#changed [data-do=undo]")
+    page.wait_for_selector("#changed", state="hidden")
     page.click("[data-do=redo]:not([disabled])")
     page.wait_for_selector("#changed [data-do=undo]:not([disabled])")
     page.click("#changed [data-do=undo]")
