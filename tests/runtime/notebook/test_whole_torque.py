@@ -4,28 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from one_joint import INERTIA, model_text
 from scipy.integrate import solve_ivp
 
 from runtime.notebook.arm import LoadedArm, load
 from runtime.notebook.verbs import add
 
-DRIVE = """name = "drive1"
-gravity = [0.0, 0.0]
-
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.1
-gear_ratio = 100
-[joint.link]
-length = 0.3
-mass = 2.0
-com = [0.2, 0.0]
-inertia = 0.0565
-[joint.effects.coulomb]
-torque = 0.5
-[joint.effects.viscous]
-coefficient = 0.7
-"""
+FRICTION = "[joint.effects.coulomb]\ntorque = 0.5\n[joint.effects.viscous]\ncoefficient = 0.7\n"
+DRIVE = model_text(FRICTION)
 
 
 @pytest.fixture
@@ -35,7 +21,7 @@ def arm() -> LoadedArm:
 
 def test_effects_add_to_the_rigid_arm(arm: LoadedArm) -> None:
     q, qd, qdd = np.random.default_rng(0).normal(size=(3, 50, 1))
-    by_hand = (0.1 + 0.0565 + 2.0 * 0.2**2) * qdd + 0.5 * np.sign(qd) + 0.7 * qd
+    by_hand = INERTIA * qdd + 0.5 * np.sign(qd) + 0.7 * qd
     np.testing.assert_allclose(arm.torque(q, qd, qdd), by_hand, rtol=1e-13)
     np.testing.assert_array_equal(arm.torque(q[3], qd[3], qdd[3]), arm.torque(q, qd, qdd)[3])
     np.testing.assert_allclose(arm.torque(q, qd, qdd) - arm.inverse_dynamics(q, qd, qdd), 0.5 * np.sign(qd) + 0.7 * qd)
