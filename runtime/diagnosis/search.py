@@ -42,8 +42,9 @@ from runtime.regression.system import Block, Columns, LinearSystem
 
 def compared(trail: Trail) -> Trail:
     """The trail with all candidates ranked beside its last step."""
-    base = trail.last.base
-    return replace(trail, ranking=rank(base, lacking(trail.last, base.terms()), trail.last.floors))
+    base, sought = trail.last.base, trail.sought
+    terms = [t for t in base.terms() if sought is None or sought.intersection(joints_of(trail.model, t))]
+    return replace(trail, ranking=rank(base, lacking(trail.last, terms), trail.last.floors))
 
 
 def undecided(trail: Trail, joint: int) -> Candidate | None:

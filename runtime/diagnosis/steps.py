@@ -170,6 +170,7 @@ class Trail:
     last         the last step                              ranking     the last comparison of candidates
     taken_back   terms that were added once and are not added again: they would come and go for ever
     stopped      whether time ended the search, not the candidates
+    sought       joints (0-based) at which effects are sought; None: all
     """
 
     model: Model
@@ -181,6 +182,7 @@ class Trail:
     ranking: Ranking = NOT_RANKED
     taken_back: frozenset[Term] = field(default_factory=frozenset)
     stopped: bool = False
+    sought: frozenset[int] | None = None
 
     @classmethod
     def begun(cls, model: Model, motion: Motion, held_out: Motion | None, names: Sequence[str]) -> Trail:

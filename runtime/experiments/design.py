@@ -37,7 +37,7 @@ from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoir
 from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm
 from runtime.experiments.settings import SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
-from runtime.model.terms import Term, structure
+from runtime.model.terms import Term, joints_of, structure
 from runtime.progress import of_long, steps
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
@@ -176,7 +176,10 @@ def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis:
     hidden = None if truth is None else bench.rivals[truth]
     # Recordings of different rivals get different noise.
     own = len(bench.rivals) * seed + (0 if truth is None else truth)
-    result = decide(complete(begin(bench.model, [bench.record(motion, hidden, own)])))
+    begun = begin(bench.model, [bench.record(motion, hidden, own)])
+    # What is named at other joints decides nothing between the rivals.
+    at = frozenset(i for r in bench.rivals for i in joints_of(bench.model, r.term))
+    result = decide(complete(replace(begun, sought=at)))
     term = None if hidden is None else hidden.term
     others = tuple(r.term for r in bench.rivals if r.term != term)
     named = tuple(f.term for f in result.findings)
