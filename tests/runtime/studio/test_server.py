@@ -143,18 +143,18 @@ def test_a_file_is_checked_when_it_is_sent(server):
     assert (server.folder / "session.json").read_bytes() == before
     assert not (server.folder / "given" / "nonsense.csv").exists()
     rows = [f"{5 * k};{90 * math.sin(k / 50):.4f};{math.cos(k / 50):.4f};RUN" for k in range(1000)]
-    log = "\n".join(["Time_ms;Axis Pos;Torque;state", *rows]) + "\n"
-    assert server.ask("/given?as=fitted&name=lab.csv", "POST", log.encode())[0] == 204
-    columns = json.loads((server.folder / "recordings" / "lab.csv.columns.json").read_text())
+    log = "\n".join(["Sent_time_ms;Axis Pos;Torque;state", *rows]) + "\n"
+    assert server.ask("/given?as=fitted&name=sent.csv", "POST", log.encode())[0] == 204
+    columns = json.loads((server.folder / "recordings" / "sent.csv.columns.json").read_text())
     assert [(c["name"], c["first"][:2], c["least"]) for c in columns[::3]] == [
-        ("Time_ms", [0.0, 5.0], 0.0),
+        ("Sent_time_ms", [0.0, 5.0], 0.0),
         ("state", [], None),
     ]
     read = [json.loads(p.read_text()) for p in server.folder.glob("recordings/*/recording.json")]
-    (lab,) = [r for r in read if "Time_ms" in str(r["problem"])]
-    assert lab["problem"].startswith("lab.csv line 1: no column t")
+    (lab,) = [r for r in read if "Sent_time_ms" in str(r["problem"])]
+    assert lab["problem"].startswith("sent.csv line 1: no column t")
     assert "--" not in lab["problem"]
-    assert lab["guesses"] == {"t": "Time_ms [ms]", "q1": "Axis Pos [deg]", "tau1": "Torque"}
+    assert lab["guesses"] == {"t": "Sent_time_ms [ms]", "q1": "Axis Pos [deg]", "tau1": "Torque"}
 
 
 def test_requests_that_are_no_files_are_short(server):
