@@ -35,6 +35,14 @@ def experiment(
         typer.Option(metavar="MOTION.csv", help="Write the motion, for your arm or for tendon simulate --motion."),
         WRITTEN,
     ] = None,
+    joints: Annotated[
+        str | None,
+        typer.Option(metavar="N,...", help="Joints that move, by number or name; the others rest. Default: all."),
+    ] = None,
+    ranges: Annotated[
+        list[str],
+        typer.Option("--range", metavar="JOINT=LOW:HIGH", help="Narrower range of a joint, rad or m; repeatable."),
+    ] = [],  # noqa: B006 (Typer reads it)
     settings: ExperimentSettings = ExperimentSettings(),
     effects: EffectsFile = None,
     json: Json = None,
@@ -50,8 +58,10 @@ def experiment(
     with terminal.working("deriving and compiling the model"):
         loaded = source.compiled.model()
     rivals = experiments.parse_rivals(",".join(between), loaded)
+    moving = None if joints is None else experiments.parse_joints(joints, loaded, rivals)
+    narrower = experiments.parse_ranges(ranges, loaded)
     with terminal.working("looking for a motion") as say:
-        proposal = experiments.propose(loaded, rivals, settings, say)
+        proposal = experiments.propose(loaded, rivals, settings, say, moving, narrower)
     written = out if proposal.separated else None
     if written:
         experiments.write_motion(written, loaded, proposal.motion)

@@ -9,10 +9,11 @@ recording. Only that diagnosis decides whether the motion separates them.
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +35,14 @@ from runtime.documents.recordings import (
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
-from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm
+from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, within
 from runtime.experiments.settings import SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure
 from runtime.progress import of_long, steps
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
+from symbolic.model_file.checks import joint_number, known_joints
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
@@ -76,6 +78,45 @@ def parse_rivals(text: str, model: Model) -> list[Hidden]:
                 f"--between {text}: {model.name} has {rival.term} already; name effects that it lacks, or take it out"
             )
     return rivals
+
+
+def parse_joints(text: str, model: Model, rivals: Sequence[Hidden]) -> list[int]:
+    """The joints (0-based) that move, of numbers or names separated by commas. Raises ExperimentError."""
+    found = sorted({_joint(part.strip(), model, f"--joints {text}") for part in text.split(",")})
+    for rival in rivals:
+        at = rival.term.joint
+        if at is not None and at - 1 not in found:
+            raise ExperimentError(f"--joints {text}: {rival.term} shows at joint {at} only, which would rest; add it")
+    return found
+
+
+def parse_ranges(texts: Sequence[str], model: Model) -> dict[int, tuple[float, float]]:
+    """Ranges of positions, (low, high) in rad or m by joint (0-based), of texts q2=LOW:HIGH, with the joint's number or
+    name. Raises ExperimentError."""
+    found: dict[int, tuple[float, float]] = {}
+    for text in texts:
+        said, _, ends = text.partition("=")
+        low, _, high = ends.partition(":")
+        try:
+            least, most = float(low), float(high)
+        except ValueError as error:
+            raise ExperimentError(f"--range {text}: expected JOINT=LOW:HIGH in rad or m, as q2=-1:0.5") from error
+        i = _joint(said.removeprefix("q"), model, f"--range {text}")
+        limits, unit = model.joints[i].position_limits, model.joints[i].position_unit
+        lowest, highest = limits or (-np.inf, np.inf)
+        if not (lowest <= least < most <= highest and np.isfinite([least, most]).all()):
+            of_file = f" within the limits of the file, {lowest:g} to {highest:g} {unit}" if limits else ""
+            raise ExperimentError(f"--range {text}: expected LOW below HIGH{of_file}")
+        found[i] = least, most
+    return found
+
+
+def _joint(said: str, model: Model, where: str) -> int:
+    names = [joint.name for joint in model.joints]
+    number = joint_number(said, names)
+    if number is None:
+        raise ExperimentError(f"{where}: {said!r} is no joint of {model.name}; it has {known_joints(names)}")
+    return number - 1
 
 
 @dataclass(frozen=True)
@@ -309,17 +350,21 @@ def propose(
     rivals: Sequence[Hidden],
     settings: ExperimentSettings = ExperimentSettings(),
     tell: Tell | None = None,
+    moving: Sequence[int] | None = None,
+    ranges: Mapping[int, tuple[float, float]] = MappingProxyType({}),
 ) -> Proposal:
     """The motion within the model file's limits that separates the rivals, or comes nearest to it.
 
     rivals   one (against the base model) or more; parameters without a value get a moderate one
     tell     hears what is going on
+    moving   joints (0-based) that move, the others stay in the middle of their ranges; None: all
+    ranges   joint (0-based) -> (low, high), rad or m, in place of the file's limits
     Raises SimulationError, ExperimentError.
     """
     say = tell or (lambda _: None)
     if settings.noise <= 0:
         raise ExperimentError("without noise every difference would count; give a noise above 0")
-    bench = TrialArm.of(model, rivals, settings)
+    bench = TrialArm.of(within(model, ranges), rivals, settings, moving)
     limit = TorqueLimit.of(bench)
     say("judging the pieces of motion")
     repertoire = Repertoire.of(bench, limit, Freedom())

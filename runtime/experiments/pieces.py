@@ -177,9 +177,11 @@ _ALONE = (
 )
 
 
-def pieces(joints: Sequence[Envelope], subject: Sequence[int], ordinary: Callable[[], Array]) -> list[MotionPiece]:
-    """All pieces for an arm whose joints `subject` (0-based) are in question; ordinary() is the usual excitation."""
-    everyone = range(len(joints))
+def pieces(
+    joints: Sequence[Envelope], subject: Sequence[int], everyone: Sequence[int], ordinary: Callable[[], Array]
+) -> list[MotionPiece]:
+    """All pieces for an arm whose joints `subject` (0-based) are in question; everyone: joints that move at all;
+    ordinary() is the usual excitation."""
     found = [MotionPiece(BROAD[0], lambda _: ordinary())]
     found += [MotionPiece(name, _moved(joints, dict.fromkeys(everyone, shape))) for name, shape in _SHAPES.items()]
     others = [i for i in everyone if i not in subject]
@@ -192,7 +194,9 @@ def pieces(joints: Sequence[Envelope], subject: Sequence[int], ordinary: Callabl
     slow, quick = _SHAPES["slow legs over the whole range"], _SHAPES["sines over two decades of frequency"]
     loaded = {i: slow if i in subject else quick for i in everyone}
     found.append(MotionPiece("slow legs while the other joints change the load", _moved(joints, loaded)))
-    found.append(MotionPiece("slow legs with the other joints in other postures", _postures(joints, subject, slow)))
+    found.append(
+        MotionPiece("slow legs with the other joints in other postures", _postures(joints, subject, others, slow))
+    )
     return found
 
 
@@ -206,18 +210,19 @@ def _moved(joints: Sequence[Envelope], shapes: dict[int, Shape]) -> Callable[[fl
     return make
 
 
-def _postures(joints: Sequence[Envelope], subject: Sequence[int], shape: Shape) -> Callable[[float], Array]:
+def _postures(
+    joints: Sequence[Envelope], subject: Sequence[int], others: Sequence[int], shape: Shape
+) -> Callable[[float], Array]:
     def make(ease: float) -> Array:
         rows: dict[int, Array] = {}
         once = {i: shape(joints[i], np.random.default_rng(i), ease) for i in subject}
         hold = max(len(row) for row in once.values())
         lead = 0
-        for i, joint in enumerate(joints):
-            if i not in subject:
-                part = legs([0.6 * joint.reach], 0.3 * ease * joint.speed)
-                half = len(part) // 2
-                rows[i] = np.concatenate([part[:half], np.full(hold, part[half]), part[half:]])
-                lead = max(lead, half)
+        for i in others:
+            part = legs([0.6 * joints[i].reach], 0.3 * ease * joints[i].speed)
+            half = len(part) // 2
+            rows[i] = np.concatenate([part[:half], np.full(hold, part[half]), part[half:]])
+            lead = max(lead, half)
         rows.update({i: np.pad(row, (lead, 0)) for i, row in once.items()})
         return _together(len(joints), rows)
 

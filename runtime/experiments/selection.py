@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.experiments.pieces import BROAD, Envelope, MotionPiece, in_sequence, pieces
-from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm
+from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, ordinary
 from runtime.experiments.settings import (
     LEAST_SECONDS,
     LEAST_TIMES,
@@ -30,7 +30,7 @@ from runtime.experiments.settings import (
 from runtime.model.terms import joints_of
 from runtime.progress import each, of_each
 from runtime.simulation.settings import MARGIN, RATE
-from runtime.simulation.simulate import SimulationError, along, excitation
+from runtime.simulation.simulate import SimulationError, along
 
 Array = NDArray[np.float64]
 
@@ -156,7 +156,7 @@ def _subject(bench: TrialArm) -> list[int]:
 
 def _ordinary(bench: TrialArm) -> Array:
     """The ordinary excitation as a piece: displacements from the middle (n, N)."""
-    path = excitation(bench.model, np.random.default_rng(0), ORDINARY_PIECE_SECONDS, 1)
+    path = ordinary(bench.model, np.random.default_rng(0), ORDINARY_PIECE_SECONDS, 1, bench.moving)
     return path - np.array([[Envelope.of(joint).middle] for joint in bench.model.joints])
 
 
@@ -206,7 +206,8 @@ def _within(bench: TrialArm, joints: Sequence[Envelope], limit: TorqueLimit, fac
     found: dict[str, Array] = {}
     for part in SMALLER:
         envelopes = [replace(joint, reach=part * joint.reach) for joint in joints]
-        left = [piece for piece in pieces(envelopes, subject, lambda: _ordinary(bench)) if piece.name not in found]
+        every = pieces(envelopes, subject, bench.moving, lambda: _ordinary(bench))
+        left = [piece for piece in every if piece.name not in found]
         made = of_each("pieces of motion", partial(_slowed, bench, joints, limit, factor), left)
         found.update((piece.name, path) for piece, path in zip(left, made, strict=True) if path is not None)
     return found

@@ -8,7 +8,7 @@ judged without looking at the samples again.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.experiments.options import ExperimentSettings
+from runtime.experiments.pieces import Envelope
 from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
 from runtime.identification import grids
 from runtime.identification.identify import prepared
@@ -50,6 +51,7 @@ class TrialArm:
     base     the values of its effects       rivals  with all their values
     noise    (n,) standard deviation of the recorded torque's noise, N m (N)
     band     as chosen on the ordinary recording       ordinary_path  (n, N) the ordinary excitation
+    moving   joints (0-based) that move; the others stay in the middle of their ranges
     quiet    factor on the floor, to ask what less noise would do
     """
 
@@ -60,21 +62,24 @@ class TrialArm:
     noise: Array
     band: Band
     ordinary_path: Array
+    moving: tuple[int, ...]
     quiet: float = 1.0
 
     @classmethod
-    def of(cls, model: Model, rivals: Sequence[Hidden], settings: ExperimentSettings) -> TrialArm:
-        """Raises SimulationError."""
-        part = ORDINARY_SECONDS / ORDINARY_REPEATS
-        path = excitation(model, np.random.default_rng(settings.seed), part, ORDINARY_REPEATS)
+    def of(
+        cls, model: Model, rivals: Sequence[Hidden], settings: ExperimentSettings, moving: Sequence[int] | None = None
+    ) -> TrialArm:
+        """moving: as the attribute; None: all. Raises SimulationError."""
+        part, moving = ORDINARY_SECONDS / ORDINARY_REPEATS, tuple(range(model.n) if moving is None else moving)
+        path = ordinary(model, np.random.default_rng(settings.seed), part, ORDINARY_REPEATS, moving)
         plain, base = simulate(model, settings=SimulationSettings(noise=0.0), motion=path)
         known = stated(model, base)
         complete = tuple(
             Hidden(r.term, simulate(known, [r], SimulationSettings(noise=0.0), path)[1][r.term]) for r in rivals
         )
         level = settings.noise * np.sqrt(np.mean(plain.tau**2, axis=1))
-        ordinary = noisy(plain, level, settings.seed)
-        return cls(model, known, base, complete, level, prepared(model, [ordinary]).band, path)
+        recorded = noisy(plain, level, settings.seed)
+        return cls(model, known, base, complete, level, prepared(model, [recorded]).band, path, moving)
 
     @cached_property
     def floor(self) -> Array:
@@ -97,10 +102,28 @@ class TrialArm:
         return list(permutations(range(len(self.rivals)), 2))
 
 
+def ordinary(model: Model, rng: np.random.Generator, seconds: float, repeats: int, moving: Sequence[int]) -> Array:
+    """`excitation` (n, N) of some joints (0-based), while the others stay in the middle of their ranges."""
+    path = excitation(model, rng, seconds, repeats)
+    for i in set(range(model.n)).difference(moving):
+        path[i] = Envelope.of(model.joints[i]).middle
+    return path
+
+
 def noisy(recording: Recording, level: Array, seed: int) -> Recording:
     """With white noise of standard deviation `level` (n,) on the torque."""
     rng = np.random.default_rng(seed)
     return replace(recording, tau=recording.tau + level[:, None] * rng.standard_normal(recording.tau.shape))
+
+
+def within(model: Model, ranges: Mapping[int, tuple[float, float]]) -> Model:
+    """The same arm as if its file stated these ranges of positions, (low, high) by joint (0-based)."""
+    narrowed = copy(model)
+    narrowed.joints = tuple(
+        replace(joint, limits=replace(joint.limits, position=ranges.get(i, joint.limits.position)))
+        for i, joint in enumerate(model.joints)
+    )
+    return narrowed
 
 
 def stated(model: Model, values: Structure) -> Model:

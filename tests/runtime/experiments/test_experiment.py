@@ -16,11 +16,19 @@ from runtime.cli.main import app
 from runtime.diagnosis.ranking import rank
 from runtime.diagnosis.stages import begin
 from runtime.experiments import design
-from runtime.experiments.design import ExperimentError, SimulatedDiagnosis, confirm, parse_rivals, propose
+from runtime.experiments.design import (
+    ExperimentError,
+    SimulatedDiagnosis,
+    confirm,
+    parse_joints,
+    parse_ranges,
+    parse_rivals,
+    propose,
+)
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import BROAD, Envelope, in_sequence, pieces
 from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peaks
-from runtime.experiments.separation import MotionPieces, TrialArm, stated
+from runtime.experiments.separation import MotionPieces, TrialArm, stated, within
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.simulation.options import SimulationSettings
@@ -100,6 +108,39 @@ def test_without_noise_nothing_is_proposed(drive: Model) -> None:
         propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(noise=0.0))
 
 
+@pytest.mark.parametrize(
+    ("joints", "ranges", "message"),
+    [
+        ("2", [], "--joints 2: '2' is no joint of drive; it has 1 to 1"),
+        (None, ["q1=1:0"], "--range q1=1:0: expected LOW below HIGH"),
+        (None, ["q1=low:1"], "expected JOINT=LOW:HIGH in rad or m, as q2=-1:0.5"),
+        (None, ["q1=nan:1"], "expected LOW below HIGH"),
+        (None, ["q1=0:inf"], "expected LOW below HIGH"),
+        (None, ["arm=0:1"], "'arm' is no joint of drive"),
+    ],
+)
+def test_no_joint_and_no_range_is_one_line(joints: str | None, ranges: list[str], message: str, drive: Model) -> None:
+    rivals = parse_rivals("stribeck@1", drive)
+    with pytest.raises(ExperimentError) as caught:
+        parse_ranges(ranges, drive) if joints is None else parse_joints(joints, drive, rivals)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_joints_that_rest_and_a_narrower_range(model: Model) -> None:
+    """Of four joints two move, one within half a radian; a joint at which a rival shows must move."""
+    rivals = parse_rivals("stribeck@2:torque=1,speed=0.1", model)
+    moving, ranges = parse_joints("2,4", model, rivals), parse_ranges(["q2=-0.4:0.1"], model)
+    assert (moving, ranges) == ([1, 3], {1: (-0.4, 0.1)})
+    bench = TrialArm.of(within(model, ranges), rivals, ExperimentSettings(), moving)
+    found = Repertoire.of(bench, TorqueLimit.of(bench), Freedom())
+    for path in (bench.ordinary_path, *(in_sequence([part], found.envelopes)[0] for part in found.parts)):
+        assert (np.ptp(path[[0, 2]], axis=1) == 0).all()
+        assert -0.4 <= path[1].min() < path[1].max() <= 0.1
+    with pytest.raises(ExperimentError, match="stribeck@2 shows at joint 2 only"):
+        parse_joints("1,4", model, rivals)
+
+
 # --- pieces of motion ---
 
 
@@ -115,7 +156,7 @@ def test_pieces_keep_to_range_and_speed_from_rest_to_rest(
     reach: float, speed: float, middle: float, ease: float, subject: list[int]
 ) -> None:
     joints = [Envelope(middle, reach, speed, 1.0), Envelope(-middle, 2 * reach, 0.5 * speed, 1.0)]
-    for piece in pieces(joints, subject, lambda: np.zeros((2, 100))):
+    for piece in pieces(joints, subject, range(2), lambda: np.zeros((2, 100))):
         path, ((start, stop),) = in_sequence([piece.make(ease)], joints)
         assert path.shape[1] / RATE > stop > start
         for row, joint in zip(path, joints, strict=True):
@@ -124,6 +165,8 @@ def test_pieces_keep_to_range_and_speed_from_rest_to_rest(
             assert row[[0, -1]] == pytest.approx(joint.middle, abs=1e-9), piece.name
         if len(subject) == 1 and "alone" in piece.name:
             assert np.ptp(path[1 - subject[0]]) == 0
+    for piece in pieces(joints, [0], [0], lambda: np.zeros((2, 100))):
+        assert np.ptp(piece.make(ease)[1]) == 0, piece.name
 
 
 def test_stated_torque_limit_holds_for_all_rivals(tmp_path: Path) -> None:
@@ -251,7 +294,7 @@ def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) 
 def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
     drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(design, "propose", lambda model, rivals, settings, _: kept(propose, model, rivals, settings))
+    monkeypatch.setattr(design, "propose", lambda model, rivals, settings, *_: kept(propose, model, rivals, settings))
     out = tmp_path / "motion.csv"
     status = output.run(app, ["experiment", str(DRIVE), "--between", SMALL, "--out", str(out), "--json", "-"])
     found = json.loads(capsys.readouterr().out)
