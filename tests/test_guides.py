@@ -247,10 +247,10 @@ def anchors(guide: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-def table(guide: str, heading: str) -> list[list[str]]:
-    """The cells of the first table under a heading."""
+def table(guide: str, heading: str, column: str = "") -> list[list[str]]:
+    """The cells of the first table under a heading whose first column is called so."""
     text = (ROOT / guide).read_text(encoding="utf-8").partition(f"## {heading}\n")[2]
-    rows = re.search(r"^\|.*\n\|-.*\n((?:\|.*\n)+)", text, re.MULTILINE)
+    rows = re.search(rf"^\| *{column}.*\n\|-.*\n((?:\|.*\n)+)", text, re.MULTILINE)
     assert rows, f"{guide}: no table under {heading}"
     return [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in rows[1].splitlines()]
 
@@ -310,8 +310,15 @@ def test_every_verb_has_its_line() -> None:
 
 def test_every_function_for_notebooks_has_its_line() -> None:
     functions = {name for name in tendon.__all__ if inspect.isfunction(getattr(tendon, name))}
-    lines = [row[0] for row in table("runtime/README.md", "In a notebook")]
+    lines = [row[0] for row in table("runtime/README.md", "In a notebook", "verb")]
     assert {line.strip("`").partition("(")[0] for line in lines} == functions
+
+
+def test_the_functions_of_an_arm_that_have_a_line_exist() -> None:
+    cells = [row[0] for row in table("runtime/README.md", "In a notebook", "function of an arm")]
+    names = {said.partition("(")[0] for cell in cells for said in re.findall(r"`([^`]+)`", cell)}
+    assert "inverse_dynamics" in names
+    assert {name for name in names if not callable(getattr(tendon.LoadedArm, name, None))} == set()
 
 
 @pytest.mark.cheap
