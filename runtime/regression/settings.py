@@ -23,11 +23,6 @@ LEAST_OWN: Final = 1e-4
 """part of a column's square; so much the base must leave of it for the column to count as the candidate's own: a
 hundredth of its size; development recordings."""
 
-LEAST_READ: Final = 0.1
-"""part of the encoders' noise in a column; so much the column must have of its own besides: where both realisations of
-that noise are nearly all, chance decides whether anything is left, and any error would fall without end; simulated
-recordings of a drive of 1,000 s."""
-
 SHRINKAGE: Final = 0.01
 """part of what all rows tell of an effect's coefficient; so much speaks for zero where a stretch is left out: where the
 rest tells a hundredth, as of a stop that is only brushed there, its noise does not decide; where it tells nine tenths,

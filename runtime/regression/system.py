@@ -26,7 +26,7 @@ from scipy import sparse
 
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
 from runtime.regression.noise import Whitening, autoregression
-from runtime.regression.settings import FOLDS, LEAST_OWN, LEAST_READ, SHRINKAGE
+from runtime.regression.settings import FOLDS, LEAST_OWN, SHRINKAGE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -630,7 +630,7 @@ class LinearSystem:
         k, size = len(blocks.lower), len(self.unknown)
         count = len(next(iter(blocks.columns.values())).rows)
         moment, square = np.zeros((count, k + 1)), np.zeros((count, k + 1, k + 1))
-        cross, read = np.zeros((count, k + 1, size)), np.zeros((count, k + 1))
+        cross = np.zeros((count, k + 1, size))
         for joint, part in blocks.columns.items():
             rows, own = self.joints[joint], self._beside[joint]
             x, weight = rows.used(part.rows), rows.weight**2
@@ -641,11 +641,9 @@ class LinearSystem:
                 noise = rows.used(part.noise)
                 moment -= weight * (noise @ own.left_noise)
                 square -= weight * (noise @ noise.swapaxes(1, 2))
-                read += weight * np.einsum("skm,skm->sk", noise, noise)
                 cross[:, :, own.unknown] -= weight * (noise @ own.noise.T)
         own_square = square - cross @ self.projection @ cross.swapaxes(1, 2)
-        mine, whole = (np.diagonal(x, axis1=1, axis2=2) for x in (own_square, square))
-        seen = (mine > LEAST_OWN * whole) & (mine > LEAST_READ * read)
+        seen = np.diagonal(own_square, axis1=1, axis2=2) > LEAST_OWN * np.diagonal(square, axis1=1, axis2=2)
         moment = np.where(seen, moment, 0.0)
         # What is not seen gets a square of its own and no moment: then it stays at zero, and the others as they are.
         own_square = np.where(seen[:, :, None] & seen[:, None, :], own_square, np.eye(k + 1))
