@@ -47,7 +47,8 @@ def _run(*command: object) -> str:
 
 def test_it_has_one_name_in_site_packages(installed: Path) -> None:
     script = "from importlib.metadata import files; print(*{f.parts[0] for f in files('tendon-robotics')})"
-    names = set(_run(installed / "python", "-c", script).split())
+    # -I: not what stands in this folder, an installation for editing among it.
+    names = set(_run(installed / "python", "-I", "-c", script).split())
     assert {name for name in names if not name.endswith(".dist-info")} == {"tendon", ".."}
 
 
