@@ -58,7 +58,9 @@ def undecided(trail: Trail, joint: int) -> Candidate | None:
 
 def not_borne_out(trail: Trail, joint: int) -> Candidate | None:
     """The strongest candidate of a joint (0-based) that passes every gate beside the last step and was not accepted
-    once all was refitted; None where there is none."""
+    once all was refitted; None where there is none, or a recording that is not fitted has decided."""
+    if trail.held_out is not None:
+        return None
     able = [c for c in trail.ranking.candidates if c.passes and c.term not in trail.taken_back]
     here = [c for c in able if joint in own_joints(trail.model, c.term) and _moves_enough(trail, c.term)]
     return max(here, key=lambda c: c.delta_bic, default=None)

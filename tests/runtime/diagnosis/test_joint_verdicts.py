@@ -136,7 +136,8 @@ def test_white_is_not_noise_far_above_the_floor() -> None:
 
 
 def test_what_passes_every_gate_and_is_not_accepted_is_said() -> None:
-    """Beside it, what is left is no noise alone; a finding that others made superfluous says nothing."""
+    """Beside it, what is left is no noise alone. A finding that others made superfluous says nothing, and where another
+    recording was not explained better, that has decided."""
     clean = found("", "")
     near = Candidate(Term("stribeck", 1), {"speed": 0.1}, 1, gain=50.0, edge=1.0, results=(BIC.asked(50.0),))
     trail = replace(clean.found, ranking=Ranking((near,)))
@@ -144,6 +145,7 @@ def test_what_passes_every_gate_and_is_not_accepted_is_said() -> None:
     assert [v.why for v in diagnosis.joints] == ["not borne out", "noise"]
     assert (diagnosis.verdict, "stribeck@1 passes every gate" in reason(diagnosis)) == ("unexplained", True)
     assert decide(replace(trail, taken_back=frozenset({near.term}))).verdict == "clean"
+    assert decide(replace(trail, held_out=trail.motion)).verdict == "clean"
 
 
 def test_a_joint_whose_torque_could_be_missed_whole_is_not_clean() -> None:
