@@ -15,6 +15,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
+from math import inf, isinf
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
@@ -49,7 +50,7 @@ class Progress:
 Listener = Callable[[Progress], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 _cores: ContextVar[int | None] = ContextVar("cores", default=None)
-_until: ContextVar[float] = ContextVar("until", default=float("inf"))
+_until: ContextVar[float] = ContextVar("until", default=inf)
 
 
 @contextmanager
@@ -76,9 +77,14 @@ def within(seconds: float) -> AbstractContextManager[None]:
     return _with(_until, min(_until.get(), time.monotonic() + seconds))
 
 
+def seconds_left() -> float:
+    """s; of the time that work was given, in a forked process, too; inf if it was given none."""
+    return _until.get() - time.monotonic()
+
+
 def is_late() -> bool:
-    """Whether the time that work was given has passed; in a forked process, too."""
-    return time.monotonic() > _until.get()
+    """Whether the time that work was given has passed."""
+    return seconds_left() < 0
 
 
 def cores() -> int:
@@ -87,6 +93,12 @@ def cores() -> int:
     if sys.platform != "linux" or multiprocessing.current_process().daemon:
         return 1
     return _cores.get() or len(os.sched_getaffinity(0))
+
+
+def _left(began: float, done: int, parts: int) -> float:
+    """s; for the rest at the pace so far, and never more than there is."""
+    now = time.monotonic()
+    return min((now - began) / done * max(parts - done, 0), max(_until.get() - now, 0.0))
 
 
 @contextmanager
@@ -98,7 +110,7 @@ def steps(what: str, parts: int) -> Iterator[Callable[[], None]]:
         nonlocal done
         done += 1
         if tell is not None:
-            tell(Progress(what, done, parts, (time.monotonic() - began) / done * max(parts - done, 0)))
+            tell(Progress(what, done, parts, _left(began, done, parts)))
 
     with _with(_listener, None):
         yield step
@@ -122,7 +134,7 @@ def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R
 
     def done(index: int, result: R) -> float:
         found[index] = result
-        left = (time.monotonic() - began) / len(found) * (len(parts) - len(found))
+        left = _left(began, len(found), len(parts))
         if tell is not None:
             tell(Progress(what, len(found), len(parts), left))
         return left
@@ -138,15 +150,18 @@ def of_each(what: str, function: Callable[[T], R], parts: Sequence[T]) -> list[R
 def of_long(function: Callable[[T], R], parts: Sequence[T]) -> Iterator[R]:
     """function(part) for each part, in their order, as many at a time as there are cores.
 
-    No further part is begun once no further result is asked for. On several cores progress within a part is not heard.
+    No further part is begun once no further result is asked for, and none comes once the time has passed that work was
+    given. On several cores progress within a part is not heard.
     """
     found: dict[int, R] = {}
     forked = cores() > 1 and len(parts) > 1
-    with closing(_forked(function, parts, range(len(parts)) if forked else ())) as coming:
+    with closing(_forked(function, parts, range(len(parts)) if forked else (), _until.get())) as coming:
         for index, part in enumerate(parts):
             with suppress(_Lost, StopIteration):
                 while index not in found:
                     found.update([next(coming)])
+            if index not in found and is_late():
+                return
             yield found[index] if index in found else function(part)
 
 
@@ -155,9 +170,10 @@ class _Lost(Exception):
 
 
 def _forked(
-    function: Callable[[T], R], parts: Sequence[T], indices: Sequence[int]
+    function: Callable[[T], R], parts: Sequence[T], indices: Sequence[int], until: float = inf
 ) -> Generator[tuple[int, R], None, None]:
-    """Index and result of these parts as they come, from one process for each core."""
+    """Index and result of these parts as they come, from one process for each core; none after `until`, s of the
+    monotonic clock."""
     workers: dict[Connection, BaseProcess] = {}
     waiting = list(reversed(indices))
     running = 0
@@ -177,7 +193,10 @@ def _forked(
                 running += 1
             if not running:
                 return
-            ready = [connection for connection in wait(list(workers)) if isinstance(connection, Connection)]
+            left = None if isinf(until) else max(until - time.monotonic(), 0.0)
+            ready = [connection for connection in wait(list(workers), left) if isinstance(connection, Connection)]
+            if not ready:
+                return
             for connection in ready:
                 index, result, error = connection.recv()
                 if error is not None:

@@ -9,6 +9,7 @@ recording. Only that diagnosis decides whether the motion separates them.
 from __future__ import annotations
 
 import gzip
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -35,11 +36,11 @@ from runtime.documents.recordings import (
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
-from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, within
-from runtime.experiments.settings import SAME_ANSWER, TRIAL_SEEDS
+from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, narrowed
+from runtime.experiments.settings import ORDINARY_SECONDS, SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure
-from runtime.progress import of_long, steps
+from runtime.progress import of_long, seconds_left, steps, within
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
 from symbolic.model_file.checks import joint_number, known_joints
@@ -165,30 +166,45 @@ class SimulatedDiagnosis:
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Diagnoses of recordings of one motion, one for each rival and seed. True if every one of them is right."""
+    """Diagnoses of recordings of one motion, one for each rival and seed. True if all that were asked for are right.
+
+    asked   number of diagnoses that it takes; fewer were made where an answer was wrong, or the time ended
+    """
 
     trials: tuple[SimulatedDiagnosis, ...]
+    asked: int
 
     def __bool__(self) -> bool:
-        return all(trial.right for trial in self.trials)
+        return self.problem is None
+
+    @property
+    def finished(self) -> bool:
+        """Whether it is decided: by a wrong answer, or as all are right."""
+        return len(self.trials) == self.asked or not all(trial.right for trial in self.trials)
 
     @property
     def problem(self) -> str | None:
-        """What is wrong with the first wrong answer, in words; None if all are right."""
-        return next((trial.problem for trial in self.trials if trial.problem), None)
+        """What is wrong with the first wrong answer, or with their number, in words; None if all are right."""
+        wrong = next((trial.problem for trial in self.trials if trial.problem), None)
+        if self.finished:
+            return wrong
+        return f"the time ended after {len(self.trials)} of {self.asked} diagnoses; a longer time limit decides"
 
 
 def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmation:
-    """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); stops at a wrong answer."""
-    return _confirmed(bench, [(motion, truth, seed) for seed in seeds for truth in _truths(bench)])
-
-
-def confirm_beside(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> tuple[Confirmation, Confirmation]:
-    """Of the motion, and of the ordinary excitation with the first seed alone; no core waits between the two."""
-    ordinary: list[_Asked] = [(bench.ordinary_path, truth, seeds[0]) for truth in _truths(bench)]
-    own: list[_Asked] = [(motion, truth, seed) for seed in seeds for truth in _truths(bench)]
-    trials = _confirmed(bench, [*ordinary, *own], len(ordinary)).trials
-    return Confirmation(trials[: len(ordinary)]), Confirmation(trials[len(ordinary) :])
+    """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); ends at a wrong answer, and
+    when the time has passed that work was given."""
+    asked: list[_Asked] = [(motion, truth, seed) for seed in seeds for truth in _truths(bench)]
+    trials: list[SimulatedDiagnosis] = []
+    with steps("diagnoses", len(asked)) as step:
+        for trial in of_long(partial(_trial, bench), asked):
+            if trial is None:  # the only core was late
+                break
+            trials.append(trial)
+            step()
+            if not trial.right:
+                break
+    return Confirmation(tuple(trials), len(asked))
 
 
 _Asked = tuple[Array, int | None, int]
@@ -200,19 +216,8 @@ def _truths(bench: TrialArm) -> list[int | None]:
     return [*range(len(bench.rivals)), *([None] if len(bench.rivals) == 1 else [])]
 
 
-def _confirmed(bench: TrialArm, asked: Sequence[_Asked], spared: int = 0) -> Confirmation:
-    """One diagnosis after the other; a wrong answer ends it, but for those of the first `spared`."""
-    trials: list[SimulatedDiagnosis] = []
-    with steps("diagnoses", len(asked)) as step:
-        for trial in of_long(partial(_trial, bench), asked):
-            trials.append(trial)
-            step()
-            if not trial.right and len(trials) > spared:
-                break
-    return Confirmation(tuple(trials))
-
-
-def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis:
+def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis | None:
+    """None if the time ended before the diagnosis did."""
     motion, truth, seed = asked
     hidden = None if truth is None else bench.rivals[truth]
     # Recordings of different rivals get different noise.
@@ -220,7 +225,10 @@ def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis:
     begun = begin(bench.model, [bench.record(motion, hidden, own)])
     # What is named at other joints decides nothing between the rivals.
     at = frozenset(i for r in bench.rivals for i in joints_of(bench.model, r.term))
-    result = decide(complete(replace(begun, sought=at)))
+    trail = complete(replace(begun, sought=at))
+    if trail.stopped:
+        return None
+    result = decide(trail)
     term = None if hidden is None else hidden.term
     others = tuple(r.term for r in bench.rivals if r.term != term)
     named = tuple(f.term for f in result.findings)
@@ -364,53 +372,70 @@ def propose(
     say = tell or (lambda _: None)
     if settings.noise <= 0:
         raise ExperimentError("without noise every difference would count; give a noise above 0")
-    bench = TrialArm.of(within(model, ranges), rivals, settings, moving)
-    limit = TorqueLimit.of(bench)
-    say("judging the pieces of motion")
-    repertoire = Repertoire.of(bench, limit, Freedom())
-    seeds = [settings.seed + s for s in TRIAL_SEEDS]
-    choice, motion, ordinary, confirmation = _tried(bench, repertoire, seeds, say)
-    relief: tuple[tuple[str, float, bool], ...] = ()
-    if not confirmation and not choice.enough:
-        relief = tuple(_relief(bench, limit, freedom, say) for freedom in WIDER)
-    return Proposal(
-        bench,
-        motion,
-        tuple(repertoire.names[k] for k in choice.numbers),
-        times=choice.times,
-        limit=limit,
-        before=MotionPieces.of(bench, bench.ordinary_path).weigh(),
-        after=MotionPieces.of(bench, motion).weigh(),
-        ordinary=ordinary,
-        confirmation=confirmation,
-        relief=relief,
-    )
+    with within(settings.time_limit):
+        bench = TrialArm.of(narrowed(model, ranges), rivals, settings, moving)
+        limit = TorqueLimit.of(bench)
+        say(f"judging the pieces of motion; the search takes at most {settings.time_limit:g} s")
+        repertoire = Repertoire.of(bench, limit, Freedom())
+        seeds = [settings.seed + s for s in TRIAL_SEEDS]
+        choice, motion, confirmation = _tried(bench, repertoire, seeds, say)
+        say("diagnosing the ordinary excitation")
+        ordinary = confirm(bench, bench.ordinary_path, seeds[:1])
+        relief = _reliefs(bench, limit, say) if not confirmation and not choice.enough else ()
+        return Proposal(
+            bench,
+            motion,
+            tuple(repertoire.names[k] for k in choice.numbers),
+            times=choice.times,
+            limit=limit,
+            before=MotionPieces.of(bench, bench.ordinary_path).weigh(),
+            after=MotionPieces.of(bench, motion).weigh(),
+            ordinary=ordinary,
+            confirmation=confirmation,
+            relief=relief,
+        )
 
 
 def _tried(
     bench: TrialArm, repertoire: Repertoire, seeds: Sequence[int], say: Tell
-) -> tuple[PieceChoice, Array, Confirmation, Confirmation]:
-    """The first plan that is confirmed, or the last that was tried, and confirmations of the ordinary excitation and
-    of the plan: the same wrong answer again ends it."""
+) -> tuple[PieceChoice, Array, Confirmation]:
+    """The first plan that is confirmed, or the last that was decided; the same wrong answer again ends it, and a plan
+    for which the time will not do."""
     coming = plans(repertoire.choices())
-    choice = next(coming)
-    motion = repertoire.motion(choice)
-    say(f"diagnosing {_told(repertoire, choice)}, and the ordinary excitation")
-    ordinary, confirmation = confirm_beside(bench, motion, seeds)
-    wrong = [confirmation.problem]
-    for other in coming:
-        if confirmation or wrong.count(confirmation.problem) >= SAME_ANSWER:
+    tried: list[tuple[PieceChoice, Array, Confirmation]] = []
+    pace = 0.0  # s of work for each s of motion, were all its diagnoses made
+    for choice in coming:
+        wrong = [confirmation.problem for *_, confirmation in tried]
+        needed = pace * (choice.seconds + ORDINARY_SECONDS)
+        if wrong and (wrong.count(wrong[-1]) >= SAME_ANSWER or needed > seconds_left()):
             break
-        choice, motion = other, repertoire.motion(other)
         say(f"diagnosing {_told(repertoire, choice)}")
+        began, motion = time.monotonic(), repertoire.motion(choice)
         confirmation = confirm(bench, motion, seeds)
-        wrong.append(confirmation.problem)
-    return choice, motion, ordinary, confirmation
+        made = max(len(confirmation.trials), 1) / confirmation.asked
+        pace = max(pace, (time.monotonic() - began) / made / choice.seconds)
+        if confirmation.finished or not tried:
+            tried.append((choice, motion, confirmation))
+        if confirmation:
+            break
+    return tried[-1]
 
 
 def _told(repertoire: Repertoire, choice: PieceChoice) -> str:
     """A choice in words."""
     return f"{choice.seconds:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}"
+
+
+def _reliefs(bench: TrialArm, limit: TorqueLimit, say: Tell) -> tuple[tuple[str, float, bool], ...]:
+    """What each wider limit would do, as many of them as the time allows."""
+    found: list[tuple[str, float, bool]] = []
+    longest = 0.0  # s
+    for freedom in WIDER:
+        began = time.monotonic()
+        if longest < seconds_left():
+            found.append(_relief(bench, limit, freedom, say))
+            longest = max(longest, time.monotonic() - began)
+    return tuple(found)
 
 
 def _relief(bench: TrialArm, limit: TorqueLimit, freedom: Freedom, say: Tell) -> tuple[str, float, bool]:

@@ -12,7 +12,9 @@ from runtime.simulation.settings import NOISE
 
 @dataclass(frozen=True)
 class ExperimentSettings(Checked):
-    """Of the recordings that are simulated on the way; noise as a part of the ordinary excitation's torque."""
+    """Of the search, and of the recordings that are simulated on the way; noise as a part of the ordinary excitation's
+    torque."""
 
     seed: Annotated[int, Setting("Seed of the simulated noise.", low=0)] = 0
     noise: Noise = NOISE
+    time_limit: Annotated[float, Setting("Longest time for the search, s.", low=1.0)] = 60.0

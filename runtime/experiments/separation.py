@@ -116,7 +116,7 @@ def noisy(recording: Recording, level: Array, seed: int) -> Recording:
     return replace(recording, tau=recording.tau + level[:, None] * rng.standard_normal(recording.tau.shape))
 
 
-def within(model: Model, ranges: Mapping[int, tuple[float, float]]) -> Model:
+def narrowed(model: Model, ranges: Mapping[int, tuple[float, float]]) -> Model:
     """The same arm as if its file stated these ranges of positions, (low, high) by joint (0-based)."""
     narrowed = copy(model)
     narrowed.joints = tuple(

@@ -217,6 +217,8 @@ def _joint(j: MovedJoint) -> str:
 
 
 def _trials(motion: str, trials: Sequence[TrialDiagnosis]) -> str:
+    if not trials:
+        return f"Diagnosed with {motion}: not, the time had ended."
     wrong = dict.fromkeys(str(t.problem) for t in trials if not t.right)
     return f"Diagnosed with {motion}: " + (
         f"{'; '.join(wrong)}." if wrong else f"right in all {len(trials)} recordings."

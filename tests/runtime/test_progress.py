@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from runtime import progress
-from runtime.progress import Progress, each, heard_by, of_each, of_long, on_cores, steps
+from runtime.progress import Progress, each, heard_by, of_each, of_long, on_cores, steps, within
 from runtime.report import terminal
 
 
@@ -97,6 +97,20 @@ def test_long_parts_elsewhere_end_where_no_further_one_is_asked_for() -> None:
         results = of_long(part, [0.0, 60.0, 60.0])
         assert next(results) == 0.0
         results.close()
+    assert time.monotonic() - began < 30.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="one process there")
+def test_long_parts_elsewhere_end_when_the_time_has_passed() -> None:
+    """The one that is done comes, the others are not waited for, nor begun here."""
+
+    def part(seconds: float) -> float:
+        time.sleep(seconds)
+        return seconds
+
+    began = time.monotonic()
+    with on_cores(2), within(1.0):
+        assert list(of_long(part, [0.0, 60.0, 60.0])) == [0.0]
     assert time.monotonic() - began < 30.0
 
 

@@ -28,7 +28,7 @@ from runtime.experiments.design import (
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import BROAD, Envelope, in_sequence, pieces
 from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peaks
-from runtime.experiments.separation import MotionPieces, TrialArm, stated, within
+from runtime.experiments.separation import MotionPieces, TrialArm, narrowed, stated
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.simulation.options import SimulationSettings
@@ -108,6 +108,16 @@ def test_without_noise_nothing_is_proposed(drive: Model) -> None:
         propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(noise=0.0))
 
 
+def test_the_search_ends_in_time_and_says_so(drive: Model) -> None:
+    """Before anything is judged it says how long it may take; without time for a single diagnosis none is claimed."""
+    said: list[str] = []
+    proposal = propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(time_limit=1.0), said.append)
+    assert "at most 1 s" in said[0]
+    assert not proposal.separated
+    assert "the time ended after 0 of 4 diagnoses; a longer time limit decides" in proposal.reason
+    assert proposal.document().ordinary_trials == []
+
+
 @pytest.mark.parametrize(
     ("joints", "ranges", "message"),
     [
@@ -132,7 +142,7 @@ def test_joints_that_rest_and_a_narrower_range(model: Model) -> None:
     rivals = parse_rivals("stribeck@2:torque=1,speed=0.1", model)
     moving, ranges = parse_joints("2,4", model, rivals), parse_ranges(["q2=-0.4:0.1"], model)
     assert (moving, ranges) == ([1, 3], {1: (-0.4, 0.1)})
-    bench = TrialArm.of(within(model, ranges), rivals, ExperimentSettings(), moving)
+    bench = TrialArm.of(narrowed(model, ranges), rivals, ExperimentSettings(), moving)
     found = Repertoire.of(bench, TorqueLimit.of(bench), Freedom())
     for path in (bench.ordinary_path, *(in_sequence([part], found.envelopes)[0] for part in found.parts)):
         assert (np.ptp(path[[0, 2]], axis=1) == 0).all()
