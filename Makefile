@@ -8,7 +8,7 @@ WORKERS ?= auto
 PYTEST := $(BIN)/python -m pytest
 # A test goes to the process that is free; tests of one xdist_group share a dear fixture and go to one process.
 PARALLEL := -n $(WORKERS) --maxprocesses 8 --dist loadgroup --no-loadscope-reorder --durations=10
-.PHONY: demo quick test test-all wheel check analysis benchmark benchmarked benchmark-short generated pictures clean
+.PHONY: demo quick test test-all wheel check analysis benchmark benchmarked benchmark-short generated pictures site clean
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Tendon needs Python 3.11 or newer; run make PYTHON=/path/to/python3.11")'
@@ -64,9 +64,13 @@ generated: $(STAMP)
 	$(BIN)/python -m runtime.cli.schema
 	$(BIN)/python -m codegen.descriptions
 
-# The figures of README.md, from a run of the demo.
+# The figures of README.md and of the gallery.
 pictures: $(STAMP)
 	$(BIN)/python -m tests.pictures
 
+# The guides and the references as a static site: .site/built/site/index.html.
+site: $(STAMP)
+	$(BIN)/python .site/maker/build.py
+
 clean:
-	rm -rf $(VENV) tests/.cache .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .site/built $(VENV) tests/.cache .pytest_cache .mypy_cache .ruff_cache .hypothesis

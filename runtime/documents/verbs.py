@@ -54,45 +54,66 @@ OR_ELSE: dict[str, type[Document]] = {"effects": EffectDocument, "optimize": Inf
 KEYS = Path(__file__).parent / "KEYS.md"
 
 
+def documents(verb: str) -> list[type[Document]]:
+    """What `tendon VERB --json` may write."""
+    return [BY_VERB[verb], *([OR_ELSE[verb]] if verb in OR_ELSE else [])]
+
+
 def schema(verb: str) -> dict[str, object]:
     """JSON schema of what `tendon VERB --json` writes."""
-    kinds = [BY_VERB[verb], *([OR_ELSE[verb]] if verb in OR_ELSE else [])]
-    references, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
-    root = {"anyOf": list(references)} if len(kinds) > 1 else references[0]
+    references, components = msgspec.json.schema_components(documents(verb), ref_template="#/$defs/{name}")
+    root = {"anyOf": list(references)} if len(references) > 1 else references[0]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **root, "$defs": components}
 
 
 def table_of_keys() -> str:
     """Keys, units and meaning of every object in the documents, as Markdown."""
-    schemas, components = msgspec.json.schema_components(list(dict.fromkeys(BY_VERB.values())), ref_template="{name}")
-    verbs: dict[str, list[str]] = {}
-    for verb, document in BY_VERB.items():
-        verbs.setdefault(document.__name__, []).append(f"`tendon {verb}`")
+    written = list(dict.fromkeys(kind for verb in BY_VERB for kind in documents(verb)))
+    _, components = msgspec.json.schema_components(written, ref_template="{name}")
+    first = [kind.__name__ for kind in written]
     lines = [
         "# Keys of `--json`",
         "",
-        "Generated from `runtime/documents/` (`python -m runtime.documents.verbs`). An object is named by its class; "
-        "`[]` is a list, `?` a key that may be absent.",
+        "Every object that a verb writes with `--json`, with type, unit and meaning of its keys. `?` marks a key that "
+        "may be absent; a number that is not finite is null. `tendon schema VERB` prints the same as JSON schema. "
+        "Generated from `runtime/documents/` (`python -m runtime.documents.verbs`).",
+        *table(("verb", "object", "what it is"), [_of_verb(verb, components) for verb in BY_VERB]),
     ]
-    first = [reference["$ref"] for reference in schemas]
     for name in [*first, *sorted(set(components) - set(first))]:
         component = components[name]
-        summary = component.get("description", "").partition(":")[0].rstrip(".")
-        where = f" ({', '.join(verbs[name])})" if name in verbs else ""
-        lines += [
-            "",
-            f"## {name}",
-            "",
-            f"{summary}{where}.",
-            "",
-            "| key | type | unit | meaning |",
-            "|---|---|---|---|",
+        required = component.get("required", [])
+        rows = [
+            (
+                f"`{key}`{'' if key in required else '?'}",
+                _type(entry),
+                *(entry.get(k, "") for k in ("unit", "description")),
+            )
+            for key, entry in component["properties"].items()
         ]
-        for key, entry in component["properties"].items():
-            absent = "" if key in component.get("required", []) else "?"
-            row = (f"`{key}`{absent}", _type(entry), entry.get("unit", ""), entry.get("description", ""))
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |")
+        lines += ["", f"## {name}", "", f"{_summary(component)}."]
+        lines += table(("key", "type", "unit", "meaning"), rows)
     return "\n".join(lines) + "\n"
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    """Lines of a table in Markdown, after an empty one."""
+    first, *others = ("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in (head, *rows))
+    return ["", first, "|" + "---|" * len(head), *others]
+
+
+def _of_verb(verb: str, components: Any) -> tuple[str, str, str]:
+    """Verb, its documents with links, what the first one is."""
+    names = [kind.__name__ for kind in documents(verb)]
+    return f"`tendon {verb}`", " or ".join(map(_link, names)), _summary(components[names[0]])
+
+
+def _summary(component: Any) -> str:
+    """What an object is, in a few words."""
+    return str(component.get("description", "")).partition(":")[0].rstrip(".")
+
+
+def _link(name: str) -> str:
+    return f"[{name}](#{name.lower()})"
 
 
 def _type(entry: Any) -> str:
@@ -100,12 +121,12 @@ def _type(entry: Any) -> str:
     if "anyOf" in entry:
         return " or ".join(_type(part) for part in entry["anyOf"])
     if "$ref" in entry:
-        return f"[{entry['$ref']}](#{entry['$ref'].lower()})"
+        return _link(entry["$ref"])
     if "enum" in entry:
         return ", ".join(f"`{value}`" for value in entry["enum"])
     if entry.get("type") == "array":
         inside = entry.get("items") or (*entry.get("prefixItems", ()), {})[0]
-        return f"{_type(inside)}[]"
+        return f"list of {_type(inside)}"
     if entry.get("type") == "object":
         return f"name → {_type(entry.get('additionalProperties', {}))}"
     return str(entry.get("type", "any"))

@@ -1,0 +1,52 @@
+"""Pages that list the others: the cards of the first page, and llms.txt after https://llmstxt.org."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from gather import on_site, pages
+
+
+def llms_txt(nav: list[dict[str, Any]], folder: Path) -> str:
+    """Every page of the navigation with its first sentence, under its section; the links lead to the Markdown."""
+    home = (folder / "README.md").read_text(encoding="utf-8")
+    lines = ["# Tendon", "", f"> {' '.join(summary(home).split())}"]
+    section = ""
+    for title, path in pages(nav):
+        if title != section:
+            lines += ["", f"## {title}", ""]
+            section = title
+        text = (folder / on_site(path)).read_text(encoding="utf-8")
+        lines.append(f"- [{heading(text)}]({on_site(path)}): {summary(text)}")
+    return "\n".join(lines) + "\n"
+
+
+def heading(text: str) -> str:
+    """Title of a page."""
+    found = re.search(r"^# (.*)$", text, re.MULTILINE)
+    assert found, "a page without a title"
+    return found[1]
+
+
+def summary(text: str) -> str:
+    """The first sentence of a page's first paragraph, without its marks."""
+    body = text.partition("\n# ")[2] if not text.startswith("# ") else text
+    paragraphs = [p for p in body.split("\n\n")[1:] if p and p[0] not in "#|`<-!:>"]
+    plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", " ".join(paragraphs[0].split())) if paragraphs else ""
+    plain = plain.replace("**", "")
+    return re.split(r"(?<=[.?!:]) (?=[A-Z`])", plain, maxsplit=1)[0]
+
+
+def cards(nav: list[dict[str, Any]], folder: Path) -> str:
+    """What one may want to do, a card for each task page."""
+    found = [(path, (folder / on_site(path)).read_text(encoding="utf-8")) for s, path in pages(nav) if s == "Tasks"]
+    lines = [f"- **[{heading(text)}]({on_site(path)})**\n\n    {summary(text)}\n" for path, text in found]
+    return "\n".join(["## What do you want to do?\n", '<div class="grid cards" markdown>\n', *lines, "</div>\n\n"])
+
+
+def with_cards(home: str, made: str) -> str:
+    """The first page with the cards ahead of its first heading."""
+    head, mark, rest = home.partition("\n## ")
+    return f"{head}\n{made}{mark.lstrip()}{rest}"
