@@ -46,7 +46,8 @@ def simulate(
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
     with terminal.working("deriving and compiling the model"):
-        loaded = source.compiled.model()
+        arm, assumed = source.compiled.with_likely_numbers()
+        loaded = arm.model()
     from runtime.model.terms import structure
     from runtime.recordings import recording
     from runtime.simulation import simulate as simulation
@@ -72,6 +73,11 @@ def simulate(
     ]
     samples = len(made.t)
     document = SimulateDocument(
-        out=str(out), samples=samples, seconds=samples * made.dt, seed=settings.seed, effects=present
+        out=str(out),
+        samples=samples,
+        seconds=samples * made.dt,
+        seed=settings.seed,
+        effects=present,
+        assumed=assumed,
     )
     emit(json, document, terminal.printer(recordings.simulation))

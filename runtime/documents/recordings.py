@@ -179,6 +179,17 @@ class SimulatedEffect(Document, frozen=True, kw_only=True):
     assumed: Annotated[list[str], key("parameters that the model file leaves open and that got moderate values")]
 
 
+class AssumedNumber(Document, frozen=True, kw_only=True):
+    """A number that the model file leaves out, and what was assumed for it."""
+
+    joint: JointNumber
+    name: JointName
+    parameter: Annotated[str, key("key of the model file")]
+    value: Annotated[float | None, key("the assumed value, at the joint's output; null: of several numbers", "`unit`")]
+    unit: Annotated[str, key("unit of the value")]
+    reason: Annotated[str, key("where it comes from")]
+
+
 class SimulateDocument(Document, frozen=True, kw_only=True):
     """What a simulated recording holds: `tendon simulate --json`."""
 
@@ -187,6 +198,7 @@ class SimulateDocument(Document, frozen=True, kw_only=True):
     seconds: Annotated[float, key("duration", "s")]
     seed: Annotated[int, key("seed of the noise")]
     effects: Annotated[list[SimulatedEffect], key("effects of the simulated arm")]
+    assumed: Annotated[list[AssumedNumber], key("inertias that the model file leaves out")]
 
 
 class ValuedEffect(EffectAt, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from runtime.documents.parts import EffectAt
 from runtime.documents.recordings import (
+    AssumedNumber,
     ClockEntry,
     ExperimentDocument,
     InspectDocument,
@@ -162,7 +163,20 @@ def simulation(document: SimulateDocument) -> list[Section]:
     if assumed:
         places = "; ".join(_at_joints(assumed))
         lines.append(f"open in the model file, simulated with moderate values (see --json): {places}")
-    return list(texts(lines))
+    return [*texts(lines), *assumed_numbers(document.assumed)]
+
+
+def assumed_numbers(assumed: Sequence[AssumedNumber]) -> list[Section]:
+    """What the model file leaves out and which number was taken, a line each; nothing where it states all."""
+    if not assumed:
+        return []
+    lines = [
+        f"joint {numbered(a.joint, a.name)}: {a.parameter}"
+        + (f" {quantity(a.value, a.unit)}" if a.value is not None else "")
+        + f" ({a.reason})"
+        for a in assumed
+    ]
+    return [Group("Not in the model file, and assumed", (Bullets(tuple(lines)),))]
 
 
 def experiment(document: ExperimentDocument) -> list[Section]:

@@ -35,6 +35,7 @@ from runtime.simulation.settings import (
     COUNT,
     LONGEST,
     MARGIN,
+    OWN_FRICTION,
     RANGE,
     RATE,
     RISE,
@@ -330,13 +331,19 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     for joint in joints_of(model, term):
         columns = regressors.raw_columns(signals, term, joint, shape)[1:]
         rows = np.maximum(rows, np.sqrt(np.mean(columns**2, axis=1)))
-        size = max(size, float(np.sqrt(np.mean(signals.rigid[joint] ** 2))))
+        size = max(size, float(np.sqrt(np.mean(signals.rigid[joint] ** 2))), _known_size(model, term, joint))
     if not all(row > 0 for row, c in zip(rows, info.coefficients, strict=True) if not c.space):
         raise SimulationError(f"{term}: this motion does not excite it; state its parameters or choose another motion")
     found = model.library.recover(term.effect, SHARE * size / np.where(rows > 0, rows, np.inf), shape)
     # The effect of a factor is its difference from its neutral value.
     sizes = {p.name: p.neutral + SHARE if p.neutral else found[p.name] for p in info.parameters}
     return {p.name: float(np.clip(sizes[p.name], *p.bounds)) for p in info.parameters}
+
+
+def _known_size(model: Model, term: Term, joint: int) -> float:
+    """Torque of which a term has the part SHARE, as the drive's largest torque tells it: of the model's own terms."""
+    largest = model.joints[joint].torque_limit
+    return 0.0 if largest is None or term not in structure(model) else OWN_FRICTION / SHARE * largest
 
 
 def excitation(model: Model, rng: np.random.Generator, seconds: float, repeats: int) -> Array:

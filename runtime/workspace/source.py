@@ -14,6 +14,7 @@ from symbolic.model_file.checks import printable
 
 if TYPE_CHECKING:
     from codegen.firmware.source_tree import FirmwareTree
+    from runtime.documents.recordings import AssumedNumber
     from runtime.model.loader import Model
     from runtime.recordings.columns import RecordedArm
     from runtime.recordings.recording import Recording
@@ -133,6 +134,17 @@ class CompiledArm:
 
         effects = prepare_effects(None if self.own is None else tuple(self.own.values()), self.arm.space)
         return Model(prepare_arm(self.arm), Library(effects))
+
+    def with_likely_numbers(self) -> tuple[CompiledArm, list[AssumedNumber]]:
+        """The arm with likely inertias in place of those that its file leaves out, and what was assumed; itself where
+        nothing is missing."""
+        from runtime.simulation.priors import AssumedArm
+
+        unknown = any(joint.unknown for joint in self.arm.joints)
+        if not unknown or (self.arm.inertial and self.model().lumps_known):
+            return self, []
+        likely = AssumedArm.of(self.arm)
+        return replace(self, arm=likely.arm), list(likely.numbers)
 
     def with_guesses(self) -> CompiledArm:
         """The same arm with a library that also holds drafted laws."""
