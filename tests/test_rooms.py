@@ -71,6 +71,8 @@ PLAIN = {
         "model_file.arm",
         "model_file.checks",
         "model_file.fields",
+        "model_file.frames",
+        "model_file.likely",
     )
 }
 """How a user's file is read and checked and what an error says, and what a declaration says without equations: for

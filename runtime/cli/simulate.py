@@ -13,7 +13,7 @@ from runtime.cli.inputs import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.documents.recordings import SimulatedEffect, SimulateDocument
+from runtime.documents.recordings import AssumedNumber, SimulatedEffect, SimulateDocument
 from runtime.simulation.options import SimulationSettings
 from symbolic.model_file.arm import MOTOR_TORQUE
 
@@ -78,6 +78,6 @@ def simulate(
         seconds=samples * made.dt,
         seed=settings.seed,
         effects=present,
-        assumed=assumed,
+        assumed=[AssumedNumber(**vars(number)) for number in assumed],
     )
     emit(json, document, terminal.printer(recordings.simulation))

@@ -236,9 +236,15 @@ def pseudo_parameters(theta: NDArray[Any]) -> NDArray[Any]:
         U[i, j] = value
     U[:3, 3] = theta[7:]
     U = np.exp(theta[0]) * U
-    P = U @ U.T
-    moments = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
-    return np.array([P[3, 3], *P[:3, 3], *moments[np.triu_indices(3)]])
+    return inertial_parameters(U @ U.T)
+
+
+def inertial_parameters(P: NDArray[Any]) -> NDArray[Any]:
+    """The ten inertial parameters (..., 10) of pseudo-inertias (..., 4, 4)."""
+    second = P[..., :3, :3]
+    moments = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
+    rows, columns = np.triu_indices(3)
+    return np.concatenate([P[..., 3, 3:], P[..., :3, 3], moments[..., rows, columns]], axis=-1)
 
 
 def pseudo_slopes(theta: Array) -> Array:

@@ -26,6 +26,21 @@ SAME_ANSWER: Final = 2
 """number of motions; where a stronger one ends in the same wrong answer, it is not the motion that stands in the way:
 no further one is tried; time."""
 
+# possible arms ------------------------------------------------------------------------------------------------------
+
+BODY_SPREAD: Final = 0.2
+"""ratio; standard deviation of stated masses and lengths of bodies: CAD without cables, screws and grease; a choice."""
+
+ASSUMED_SPREAD: Final = 0.7
+"""unit of the logarithm; standard deviation of an assumed rotor inertia: a factor of two; a choice."""
+
+FRICTION_SPREAD: Final = 0.5
+"""unit of the logarithm; standard deviation of an effect's torque: friction differs by so much between two arms of a
+kind, and with temperature; a choice."""
+
+SPREAD_DRAWS: Final = 400
+"""number of arms; from which the spread of base parameters is computed: ten for each of 40 parameters; a choice."""
+
 # what is enough -----------------------------------------------------------------------------------------------------
 
 SURE: Final = 8.0

@@ -30,19 +30,6 @@ OWN_FRICTION: Final = 0.05
 """part of a joint's largest torque, RMS; least size of an effect of the model file itself whose values are unknown: dry
 friction of harmonic drives is 5 to 8 % of it; identified at a UR10."""
 
-TORQUE_OVER_ROTOR: Final = {"revolute": 100.0, "prismatic": 20.0}
-"""rad/s^2, m/s^2; a joint's largest torque over its rotor's inertia at the output, where that is unknown: 60 to 200 for
-geared joints with known rotors; a choice."""
-
-MASS_PER_LENGTH: Final = 8.0
-"""kg/m; of a link whose mass is unknown: arms of 1 m and 15 to 30 kg; a choice."""
-
-SHORTEST_LINK: Final = 0.1
-"""m; a shorter link has the mass of this length: its drive; a choice."""
-
-LINK_RADIUS: Final = 0.05
-"""m; of a link whose inertia is unknown; the size of drives; a choice."""
-
 SIZING_CUTOFF: Final = 40.0
 """Hz; cutoff of filters that sizing does not use, since it runs at full rate; decides no verdict; a choice."""
 

@@ -64,11 +64,17 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
     import numpy as np
 
     from runtime.exchange.bodies import base_map, is_possible, project, rotors_asked
+    from symbolic.model_file import likely
     from symbolic.model_file.exchange import exporting
+    from symbolic.model_file.frames import parameters
 
     arm = compiled.arm
-    bodies, rotors = exporting.reference(arm)
-    near = np.array([exporting.parameters(body) for body in bodies])
+    bodies = likely.likely_bodies(arm)
+    rotors = [
+        likely.turning(body, joint) if joint.rotor_inertia is None else joint.rotor_inertia
+        for joint, body in zip(arm.joints, bodies, strict=True)
+    ]
+    near = np.array([parameters(body) for body in bodies])
     stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
     if stated and all(map(is_possible, near)):
         return exporting.exported(arm, compiled.library, language, bodies=bodies, rotors=rotors), 0.0

@@ -14,7 +14,6 @@ from symbolic.model_file.checks import printable
 
 if TYPE_CHECKING:
     from codegen.firmware.source_tree import FirmwareTree
-    from runtime.documents.recordings import AssumedNumber
     from runtime.model.loader import Model
     from runtime.recordings.columns import RecordedArm
     from runtime.recordings.recording import Recording
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from symbolic.described import AnyEffect
     from symbolic.effects.declaration import Effect
     from symbolic.model_file.arm import Arm
+    from symbolic.model_file.likely import LikelyNumber
 
 
 @dataclass(frozen=True)
@@ -135,16 +135,16 @@ class CompiledArm:
         effects = prepare_effects(None if self.own is None else tuple(self.own.values()), self.arm.space)
         return Model(prepare_arm(self.arm), Library(effects))
 
-    def with_likely_numbers(self) -> tuple[CompiledArm, list[AssumedNumber]]:
+    def with_likely_numbers(self) -> tuple[CompiledArm, list[LikelyNumber]]:
         """The arm with likely inertias in place of those that its file leaves out, and what was assumed; itself where
         nothing is missing."""
-        from runtime.simulation.priors import AssumedArm
+        from symbolic.model_file.likely import likely_arm
 
         unknown = any(joint.unknown for joint in self.arm.joints)
         if not unknown or (self.arm.inertial and self.model().lumps_known):
             return self, []
-        likely = AssumedArm.of(self.arm)
-        return replace(self, arm=likely.arm), list(likely.numbers)
+        arm, numbers = likely_arm(self.arm)
+        return replace(self, arm=arm), list(numbers)
 
     def with_guesses(self) -> CompiledArm:
         """The same arm with a library that also holds drafted laws."""

@@ -289,3 +289,8 @@ def about_point(body: StatedBody, point: Vector) -> Inertia:
         yz - m * y * z,
         zz + m * (x * x + y * y),
     )
+
+
+def parameters(body: StatedBody) -> list[float]:
+    """The ten inertial parameters: m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin."""
+    return [body.mass, *scaled(body.mass, body.com), *about_point(body, (0.0, 0.0, 0.0))]

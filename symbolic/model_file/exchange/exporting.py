@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import fmean, median
+from statistics import fmean
 from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
 from symbolic.model_file.arm import Arm, Frame, Joint, Values
 from symbolic.model_file.exchange.tree import FREE, joints_of
-from symbolic.model_file.frames import Inertia, StatedBody, Vector, about_point, scaled
+from symbolic.model_file.frames import StatedBody, scaled
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
@@ -26,10 +26,6 @@ GRAVITY = ("gravity x", "gravity y", "gravity z")
 """Words of parameters that add to the model's gravity, along the base axes."""
 DOWN = (0.0, 0.0, -9.81)
 """m/s²; gravity where a file states none, as programs assume it: URDF's z axis points up by convention (REP 103)."""
-SLENDER, LEAST_RADIUS, USUAL_MASS = 8.0, 0.04, 1.0
-"""An unknown body is a cylinder from its joint to the next: length over radius, minimum radius in m, and mass in kg
-where no other body has one."""
-
 ROUNDING = 1e-12
 """Relative to a body's size or inertia: smaller values are rounding errors of the search for possible bodies."""
 
@@ -146,47 +142,6 @@ def _dynamics(
 
 
 # --- bodies ---
-
-
-def reference(arm: Arm) -> tuple[list[StatedBody], list[float]]:
-    """The stated bodies and rotors, with plausible ones where they are unknown."""
-    masses = [joint.link.mass for joint in arm.joints if joint.link.mass]
-    usual = median(masses) if masses else USUAL_MASS
-    ends = [*(joint.origin.xyz for joint in arm.joints[1:]), arm.tip.xyz]
-    bodies = []
-    for joint, end in zip(arm.joints, ends, strict=True):
-        link = joint.link
-        mass = usual if link.mass is None else link.mass
-        com = scaled(0.5, end) if link.com is None else link.com
-        bodies.append(StatedBody(mass, com, _cylinder(mass, end) if link.inertia is None else link.inertia))
-    rotors = [
-        _turning(body, joint) if joint.rotor_inertia is None else joint.rotor_inertia
-        for joint, body in zip(arm.joints, bodies, strict=True)
-    ]
-    return bodies, rotors
-
-
-def _cylinder(mass: float, end: Vector) -> Inertia:
-    """Inertia of a solid cylinder from the joint to `end`, about its centre, kg m²."""
-    length = math.hypot(*end)
-    radius = max(LEAST_RADIUS, length / SLENDER)
-    along, across = mass * radius**2 / 2, mass * (3 * radius**2 + length**2) / 12
-    x, y, z = scaled(1 / length, end) if length else (0.0, 0.0, 1.0)
-    d = along - across
-    return across + d * x * x, d * x * y, d * x * z, across + d * y * y, d * y * z, across + d * z * z
-
-
-def _turning(body: StatedBody, joint: Joint) -> float:
-    """A rotor inertia equal to that of the moved body, for which gears are usually chosen (Pasch & Seering 1984)."""
-    if joint.type == "prismatic":
-        return body.mass or USUAL_MASS
-    moments = about_point(body, (0.0, 0.0, 0.0))
-    return (moments[0] + moments[3] + moments[5]) / 3 or USUAL_MASS * LEAST_RADIUS**2
-
-
-def parameters(body: StatedBody) -> list[float]:
-    """The ten inertial parameters: m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the origin."""
-    return [body.mass, *scaled(body.mass, body.com), *about_point(body, (0.0, 0.0, 0.0))]
 
 
 def body_of(values: Sequence[float]) -> StatedBody:

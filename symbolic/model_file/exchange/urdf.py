@@ -23,7 +23,6 @@ from symbolic.model_file.exchange.exporting import (
     body_of,
     inertial,
     number,
-    parameters,
 )
 from symbolic.model_file.exchange.tree import (
     FREE,
@@ -41,7 +40,16 @@ from symbolic.model_file.exchange.tree import (
     some,
 )
 from symbolic.model_file.exchange.xml_file import XmlNode
-from symbolic.model_file.frames import NO_BODY, StatedBody, Vector, impossible_moment, rotated, rotation, scaled
+from symbolic.model_file.frames import (
+    NO_BODY,
+    StatedBody,
+    Vector,
+    impossible_moment,
+    parameters,
+    rotated,
+    rotation,
+    scaled,
+)
 from symbolic.model_file.model_text import DIGITS
 
 Made = TypeVar("Made", TreeLink, TreeJoint)

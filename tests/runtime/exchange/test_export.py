@@ -30,10 +30,11 @@ from runtime.notebook import exchanged
 from runtime.notebook.arm import load
 from runtime.workspace.source import Source
 from symbolic.effects import DECLARED
+from symbolic.model_file import likely
 from symbolic.model_file.arm import Arm, Joint, Link
 from symbolic.model_file.exchange import exporting
 from symbolic.model_file.exchange.importing import imported
-from symbolic.model_file.frames import StatedBody
+from symbolic.model_file.frames import StatedBody, parameters
 from tests import one_joint
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
@@ -101,8 +102,12 @@ def run(tendon: Run, tmp_path: Path) -> Run:
 
 def full(arm: Arm) -> np.ndarray:
     """All inertial parameters that a file says."""
-    bodies, rotors = exporting.reference(arm)
-    return np.array([*np.concatenate([exporting.parameters(body) for body in bodies]), *rotors])
+    bodies = likely.likely_bodies(arm)
+    rotors = [
+        likely.turning(body, joint) if joint.rotor_inertia is None else joint.rotor_inertia
+        for body, joint in zip(bodies, arm.joints, strict=True)
+    ]
+    return np.array([*np.concatenate([parameters(body) for body in bodies]), *rotors])
 
 
 def states(n: int, count: int = 20, seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -114,7 +119,7 @@ def test_a_zero_stays_one() -> None:
     """What the search for possible bodies leaves of a zero is no number for a person to read."""
     body = StatedBody(2.0, (0.0, 0.1, 0.0), (0.03, 0.0, 1e-6, 0.04, 0.0, 0.05))
     noise = 1e-17 * np.random.default_rng(0).standard_normal(10)
-    found = exporting.body_of(np.array(exporting.parameters(body)) + noise)
+    found = exporting.body_of(np.array(parameters(body)) + noise)
     assert found.com == (0.0, pytest.approx(0.1), 0.0)
     assert found.inertia == pytest.approx(body.inertia, rel=1e-9)
     assert (found.inertia[1], found.inertia[4]) == (0.0, 0.0)

@@ -10,10 +10,10 @@ import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
-from runtime.exchange.bodies import is_possible, pseudo_inertia
-from runtime.simulation.priors import AssumedArm
+from runtime.exchange.bodies import is_possible
 from runtime.workspace.source import Source
-from symbolic.model_file.arm import Link
+from symbolic.model_file.frames import parameters
+from symbolic.model_file.likely import likely_arm, likely_bodies
 
 BARE = """
 name = "bare"
@@ -54,7 +54,7 @@ def test_an_unknown_arm_is_simulated_and_says_what_was_assumed(
     assert said[2, "rotor_inertia"] == 2.0
     printed = capsys.readouterr().out
     assert "Not in the model file, and assumed" in printed
-    assert "joint 2: rotor_inertia 2 kg (that of its link)" in printed
+    assert "joint 2: rotor_inertia 2 kg (as much as its link)" in printed
     assert np.isfinite(Source.read(model, None).recordings([run])[0].tau).all()
 
 
@@ -62,19 +62,12 @@ def test_assumed_bodies_are_possible_and_stated_numbers_stay(tmp_path: Path) -> 
     model = tmp_path / "bare.toml"
     model.write_text(BARE)
     arm = Source.read(model, None).arm()
-    full = AssumedArm.of(arm).arm
+    full, numbers = likely_arm(arm)
     assert not any(joint.unknown for joint in full.joints)
+    assert [number.parameter for number in numbers if number.joint == 2] == ["rotor_inertia"]
     assert full.joints[1].link == arm.joints[1].link
-    for link in (joint.link for joint in full.joints):
-        assert _possible(link)
-    assert AssumedArm.of(full) == AssumedArm(full, ())
-
-
-def _possible(link: Link) -> bool:
-    m, c, (xx, xy, xz, yy, yz, zz) = link.mass, np.array(link.com), link.inertia or ()
-    moved = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) + m * (c @ c * np.eye(3) - np.outer(c, c))
-    body = np.array([m, *(m * c), *moved[np.triu_indices(3)]])
-    return is_possible(body) and bool((np.linalg.eigvalsh(pseudo_inertia(body)) > 0).all())
+    assert all(is_possible(np.array(parameters(body))) for body in likely_bodies(arm))
+    assert likely_arm(full) == (full, ())
 
 
 def test_a_file_that_states_everything_is_taken_as_it_is() -> None:
