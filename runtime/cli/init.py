@@ -14,6 +14,7 @@ import typer
 
 from runtime.cli import completion
 from runtime.cli import schema as schemas
+from runtime.cli.controller import init_controller
 from runtime.cli.exchange import ROOT_TO_END, ChainOptions
 from runtime.cli.inputs import opened
 from runtime.cli.interview import OF_MOTORS, OF_NEW_ARM, OF_URDF, QUESTIONS, UNKNOWN, interview, is_planar
@@ -97,11 +98,33 @@ def init(
     questions: Annotated[
         bool, typer.Option("--questions/--no-questions", help="Ask for what no option states.")
     ] = True,
+    controller: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="Propose what the controller of this arm lacks: gains, encoders, rate, torque limits, unknown values.",
+            autocompletion=completion.models,
+        ),
+        READ,
+    ] = None,
+    write: Annotated[
+        bool, typer.Option("--write", help="With --controller: write what is proposed into the model file.")
+    ] = False,
+    new_gains: Annotated[
+        bool, typer.Option("--new-gains", help="With --controller: propose gains that the file states, too.")
+    ] = False,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
+    if controller is None and (write or new_gains):
+        raise UsageError(f"--{'write' if write else 'new-gains'} needs --controller MODEL")
     stated = {key: value for key, value in asdict(options).items() if value is not None}
     stated |= {} if space is None else {"space": "space" if space else "plane"}
+    if controller is not None:
+        if stated or chain != ROOT_TO_END or schema or like is not None or urdf is not None:
+            raise UsageError("--controller proposes for a model file as it is; leave out the options of a new arm")
+        init_controller(controller, out, write, new_gains=new_gains, effects=effects, json=json)
+        return
     if like is not None and (urdf is not None or stated):
         raise UsageError("--like copies a model as it is; leave out the other options, or --like")
     if urdf is None and chain != ROOT_TO_END:
@@ -121,20 +144,20 @@ def init(
         called = importing.arm_name("arm" if out is None else out.stem, Path("arm"))
         if urdf is not None:
             arm = importing.imported(urdf, library, chain.base, chain.tip, locked=chain.locked(), friction=friction)
-            keys, write = OF_URDF, partial(_of_urdf, arm.text, arm.arm)
+            keys, text_of = OF_URDF, partial(_of_urdf, arm.text, arm.arm)
         else:
             assumed = [effect.name for effect in library.values() if effect.assumed and friction]
-            keys, write = OF_NEW_ARM, partial(_new_arm, called, assumed)
+            keys, text_of = OF_NEW_ARM, partial(_new_arm, called, assumed)
 
         def check(stated: Mapping[str, str]) -> None:
-            trial = reader.parse(write({"length": "1", **stated}), "the new model file", library)
+            trial = reader.parse(text_of({"length": "1", **stated}), "the new model file", library)
             if out is None and (urdf is not None or "name" in stated):
                 _check_new(Path(f"{trial.name}.toml"))
 
         if questions:
             check({"joints": "r" * _most(stated), **stated})
             stated = interview(keys, stated, called, check)
-        made = write(stated)
+        made = text_of(stated)
     _write(f"#:schema ./{schemas.MODEL}\n{made}" if schema else made, out, effects, beside, like=like, json=json)
 
 

@@ -89,6 +89,27 @@ class InitDocument(Document, frozen=True, kw_only=True):
     schemas: Annotated[list[str], key("JSON schemas for editors that were written beside it")]
 
 
+class ProposedEntry(Document, frozen=True, kw_only=True):
+    """A value that was proposed for a model file."""
+
+    joint: Annotated[int | None, key("number of the joint, from 1; null if it is of the whole arm")]
+    key: Annotated[str, key("key in the joint's table, or in the file, with the tables around it")]
+    value: Annotated[float, key("proposed value", "as `unit` says")]
+    unit: Unit
+    why: Annotated[str, key("what it was proposed from")]
+
+
+class InitControllerDocument(Document, frozen=True, kw_only=True):
+    """What a model file lacks for its controller: `tendon init --controller --json`."""
+
+    model: Annotated[str, key("the model file")]
+    out: Annotated[str | None, key("path of the written file; null if nothing was written")]
+    name: ArmName
+    bandwidth: Annotated[float, key("of the position loop, by all gains that are proposed", "Hz")]
+    limit: Annotated[str, key("why it is not higher")]
+    proposed: Annotated[list[ProposedEntry], key("proposed values")]
+
+
 class UnitByJoint(Document, frozen=True, kw_only=True):
     """A unit that depends on the type of joint."""
 

@@ -14,7 +14,14 @@ from runtime import files
 from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
-from runtime.documents.models import EffectDocument, EffectsDocument, ExportDocument, ImportDocument, InitDocument
+from runtime.documents.models import (
+    EffectDocument,
+    EffectsDocument,
+    ExportDocument,
+    ImportDocument,
+    InitControllerDocument,
+    InitDocument,
+)
 from runtime.documents.paper import PaperDocument
 from runtime.documents.parts import Document
 from runtime.documents.plans import (
@@ -49,14 +56,18 @@ BY_VERB: dict[str, type[Document]] = {
     "export": ExportDocument,
     "report": ReportDocument,
 }
-OR_ELSE: dict[str, type[Document]] = {"effects": EffectDocument, "optimize": InfeasibleDocument}
-"""A verb's other document: of one effect by its name, and where there is no plan."""
+OR_ELSE: dict[str, tuple[type[Document], ...]] = {
+    "effects": (EffectDocument,),
+    "init": (InitControllerDocument,),
+    "optimize": (InfeasibleDocument,),
+}
+"""A verb's other documents: of one effect by its name, with --controller, and where there is no plan."""
 KEYS = Path(__file__).parent / "KEYS.md"
 
 
 def documents(verb: str) -> list[type[Document]]:
     """What `tendon VERB --json` may write."""
-    return [BY_VERB[verb], *([OR_ELSE[verb]] if verb in OR_ELSE else [])]
+    return [BY_VERB[verb], *OR_ELSE.get(verb, ())]
 
 
 def schema(verb: str) -> dict[str, object]:

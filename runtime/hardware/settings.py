@@ -43,7 +43,6 @@ _MICROSECONDS = 1e6
 
 TOUCH = 1e-4  # m into the plate; less is no contact
 LOOKS = 200  # samples per phase in the search for contact
-BANDWIDTH = 2.0  # Hz, of proposed gains
 
 
 class ControllerError(ValueError):
@@ -282,24 +281,17 @@ def _points(page: Mapping[str, Any], phase: Phase) -> Array:
 
 
 def _check_complete(model: Model, effects: Mapping[str, float | None]) -> None:
-    """Raises ControllerError with everything that is missing, and proposed gains."""
+    """Raises ControllerError with everything that is missing."""
     missing: list[str] = []
     if model.controller is None:
-        missing.append(
-            "[controller] with rate and velocity_cutoff in Hz, friction_scale and friction_slope in s/rad "
-            "(for example 1000, 100, 0.92 and 150)"
-        )
-    numbered = list(enumerate(model.joints, 1))
-    if gains := [f"{proposed_gains(model, number)} at joint {number}" for number, j in numbered if j.gains is None]:
-        missing.append(f"[joint.controller], for example {', '.join(gains)}")
-    if encoders := [str(number) for number, joint in numbered if joint.encoder_counts is None]:
-        missing.append(
-            f"[joint.encoder] at joint{'s' * (len(encoders) > 1)} {', '.join(encoders)} with counts per turn of the "
-            "motor (four times its lines)"
-        )
+        missing.append("[controller]")
+    for table, there in (("controller", lambda j: j.gains), ("encoder", lambda j: j.encoder_counts)):
+        if lacking := [str(number) for number, joint in enumerate(model.joints, 1) if there(joint) is None]:
+            missing.append(f"[joint.{table}] at joint{'s' * (len(lacking) > 1)} {', '.join(lacking)}")
     if missing:
         raise ControllerError(
-            f'the model file of "{model.name}" is incomplete for its controller; add {"; ".join(missing)}'
+            f'the model file of "{model.name}" is incomplete for its controller; it lacks {"; ".join(missing)}; '
+            "tendon init --controller MODEL --write proposes them"
         )
     unknown = [name for name, value in effects.items() if value is None]
     if unknown:
@@ -307,11 +299,3 @@ def _check_complete(model: Model, effects: Mapping[str, float | None]) -> None:
             f'the model file of "{model.name}" has no value of {", ".join(unknown)}; '
             "find them with tendon identify MODEL RECORDING --write"
         )
-
-
-def proposed_gains(model: Model, joint: int) -> str:
-    """Gains of a critically damped joint (1-based) at BANDWIDTH, as text, with the inertia they assume."""
-    seen = float(model.inertia(np.zeros(model.n))[joint - 1, joint - 1])
-    omega = 2.0 * pi * BANDWIDTH
-    unit = "kg m^2" if model.joints[joint - 1].type == "revolute" else "kg"
-    return f"kp = {omega**2 * seen:.3g}, kd = {2.0 * omega * seen:.3g} ({BANDWIDTH:g} Hz at {seen:.3g} {unit})"

@@ -13,6 +13,8 @@ from runtime.documents.models import (
     ExportDocument,
     ImportDocument,
     ImportedJointEntry,
+    InitControllerDocument,
+    ProposedEntry,
 )
 from runtime.report.sections import Commands, Paragraph, Section, table, texts, words
 from runtime.wording import number, percent
@@ -21,6 +23,28 @@ _MOST_NUMBERS = 7
 """Numbers of a vector that a cell of a table has room for."""
 _ROUNDING = 1e-9
 """Part of the torque below which a difference is rounding."""
+
+
+def controller(document: InitControllerDocument) -> list[Section]:
+    """What was proposed for a controller, a row a value, and where it was written."""
+    if not document.proposed:
+        return [Paragraph(f"{document.model}: states everything that its controller needs; nothing to propose")]
+    alike: dict[tuple[str, str, str], list[ProposedEntry]] = {}
+    for entry in document.proposed:
+        alike.setdefault((entry.key, entry.unit, entry.why), []).append(entry)
+    rows = [
+        (key, ", ".join(str(p.joint or "all") for p in of), ", ".join(number(p.value, 4) for p in of), unit, why)
+        for (key, unit, why), of in alike.items()
+    ]
+    if document.out is None:
+        wrote = "Nothing is written: --write puts them into the model file, --out FILE into a copy."
+    else:
+        wrote = f"Written to {document.out}, each with a comment that says that it is proposed."
+    return [
+        Paragraph(f"{document.name}: position loops of {document.bandwidth:.2g} Hz ({document.limit})"),
+        table(("key", "joint", words("proposed"), "unit", words("why")), rows),
+        Paragraph(wrote),
+    ]
 
 
 def effects(document: EffectsDocument) -> list[Section]:

@@ -22,6 +22,20 @@ Values = dict[str, float]
 
 
 @dataclass(frozen=True)
+class ProposedValue:
+    """A value that a model file lacks, proposed.
+
+    joint   counted from 1; None: of the whole arm     table   keys of the tables around it     why   for a comment
+    """
+
+    joint: int | None
+    table: tuple[str, ...]
+    key: str
+    value: float
+    why: str
+
+
+@dataclass(frozen=True)
 class Frame:
     """The pose of a frame in another one, as in URDF.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
@@ -16,11 +16,12 @@ from typing import Any, Self
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import AoT, Comment, Null, Table, Whitespace
+from tomlkit.items import AoT, Comment, InlineTable, Null, Table, Whitespace
 
 from symbolic.described import AnyEffect, declared, number_name, numbered
-from symbolic.model_file.arm import ROTOR, Arm
+from symbolic.model_file.arm import ROTOR, Arm, ProposedValue
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
+from symbolic.model_file.keys import CONTROLLER, ENCODER, GAINS, JOINT, LIMITS
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
 DIGITS = 7
@@ -29,6 +30,10 @@ Owner = tuple[str, int | None]
 """Whose effects: ("joint", i counted from 1), ("arm", None) or ("contact", None)."""
 TableOf = Callable[..., Any]
 """Makes a table of values, with a comment below its header: a dict or one of tomlkit."""
+
+
+PROPOSED = "proposed"
+"""The word in the comment beside a value that nobody has measured; it goes when the value is set."""
 
 
 def _plain(values: Mapping[str, Any], _: str = "") -> dict[str, Any]:
@@ -135,8 +140,35 @@ class ModelText:
                     if key == "joint" and joint:
                         table = table[joint - 1]
                 table.update({key: value for key, value in values.items() if table.get(key) != value})
+                for key in values if table_of is not _plain else ():
+                    _no_longer_proposed(table[key])
 
         return self._edited(change, apart=True)
+
+    def propose(self, values: Sequence[ProposedValue]) -> Self:
+        """Set values with a comment beside each that says that it was proposed, and why."""
+
+        def change(document: Any, table_of: TableOf = _plain) -> None:
+            for one in values:
+                table = document if one.joint is None else document["joint"][one.joint - 1]
+                for key in one.table:
+                    table = table.setdefault(key, table_of({}))
+                table[one.key] = one.value
+                if table_of is _table and not isinstance(table, InlineTable):
+                    unit = self.unit(one)
+                    table[one.key].comment(f"{unit}{'; ' if unit else ''}{PROPOSED}: {one.why}")
+
+        return self._edited(change, apart=True)
+
+    def unit(self, proposed: ProposedValue) -> str:
+        """The unit of a proposed value, as its key or its effect declares it."""
+        kind = "revolute" if proposed.joint is None else self.arm.joints[proposed.joint - 1].type
+        *_, around, table = ("", "", *proposed.table)
+        if around == "effects":
+            named = {p.name: p for p in declared(table, self.effects).parameters}
+            return named[proposed.key].unit.text(kind)
+        fields = {"controller": (*GAINS, *CONTROLLER), "encoder": ENCODER, "limits": LIMITS, "": JOINT}[table]
+        return next(field for field in fields if field.key == proposed.key).unit_of(kind)
 
     def set_torque_constants(self, values: Mapping[int, float]) -> Self:
         """Set torque constants: joint -> N m/A (N/A) at its output."""
@@ -215,6 +247,16 @@ def _home_of(document: Any, owner: Owner) -> Any:
     scope, joint = owner
     table = document if scope == "arm" else document[scope]
     return table if joint is None else table[joint - 1]
+
+
+def _no_longer_proposed(item: Any) -> None:
+    """Takes the part of the comment beside a value away that says why it was proposed; its unit stays."""
+    trivia = item.trivia
+    kept, proposed, _ = trivia.comment.partition(f"{PROPOSED}:")
+    if proposed:
+        trivia.comment = kept.rstrip("; ")
+        if trivia.comment == "#":
+            trivia.comment = trivia.comment_ws = ""
 
 
 def _rounded(value: float) -> float:

@@ -170,18 +170,23 @@ DRIVE = (
 EFFECTS = "an active effect with its parameters; an empty table: its values are unknown (tendon effects)"
 
 
+JOINT = (
+    Label("name", "shown beside the joint's number", default=None),
+    Choice("type", "revolute, or prismatic", ("revolute", "prismatic"), '"revolute" or "prismatic"'),
+    Number(
+        "rotor_inertia",
+        f"of motor and gear at the joint's output: the motor's times gear_ratio squared; {UNKNOWN}",
+        unit=("kg m^2", "kg"),
+        low=0.0,
+        default=None,
+    ),
+    Number("gear_ratio", "motor turns per joint turn (motor rad per metre)", positive=True),
+)
+
+
 def _joint(*body: Field) -> tuple[Field, ...]:
     return (
-        Label("name", "shown beside the joint's number", default=None),
-        Choice("type", "revolute, or prismatic", ("revolute", "prismatic"), '"revolute" or "prismatic"'),
-        Number(
-            "rotor_inertia",
-            f"of motor and gear at the joint's output: the motor's times gear_ratio squared; {UNKNOWN}",
-            unit=("kg m^2", "kg"),
-            low=0.0,
-            default=None,
-        ),
-        Number("gear_ratio", "motor turns per joint turn (motor rad per metre)", positive=True),
+        *JOINT,
         *body,
         OpenTable("effects", EFFECTS, "EFFECT", "[joint.effects.…], one an effect", default={}),
         Number(

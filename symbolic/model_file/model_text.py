@@ -108,7 +108,7 @@ def _section(header: str, stated: _Stated) -> Iterator[str]:
 HEAD = """\
 # Commented keys are unknown: fill in what you know and remove the #. What stays unknown is found, where the recordings
 # allow it, by:  tendon identify MODEL RECORDING --write
-# Firmware also needs [controller], [joint.encoder] and [joint.controller]; symbolic/README.md lists every key."""
+# What its controller needs, too:  tendon init --controller MODEL --write.  symbolic/README.md lists every key."""
 FRAME = "{ xyz = [0.0, 0.0, 0.0], rpy = [0.0, 0.0, 0.0] }"
 
 

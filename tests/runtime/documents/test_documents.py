@@ -73,15 +73,21 @@ def test_a_document_is_as_its_schema_says(verb: str, folder: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize(
-    ("verb", "line", "status"),
-    [("effects", ["lugre"], 0), ("optimize", ["scenario1", "--cycle-time", "0.3"], 1)],
-    ids=["one effect", "no plan"],
+    ("verb", "line", "status", "kind"),
+    [
+        ("effects", ["lugre"], 0, 0),
+        ("optimize", ["scenario1", "--cycle-time", "0.3"], 1, 0),
+        ("init", ["--controller", "ur10"], 0, 0),
+    ],
+    ids=["one effect", "no plan", "a controller"],
 )
-def test_a_verbs_other_document(verb: str, line: list[str], status: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_verbs_other_document(
+    verb: str, line: list[str], status: int, kind: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert output.run(app, [verb, *line, "--json", "-"]) == status
     document = json.loads(capsys.readouterr().out)
     jsonschema.Draft202012Validator(verbs.schema(verb)).validate(document)
-    assert plain(msgspec.convert(document, verbs.OR_ELSE[verb])) == document
+    assert plain(msgspec.convert(document, verbs.OR_ELSE[verb][kind])) == document
 
 
 def test_an_effects_units_are_those_of_either_kind_of_joint(capsys: pytest.CaptureFixture[str]) -> None:

@@ -299,4 +299,4 @@ def test_a_model_without_a_controller_says_what_to_add(here: Path, capsys: pytes
     (here / "bench.toml").write_text(text)
     status, _, err = called(capsys, "bench.toml", "plan.json", "--on", "simulation")
     assert status == 2
-    assert "[joint.controller], for example kp" in err
+    assert "lacks [joint.controller] at joint 1; tendon init --controller MODEL --write proposes them" in err
