@@ -142,10 +142,12 @@ def test_pictures_keep_their_way() -> None:
 
 
 def test_rows_of_a_docstring_become_a_list() -> None:
-    made = docstrings.as_markdown(
-        "What.\n\nq, qd   (n,) rad\ntau     (n,) N m,\n        at the joint\nRaises ValueError."
+    rows = "What.\n\nq, qd   (n,) rad     t   s\ntau     (n,) N m,\n        at the joint\nRaises ValueError."
+    made = (
+        "What.\n\n\n- **q, qd** — (n,) rad\n- **t** — s\n- **tau** — (n,) N m,\n    at the joint\n\nRaises ValueError."
     )
-    assert made == "What.\n\n\n- **q, qd** — (n,) rad\n- **tau** — (n,) N m,\n    at the joint\n\nRaises ValueError."
+    assert docstrings.as_markdown(rows) == made
+    assert docstrings.as_markdown("What.\n\none, two\n          three") == "What.\n\n\n- **one, two** — three"
 
 
 def test_a_summary_is_the_first_sentence_without_its_marks() -> None:

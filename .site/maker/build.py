@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from typing import Any
 import tomlkit
 from gather import CONFIGURATION, ROOT, gather, navigation, on_site
 from listings import cards, llms_txt, with_cards
-from references import PAGES
+from references import DOCUMENTS, KEYS, PAGES
 
 HERE = Path(__file__).resolve().parent
 ROOM = HERE.parent
@@ -41,10 +42,20 @@ def build(folder: Path) -> Path:
     site = folder / "site"
     for made in site.rglob("*.html"):
         ours = os.path.relpath(site / "worker.js", made.parent)
-        made.write_text(made.read_text(encoding="utf-8").replace(WORKER, ours), encoding="utf-8")
+        made.write_text(linked_documents(made.read_text(encoding="utf-8").replace(WORKER, ours)), encoding="utf-8")
     for page in pages.rglob("*.md"):
         shutil.copy(page, site / page.relative_to(pages))
     return site / "index.html"
+
+
+def linked_documents(html: str) -> str:
+    """A page on which the documents in the types of attributes lead to their keys."""
+
+    def link(match: re.Match[str]) -> str:
+        known = match[1] in DOCUMENTS
+        return f'<a href="{KEYS.replace(".md", ".html")}#{match[1].lower()}">{match[0]}</a>' if known else match[0]
+
+    return re.sub(r'<span class="n">([A-Z]\w+)</span>', link, html)
 
 
 def configured(folder: Path, nav: list[dict[str, Any]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from gather import on_site, pages
 def llms_txt(nav: list[dict[str, Any]], folder: Path) -> str:
     """Every page of the navigation with its first sentence, under its section; the links lead to the Markdown."""
     home = (folder / "README.md").read_text(encoding="utf-8")
-    lines = ["# Tendon", "", f"> {' '.join(summary(home).split())}"]
+    lines = ["# Tendon", "", f"> {first_paragraph(home)}"]
     section = ""
     for title, path in pages(nav):
         if title != section:
@@ -20,6 +21,8 @@ def llms_txt(nav: list[dict[str, Any]], folder: Path) -> str:
             section = title
         text = (folder / on_site(path)).read_text(encoding="utf-8")
         lines.append(f"- [{heading(text)}]({on_site(path)}): {summary(text)}")
+    schemas = [(path.relative_to(folder), json.loads(path.read_bytes())) for path in sorted(folder.glob("schema/*"))]
+    lines += ["", "## JSON schemas", "", *(f"- [{path.name}]({path}): {schema['title']}." for path, schema in schemas)]
     return "\n".join(lines) + "\n"
 
 
@@ -31,12 +34,15 @@ def heading(text: str) -> str:
 
 
 def summary(text: str) -> str:
-    """The first sentence of a page's first paragraph, without its marks."""
-    body = text.partition("\n# ")[2] if not text.startswith("# ") else text
-    paragraphs = [p for p in body.split("\n\n")[1:] if p and p[0] not in "#|`<-!:>"]
-    plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", " ".join(paragraphs[0].split())) if paragraphs else ""
-    plain = plain.replace("**", "")
-    return re.split(r"(?<=[.?!:]) (?=[A-Z`])", plain, maxsplit=1)[0]
+    """The first sentence of a page."""
+    return re.split(r"(?<=[.?!:]) (?=[A-Z`])", first_paragraph(text), maxsplit=1)[0]
+
+
+def first_paragraph(text: str) -> str:
+    """The first paragraph of a page, without its marks."""
+    blocks = text[text.index("# ") :].split("\n\n")[1:]
+    prose = next(block for block in blocks if not re.match(r"#|\||```|<|- |!|:::|> ", block))
+    return re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", " ".join(prose.split())).replace("**", "")
 
 
 def cards(nav: list[dict[str, Any]], folder: Path) -> str:

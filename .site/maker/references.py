@@ -17,6 +17,8 @@ from runtime.documents.verbs import BY_VERB, table
 from runtime.workspace.source import effects_library
 
 KEYS = "../runtime/documents/KEYS.md"
+DOCUMENTS = re.findall(r"^## (\w+)$", (ROOT / "reference" / KEYS).resolve().read_text(encoding="utf-8"), re.MULTILINE)
+GALLERY = "../runtime/guides/gallery.md"
 
 
 def cell(text: str) -> str:
@@ -66,7 +68,9 @@ class VerbPage:
         if arguments:
             yield from table(("argument", "meaning"), [(f"`{p.metavar}`", cell(p.help or "")) for p in arguments])
         rows = [(f"`{option}`", cell(meaning), default) for _, (option, default, meaning) in self._options()]
-        yield from table(("option", "meaning", "default"), rows)
+        head = ("option", "meaning", "default")
+        some = any(default for *_, default in rows)
+        yield from table(head, rows) if some else table(head[:2], [row[:2] for row in rows])
         if self.name in BY_VERB:
             document = BY_VERB[self.name].__name__
             yield from ("", f"Keys of `--json`: [{document}]({KEYS}#{document.lower()}).")
@@ -115,15 +119,29 @@ def effects() -> str:
         "What `tendon effects NAME` prints. All torques stand on the motor's side: τ_m = D q̈ + C q̇ + g + the effects'. "
         "[Effects in a model file, and effects of your own](../symbolic/README.md#the-effects).",
     ]
+    seen = _in_gallery()
     for family, members in families.items():
         lines += ["", f"## {family.capitalize()}"]
         for effect in members:
             lines += _effect(effect)
+            if effect.name in seen:
+                lines.append(f"- Seen in the gallery: [{seen[effect.name]}]({GALLERY}#{_anchor(seen[effect.name])})")
     return "\n".join(lines) + "\n"
 
 
+def _in_gallery() -> dict[str, str]:
+    """Effect -> heading of the section of the gallery that shows it."""
+    text = (ROOT / "reference" / GALLERY).resolve().read_text(encoding="utf-8")
+    return {name: heading for heading, name in re.findall(r"^## (.+)\n\n!.*/(\w+)\.svg\)$", text, re.MULTILINE)}
+
+
+def _anchor(heading: str) -> str:
+    """Where a link to a heading leads."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
 def _effect(effect: Any) -> Iterator[str]:
-    yield from ("", f"### {effect.name}", "", effect.summary, "", "```text", effect.equation, "```")
+    yield from ("", f"### {effect.name}", "", effect.summary, "", f"Torque: `{effect.equation}`")
     rows = [(f"`{p.name}`", _units(p.unit), p.role, _bounds(p.bounds), cell(p.meaning)) for p in effect.parameters]
     yield from table(("parameter", "unit", "role", "bounds", "meaning"), rows)
     yield from ("", f"- Scope: {effect.scope}", f"- Trace in a residual: {effect.trace}")
