@@ -7,7 +7,11 @@ if (location.protocol === "file:") {
       this.frame.hidden = true;
       document.body.append(this.frame);
       const inside = this.frame.contentWindow;
-      inside.postMessage = (data) => this.heard(new MessageEvent("message", { data }));
+      // As from a worker, an answer comes later than what is done now, and is a copy.
+      inside.postMessage = (data) => {
+        const event = new MessageEvent("message", { data: structuredClone(data) });
+        setTimeout(() => this.heard(event));
+      };
       const script = inside.document.createElement("script");
       script.src = url;
       this.loaded = new Promise((resolve) => { script.onload = resolve; });
@@ -19,7 +23,8 @@ if (location.protocol === "file:") {
     }
     postMessage(data) {
       const inside = this.frame.contentWindow;
-      this.loaded.then(() => inside.dispatchEvent(new inside.MessageEvent("message", { data })));
+      const event = new inside.MessageEvent("message", { data: structuredClone(data) });
+      this.loaded.then(() => setTimeout(() => inside.dispatchEvent(event)));
     }
     terminate() {
       this.frame.remove();

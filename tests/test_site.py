@@ -14,6 +14,7 @@ from sources import ROOT
 from test_guides import table
 
 from runtime.version import VERSION
+from tests.runtime.studio.browser import launched
 
 MAKER = ROOT / ".site" / "maker"
 sys.path.insert(0, str(MAKER))
@@ -162,3 +163,19 @@ def test_the_citation_is_of_this_version() -> None:
     assert cited["version"] == VERSION
     assert cited["title"] in (ROOT / "README.md").read_text(encoding="utf-8")
     assert f"## {VERSION}\n" in (ROOT / ".github" / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_search_works_without_a_server_and_nothing_is_asked_from_elsewhere(site: Path) -> None:
+    asked: list[str] = []
+    errors: list[str] = []
+    for browser in launched():
+        page = browser.new_page()
+        page.on("request", lambda request: asked.append(request.url))
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto((site / "index.html").as_uri())
+        page.keyboard.press("Control+k")
+        page.keyboard.type("presliding")
+        page.get_by_text("Presliding: friction that winds up").first.click()
+        page.wait_for_url("**/runtime/guides/gallery.html*")
+    assert errors == []
+    assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
