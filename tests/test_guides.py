@@ -34,7 +34,8 @@ from symbolic.effects.declaration import Effect
 
 tendon = pytest.importorskip("tendon", reason="the package is not installed (pip install -e .)")
 
-GUIDES = ["README.md", "symbolic/README.md", "codegen/README.md", "runtime/README.md", "tests/README.md"]
+TASKS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "runtime" / "guides").glob("*.md"))
+GUIDES = ["README.md", "symbolic/README.md", "codegen/README.md", "runtime/README.md", "tests/README.md", *TASKS]
 LONGEST = 150
 """Lines of the first page."""
 
