@@ -270,7 +270,7 @@ def test_the_effects_are_those_of_the_library() -> None:
 
 def test_every_field_of_a_declaration_has_its_line() -> None:
     listed_fields = [
-        name for row in table("symbolic/README.md", "An effect of your own") for name in row[0].split(", ")
+        name for row in table("symbolic/README.md", "The fields of a declaration") for name in row[0].split(", ")
     ]
     assert {name.strip("`") for name in listed_fields} == {field.name for field in fields(Effect)}
 

@@ -25,7 +25,9 @@ from tests.runtime.conftest import ROOT
 Run = Callable[..., tuple[int, dict, str]]
 
 
-OWN = f"{BANNER}\n" + next(block.text for block in blocks(ROOT / "symbolic" / "README.md") if block.file == "drag.py")
+OWN = f"{BANNER}\n" + next(
+    block.text for block in blocks(ROOT / "runtime" / "guides" / "own_effect.md") if block.file == "drag.py"
+)
 """The guide's example of a user's own effects, which all calls here load: guesses come beside them."""
 
 
