@@ -62,6 +62,10 @@ SLOW = (
     "better.toml",  # which the line above writes
     "tendon.diagnose",
     "diagnose drive soft.csv.gz",
+    "diagnose my_ur.toml",
+    "my_panda.toml run1.csv",
+    "improve tilted.toml",
+    "diagnose my_arm.toml",
     "tendon experiment",
     "motion.csv",
     "--draft",
@@ -311,12 +315,12 @@ def test_every_verb_has_its_line() -> None:
 
 def test_every_function_for_notebooks_has_its_line() -> None:
     functions = {name for name in tendon.__all__ if inspect.isfunction(getattr(tendon, name))}
-    lines = [row[0] for row in table("runtime/README.md", "In a notebook", "verb")]
+    lines = [row[0] for row in table("runtime/README.md", "The package tendon", "verb")]
     assert {line.strip("`").partition("(")[0] for line in lines} == functions
 
 
 def test_the_functions_of_an_arm_that_have_a_line_exist() -> None:
-    cells = [row[0] for row in table("runtime/README.md", "In a notebook", "function of an arm")]
+    cells = [row[0] for row in table("runtime/README.md", "The package tendon", "function of an arm")]
     names = {said.partition("(")[0] for cell in cells for said in re.findall(r"`([^`]+)`", cell)}
     assert "inverse_dynamics" in names
     assert {name for name in names if not callable(getattr(tendon.LoadedArm, name, None))} == set()
