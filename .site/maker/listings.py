@@ -46,8 +46,9 @@ def first_paragraph(text: str) -> str:
 
 
 def cards(nav: list[dict[str, Any]], folder: Path) -> str:
-    """What one may want to do, a card for each task page."""
-    found = [(path, (folder / on_site(path)).read_text(encoding="utf-8")) for s, path in pages(nav) if s == "Tasks"]
+    """What one may want to do, a card for each task page and for the gallery."""
+    shown = [path for section, path in pages(nav) if section in ("Tasks", "Gallery")]
+    found = [(path, (folder / on_site(path)).read_text(encoding="utf-8")) for path in shown]
     lines = [f"- **[{heading(text)}]({on_site(path)})**\n\n    {summary(text)}\n" for path, text in found]
     return "\n".join(["## What do you want to do?\n", '<div class="grid cards" markdown>\n', *lines, "</div>\n\n"])
 
