@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from runtime.exchange.settings import (
     BODY_LENGTH,
@@ -32,7 +31,8 @@ from runtime.exchange.settings import (
     NEAR_REFERENCE,
     SEARCH_STEPS,
 )
-from symbolic.model_file.arm import Arm, Joint
+from runtime.model.kinematics import in_frame_before, unit_axis
+from symbolic.model_file.arm import Arm
 
 Array = NDArray[np.float64]
 PER_BODY = 10
@@ -45,8 +45,8 @@ def full_regressor(arm: Arm, q: Array, qd: Array, qdd: Array) -> Array:
     q, qd, qdd (n, N). Returns (n, 11 n, N): PER_BODY columns per body from the base outwards, then one per rotor.
     """
     n, N = q.shape
-    axes = [np.array(joint.axis) / np.linalg.norm(joint.axis) for joint in arm.joints]
-    moved = [_moved(joint, axis, at) for joint, axis, at in zip(arm.joints, axes, q, strict=True)]
+    axes = [unit_axis(joint) for joint in arm.joints]
+    moved = [in_frame_before(joint, at) for joint, at in zip(arm.joints, q, strict=True)]
     out = np.zeros((n, (PER_BODY + 1) * n, N))
     # Rate, its derivative, and acceleration less gravity of a joint's frame, in its own axes.
     w, wd, a = np.zeros((3, N)), np.zeros((3, N)), np.repeat(-np.array(arm.gravity)[:, None], N, axis=1)
@@ -85,15 +85,6 @@ def base_map(arm: Arm, regressor: Callable[[Array, Array, Array], Array]) -> tup
     full = np.moveaxis(full_regressor(arm, q, qd, qdd), 1, 2).reshape(n * MAP_STATES, -1)
     B = np.linalg.lstsq(base, full, rcond=None)[0]
     return np.where(np.abs(B) < 1e-10 * np.abs(B).max(), 0.0, B), np.linalg.qr(base)[1] / np.sqrt(MAP_STATES)
-
-
-def _moved(joint: Joint, axis: Array, q: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3, N) and origin (3, N) of a joint's own frame at q (N,) in the one before."""
-    R, p = Rotation.from_euler("xyz", joint.origin.rpy), np.array(joint.origin.xyz)[:, None]
-    turn = axis * q[:, None]
-    if joint.type == "revolute":
-        return np.moveaxis((R * Rotation.from_rotvec(turn)).as_matrix(), 0, 2), np.repeat(p, len(q), axis=1)
-    return np.repeat(R.as_matrix()[:, :, None], len(q), axis=2), p + R.apply(turn).T
 
 
 def _body_wrench(w: Array, wd: Array, a: Array) -> Array:

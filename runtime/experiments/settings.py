@@ -87,3 +87,38 @@ SLOWINGS: Final = 8
 MEMORY_TORQUE: Final = 2.0
 """ratio to the torque on the ordinary excitation; so much a rival with a memory may ask for where no limit is stated,
 lest it be driven into resonance; a choice."""
+
+# what the arm must not touch ----------------------------------------------------------------------------------------
+
+SURROUNDINGS_MARGIN: Final = 0.05
+"""length; kept from floor and boxes: a tape measure, a tracking error, and the mount's tilt; a choice."""
+
+LINK_MARGIN: Final = 0.02
+"""length; kept between links: their places are known better than the room's; a choice."""
+
+REACH_TO_RADIUS: Final = 0.06
+"""ratio; of a link's radius to the length of the chain where no inertia is stated: a UR10 has 0.043, a Panda 0.06, an
+SO-100 0.07; arms' drawings."""
+
+TRUSTED_MEDIAN: Final = (0.5, 1.5)
+"""ratios; to that radius: where the median of an arm's radii from inertias ends; a UR10 has 0.8, a Panda 1.2; a
+choice."""
+
+TRUSTED_RADIUS: Final = (0.75, 1.5)
+"""ratios; to that median: identified inertias may be impossible and give a link any radius, so it ends here; a
+choice."""
+
+PARALLEL_AXES: Final = 1e-3
+"""rad, m; sine of the angle below which two axes have no direction of their own between them; rounding of files."""
+
+SAMPLED_POSES: Final = 300
+"""number of poses; within the limits, at all of which two parts of one housing are close; time."""
+
+FREE_RANGE: Final = 3.2
+"""rad, m; to either side of 0, of a joint without limits in those poses: half a turn and more; by construction."""
+
+OPEN_END: Final = 10.0
+"""length; from the base, where a box ends of which one end is left out: beyond any arm's reach; a choice."""
+
+BISECTIONS: Final = 30
+"""number of halvings; of a segment, to the point nearest to a box: a billionth of its length; by construction."""

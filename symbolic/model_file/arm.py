@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal, get_args
 
 ROTOR = "rotor_inertia"
@@ -59,6 +60,23 @@ class Link:
     mass: float | None = None
     com: Vector | None = None
     inertia: tuple[float, float, float, float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class CollisionShape:
+    """A solid on a link, as URDFs state them for collisions; model files have none.
+
+    body    number of the joint that moves it, 0 for the base     frame   in that joint's frame
+    link    its name in the URDF                                  mesh    its file, of kind "mesh"
+    size    m: edges of a box; radius of a sphere; radius and length of a cylinder or capsule, along z; scale of a mesh
+    """
+
+    body: int
+    link: str
+    frame: Frame
+    kind: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
+    size: tuple[float, ...]
+    mesh: Path | None = None
 
 
 @dataclass(frozen=True)

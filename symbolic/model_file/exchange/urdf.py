@@ -1,6 +1,7 @@
 """URDF read, and rewritten in place: an existing file gets the model's inertias, friction and gear ratios.
 
-Meshes are not read. Source: the specification at wiki.ros.org/urdf/XML; ros2_control for <mechanical_reduction>.
+Its shapes are read in shapes.py. Source: the specification at wiki.ros.org/urdf/XML; ros2_control for
+<mechanical_reduction>.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ def _named(root: XmlNode, tag: str, made: Callable[[XmlNode], Made]) -> dict[str
     return found
 
 
-def _frame(node: XmlNode) -> Frame:
+def frame_of(node: XmlNode) -> Frame:
     """<origin> of an element; identity if it is missing."""
     origin = node.first("origin")
     if origin is None:
@@ -111,7 +112,7 @@ def _link(node: XmlNode) -> TreeLink:
     mass = inertial.needed("mass").number("value")
     if mass < 0:
         inertial.fail(f"<mass> value is {mass:g}; expected a mass of 0 kg or more")
-    stated, frame = inertial.first("inertia"), _frame(inertial)
+    stated, frame = inertial.first("inertia"), frame_of(inertial)
     # Missing products are 0, missing moments are an error.
     xx, xy, xz, yy, yz, zz = (
         0.0 if stated is None else stated.number(key, None if key[1] == key[2] else 0.0) for key in MOMENTS
@@ -131,7 +132,7 @@ def _joint(node: XmlNode, gears: Mapping[str, Sequence[Reduction]], doubted: Map
         kind,
         parent,
         child=child,
-        origin=_frame(node),
+        origin=frame_of(node),
         axis=(x, y, z),
         position=position,
         speed=speed,
