@@ -51,6 +51,7 @@ KEYS = {
     "width": "of the smooth switches",
     "mass": "of a link in the model file",
     "inertia": "of a link in the model file, a function of an arm",
+    "radius": "of a capsule in a scene file",
     "ratio": "of an error to what is allowed, in what verify prints",
 }
 """Names of parameters and states that are keys of something else, and of what."""

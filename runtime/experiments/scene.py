@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 from runtime.experiments.settings import LINK_MARGIN, OPEN_END, SURROUNDINGS_MARGIN
 from symbolic.model_file.arm import Frame, Vector
-from symbolic.model_file.checks import MAX_BYTES, Place, printable, quote, read_text
+from symbolic.model_file.checks import MAX_BYTES, Place, parse_toml, printable, quote, read_text
 from symbolic.model_file.fields import (
     FieldRow,
     Inner,
@@ -138,11 +137,7 @@ def read_scene(path: Path) -> Scene:
     """The scene of a TOML file. Raises ModelError."""
     place = Place(printable(str(path)))
     text = read_text(path, MAX_BYTES, "a scene in TOML")
-    try:
-        table = tomllib.loads(text.removeprefix("\ufeff"))
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        place.fail(f"not valid TOML: {printable(str(error))}")
-    given = read(place, table, SCENE)
+    given = read(place, parse_toml(text, place), SCENE)
     radii = {one["joint"]: one["radius"] for one in given["link"]}
     if len(radii) < len(given["link"]):
         place.fail("two [[link]] tables for one joint; expected at most one")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from math import isclose
@@ -24,7 +23,7 @@ from runtime.planning.scenario import (
 )
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
 from symbolic.model_file import checks
-from symbolic.model_file.checks import Place, did_you_mean, number, printable, quote, table_at, unknown
+from symbolic.model_file.checks import Place, did_you_mean, number, parse_toml, printable, quote, table_at, unknown
 from symbolic.model_file.fields import (
     Bounds,
     Choice,
@@ -61,11 +60,7 @@ def read(path: Path) -> Scenario:
     """The scenario in a TOML file, as far as it can be checked without the arm. Raises ModelError."""
     top = Place(printable(str(path)))
     text = checks.read_text(path, checks.MAX_BYTES, "a scenario in TOML")
-    try:
-        table = tomllib.loads(text.removeprefix("\ufeff"))
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        top.fail(f"not valid TOML: {printable(str(error))}")
-    return parse(table, top)
+    return parse(parse_toml(text, top), top)
 
 
 # --- keys ---

@@ -13,6 +13,7 @@ import os
 import re
 import select
 import stat
+import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -292,3 +293,21 @@ def read_text(path: Path | str, most: int, expected: str) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         place = Place(f"{printable(str(path))} line {line}")
         place.fail(f"byte 0x{data[error.start]:02x} is not UTF-8; save the file as UTF-8")
+
+
+def parse_toml(text: str, top: Place) -> dict[str, Any]:
+    """The document of a TOML text; top: its file, for messages. Raises ModelError with the line."""
+    try:
+        return tomllib.loads(text.removeprefix("\ufeff"))
+    except tomllib.TOMLDecodeError as error:
+        match = re.match(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error), re.DOTALL)
+        what, line, column = match.groups() if match else (str(error), None, None)
+        if "Cannot overwrite" in what or "declare" in what or "mutate" in what:
+            what += " (the same key or table twice?)"
+        where = f"line {line}" if line else f"line {text.count(chr(10)) + 1}"
+        at = f" at column {column}" if column else ""
+        raise ModelError(f"{top.file} {where}: not valid TOML{at}: {printable(what)}") from None
+    except RecursionError:
+        top.fail("not valid TOML: nested too deeply")
+    except ValueError as error:  # an invalid date, a number of thousands of digits
+        top.fail(f"not valid TOML: {printable(str(error)).split(';')[0][:120]}")

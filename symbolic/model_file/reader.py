@@ -6,7 +6,6 @@ Every error is one line that says where it is, what was found and what was expec
 from __future__ import annotations
 
 import math
-import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -36,6 +35,7 @@ from symbolic.model_file.checks import (
     is_taken,
     nearest,
     number,
+    parse_toml,
     printable,
     quote,
     table_at,
@@ -95,7 +95,7 @@ def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None)
     Raises ModelError for the first error found.
     """
     top = Place(printable(where))
-    table = _toml(text, top)
+    table = parse_toml(text, top)
     kind = fields_of(top, table)
     if effects is None:
         from symbolic.effects import shipped
@@ -159,23 +159,6 @@ def _in_space(top: Place, arm: Arm) -> Arm:
 
 
 # --- structure ---
-
-
-def _toml(text: str, top: Place) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text.removeprefix("\ufeff"))
-    except tomllib.TOMLDecodeError as error:
-        match = re.match(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)$", str(error), re.DOTALL)
-        what, line, column = match.groups() if match else (str(error), None, None)
-        if "Cannot overwrite" in what or "declare" in what or "mutate" in what:
-            what += " (the same key or table twice?)"
-        where = f"line {line}" if line else f"line {text.count(chr(10)) + 1}"
-        at = f" at column {column}" if column else ""
-        raise ModelError(f"{top.file} {where}: not valid TOML{at}: {printable(what)}") from None
-    except RecursionError:
-        top.fail("not valid TOML: nested too deeply")
-    except ValueError as error:  # an invalid date, a number of thousands of digits
-        top.fail(f"not valid TOML: {printable(str(error)).split(';')[0][:120]}")
 
 
 def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffect], last: bool) -> Joint:

@@ -165,7 +165,7 @@ def mixed(seed: int) -> tuple[Arm, Scene]:
 
 
 @given(SEEDS)
-@settings(max_examples=25)
+@settings(max_examples=20)
 def test_the_gradient_is_that_of_the_penalty(seed: int) -> None:
     arm, scene = mixed(seed)
     clearance, soft, step = Clearance.of(arm, scene), 0.3, 1e-5
@@ -346,7 +346,7 @@ def test_every_key_of_a_scene_has_a_meaning() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("floor = [", "not valid TOML"),
+        ("floor = [", "line 1: not valid TOML"),
         ("flor = 0.0", 'unknown key "flor"; did you mean "floor"?'),
         ("floor = nan", "floor is nan; expected a number in m that is finite"),
         ("margin = -0.1", "margin is -0.1; expected a number in m >= 0"),
@@ -366,7 +366,8 @@ def test_what_is_wrong_with_a_scene_is_one_line(tmp_path: Path, text: str, said:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelError) as caught:
         read_scene(path)
-    assert str(caught.value).startswith(f"{path}: {said}")
+    assert str(caught.value).startswith(str(path))
+    assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
