@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from json import dumps
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ import tomlkit
 from gather import CONFIGURATION, ROOT, gather, navigation, on_site
 from listings import cards, llms_txt, with_cards
 from references import DOCUMENTS, KEYS, PAGES
+
+from runtime.documents.verbs import BY_VERB, schema
 
 HERE = Path(__file__).resolve().parent
 ROOM = HERE.parent
@@ -31,6 +34,8 @@ def build(folder: Path) -> Path:
     for name in ("site.css", "logo.svg", "worker.js"):
         shutil.copy(ROOM / name, pages / name)
     shutil.copytree(SCHEMAS, pages / "schema")
+    for verb in BY_VERB:
+        (pages / "schema" / f"{verb}.json").write_text(dumps(schema(verb), indent=1), encoding="utf-8")
     (pages / "llms.txt").write_text(llms_txt(nav, pages), encoding="utf-8")
     home = pages / "README.md"
     home.write_text(with_cards(home.read_text(encoding="utf-8"), cards(nav, pages)), encoding="utf-8")

@@ -85,7 +85,8 @@ def _turned(text: str, path: str, known: set[str]) -> str:
         if aim not in known and not (ROOT / aim).exists():
             raise SystemExit(f"{path}: links to {target}; there is no such file")
         if aim not in known and not aim.startswith(PICTURES):
-            return label if "`" in label or aim in label else f"{label} (`{aim}`)"
+            named = label.strip("`") == os.path.basename(aim)
+            return f"`{aim}`" if named else label if "`" in label or aim in label else f"{label} (`{aim}`)"
         return f"{picture}[{label}]({_way(path, aim)}{'#' * bool(anchor)}{anchor})"
 
     def source(match: re.Match[str]) -> str:

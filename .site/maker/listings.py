@@ -21,8 +21,9 @@ def llms_txt(nav: list[dict[str, Any]], folder: Path) -> str:
             section = title
         text = (folder / on_site(path)).read_text(encoding="utf-8")
         lines.append(f"- [{heading(text)}]({on_site(path)}): {summary(text)}")
-    schemas = [(path.relative_to(folder), json.loads(path.read_bytes())) for path in sorted(folder.glob("schema/*"))]
-    lines += ["", "## JSON schemas", "", *(f"- [{path.name}]({path}): {schema['title']}." for path, schema in schemas)]
+    schemas = [(path, json.loads(path.read_bytes())) for path in sorted(folder.glob("schema/*"))]
+    titles = [(path, made.get("title", f"what `tendon {path.stem} --json` writes")) for path, made in schemas]
+    lines += ["", "## JSON schemas", "", *(f"- [{p.name}]({p.relative_to(folder)}): {title}." for p, title in titles)]
     return "\n".join(lines) + "\n"
 
 
