@@ -21,6 +21,7 @@ from runtime.cli.interview import OF_MOTORS, OF_NEW_ARM, OF_URDF, QUESTIONS, UNK
 from runtime.cli.options import EffectsFile, Json, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
+from runtime.cli.task import NO_TASK, TaskOptions, init_scenario
 from runtime.documents.models import InitDocument
 from runtime.setting import Checked, Setting
 from runtime.workspace.names import UsageError
@@ -113,6 +114,17 @@ def init(
     new_gains: Annotated[
         bool, typer.Option("--new-gains", help="With --controller: propose gains that the file states, too.")
     ] = False,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="Write a scenario for this arm, from point to point with parallel springs, for tendon optimize; "
+            "default: task.toml.",
+            autocompletion=completion.models,
+        ),
+        READ,
+    ] = None,
+    task: TaskOptions = NO_TASK,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -120,9 +132,20 @@ def init(
         raise UsageError(f"--{'write' if write else 'new-gains'} needs --controller MODEL")
     stated = {key: value for key, value in asdict(options).items() if value is not None}
     stated |= {} if space is None else {"space": "space" if space else "plane"}
+    of_new_arm = stated or chain != ROOT_TO_END or schema or like is not None or urdf is not None
+    if scenario is None and task != NO_TASK:
+        raise UsageError("the options of a task need --scenario MODEL")
+    if (controller or scenario) and of_new_arm:
+        raise UsageError(
+            f"--{'controller' if controller else 'scenario'} is for a model file as it is; leave out the options of a "
+            "new arm"
+        )
+    if controller and scenario:
+        raise UsageError("--controller and --scenario are two steps; run one after the other")
+    if scenario is not None:
+        init_scenario(scenario, out, task, questions=questions, effects=effects, json=json)
+        return
     if controller is not None:
-        if stated or chain != ROOT_TO_END or schema or like is not None or urdf is not None:
-            raise UsageError("--controller proposes for a model file as it is; leave out the options of a new arm")
         init_controller(controller, out, write, new_gains=new_gains, effects=effects, json=json)
         return
     if like is not None and (urdf is not None or stated):

@@ -25,6 +25,7 @@ class Question(NamedTuple):
 
 
 _EACH = "One number for all joints, or one for each with commas between."
+_POINT = "A position for each joint, rad or m: 0.3,-0.5; or a place of the tip, m: tip=0.4,0.1."
 QUESTIONS: Mapping[str, Question] = {
     "joints": Question("Joints from the base outwards, r for revolute and p for prismatic, such as r,r,p", "r", ""),
     "name": Question("Name of the arm, a C identifier", "arm", "The file and the generated code are called so."),
@@ -58,10 +59,19 @@ QUESTIONS: Mapping[str, Question] = {
         f"the gear; {COMMAND}: what the controller asked for; {WEIGHTLESS}: the driver took gravity out. "
         f"{UNKNOWN} counts as {MOTOR_TORQUE}.",
     ),
+    "from": Question("Where the motion begins", "", f"{_POINT} The arm rests there."),
+    "to": Question("Where it turns", "", f"{_POINT} The arm rests there, too."),
+    "duration": Question("Duration of the whole motion, there and back, s", "", ""),
+    "springs": Question(
+        "Joints that may have a parallel spring, such as 2,3",
+        "none",
+        "A spring beside the motor that takes over a part of its torque; stiffness and rest angle are then optimized.",
+    ),
 }
+OF_TASK: tuple[str, ...] = ("from", "to", "duration", "springs")
 OF_MOTORS: tuple[str, ...] = ("gear_ratio", "torque_constant", "rotor_inertia")
 OF_URDF: tuple[str, ...] = (*OF_MOTORS, "torque")
-OF_NEW_ARM = tuple(key for key in QUESTIONS if key != "rotor_inertia")  # motion tells it
+OF_NEW_ARM = tuple(key for key in QUESTIONS if key not in ("rotor_inertia", *OF_TASK))  # motion tells a rotor's inertia
 
 
 def interview(keys: Sequence[str], stated: Mapping[str, str], called: str, check: Check) -> dict[str, str]:

@@ -123,8 +123,8 @@ def _options(parameter: Parameter, hint: Any) -> Iterator[Parameter]:
 
 
 def _option(name: str, kind: Any, default: Any, setting: Setting) -> Parameter:
-    # A flag that is off by default needs no option that turns it off.
-    flag = [f"--{name.replace('_', '-')}"] if default is False else []
+    # A flag that is off by default needs no option that turns it off; a word of Python has a line behind it.
+    flag = [f"--{name.rstrip('_').replace('_', '-')}"] if default is False or name.endswith("_") else []
     kinds = get_args(kind) or (kind,)
     option = typer.Option(
         *flag,

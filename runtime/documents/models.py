@@ -110,6 +110,17 @@ class InitControllerDocument(Document, frozen=True, kw_only=True):
     proposed: Annotated[list[ProposedEntry], key("proposed values")]
 
 
+class InitScenarioDocument(Document, frozen=True, kw_only=True):
+    """A scenario that was begun: `tendon init --scenario --json`."""
+
+    out: Out
+    name: Annotated[str, key("name of the scenario")]
+    model: Annotated[str, key("model file, as the scenario names it")]
+    seconds: Annotated[float, key("duration of the motion", "s")]
+    points: Annotated[dict[str, list[float]], key("points by name: positions of the joints or of the tip", "rad, m")]
+    springs: Annotated[list[JointNumber], key("joints that may have a parallel spring")]
+
+
 class UnitByJoint(Document, frozen=True, kw_only=True):
     """A unit that depends on the type of joint."""
 

@@ -21,6 +21,7 @@ from runtime.documents.models import (
     ImportDocument,
     InitControllerDocument,
     InitDocument,
+    InitScenarioDocument,
 )
 from runtime.documents.paper import PaperDocument
 from runtime.documents.parts import Document
@@ -58,10 +59,10 @@ BY_VERB: dict[str, type[Document]] = {
 }
 OR_ELSE: dict[str, tuple[type[Document], ...]] = {
     "effects": (EffectDocument,),
-    "init": (InitControllerDocument,),
+    "init": (InitControllerDocument, InitScenarioDocument),
     "optimize": (InfeasibleDocument,),
 }
-"""A verb's other documents: of one effect by its name, with --controller, and where there is no plan."""
+"""A verb's other documents: of one effect by its name, with --controller or --scenario, and where there is no plan."""
 KEYS = Path(__file__).parent / "KEYS.md"
 
 

@@ -14,6 +14,7 @@ from runtime.documents.models import (
     ImportDocument,
     ImportedJointEntry,
     InitControllerDocument,
+    InitScenarioDocument,
     ProposedEntry,
 )
 from runtime.report.sections import Commands, Paragraph, Section, table, texts, words
@@ -45,6 +46,17 @@ def controller(document: InitControllerDocument) -> list[Section]:
         table(("key", "joint", words("proposed"), "unit", words("why")), rows),
         Paragraph(wrote),
     ]
+
+
+def begun_scenario(document: InitScenarioDocument) -> list[Section]:
+    """The scenario that was written, and what to do with it."""
+    where = f"joint{'s' * (len(document.springs) > 1)} {', '.join(map(str, document.springs))}"
+    springs = f"a parallel spring at {where}" if document.springs else "no springs"
+    said = (
+        f"{document.out}: {document.name}, {' to '.join(document.points)} in {number(document.seconds, 4)} s, {springs}"
+    )
+    plan = shlex.join(["tendon", "optimize", document.out, "--out", "plan.json"])
+    return [Paragraph(said), Commands((CommandEntry(command=plan, what="plans motion and springs"),))]
 
 
 def effects(document: EffectsDocument) -> list[Section]:

@@ -110,7 +110,8 @@ def check_stated(name: str, open_lumps: Sequence[str], unknown_keys: Sequence[Se
     left_out = "; ".join(f"{place}: {', '.join(keys)}" for place, keys in places)
     raise ModelError(
         f"{name}: this needs numbers that the model file leaves out ({left_out}); base parameters that depend on them: "
-        f"{', '.join(open_lumps)}; state them, or identify them: tendon identify MODEL RECORDING --write"
+        f"{', '.join(open_lumps)}; state them, identify them (tendon identify MODEL RECORDING --write), or let tendon "
+        "init --controller MODEL propose rotors"
     )
 
 
