@@ -18,7 +18,7 @@ from runtime.workspace.names import UsageError, is_name
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
-    from runtime.planning.new_scenario import Task
+    from runtime.planning.new_scenario import PointToPoint
     from runtime.workspace.source import Source
 
 
@@ -118,9 +118,9 @@ class _Answers:
         if "springs" in stated:
             self._springs(stated["springs"])
 
-    def task(self, stated: Mapping[str, str], model: Path) -> Task:
+    def task(self, stated: Mapping[str, str], model: Path) -> PointToPoint:
         """The task of all answers. Raises UsageError."""
-        from runtime.planning.new_scenario import Task, point
+        from runtime.planning.new_scenario import PointToPoint, point
 
         for key in OF_TASK:
             if key not in stated:
@@ -128,7 +128,7 @@ class _Answers:
         between = [point(self.model, f"via_{k}", text) for k, text in enumerate(self.options.via or (), 1)]
         points = (point(self.model, "start", stated["from"]), *between, point(self.model, "end", stated["to"]))
         named = str(model) if is_name(model) else os.path.relpath(model, self.path.parent)
-        return Task(
+        return PointToPoint(
             name=_identifier(self.path.stem),
             model=named,
             points=points,

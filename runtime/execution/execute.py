@@ -202,7 +202,7 @@ def execute(
     listening        context in which the arm moves: how often the user wants to stop; see Session.run
     Raises ControllerError, ModelError, PlantError, SimulationError, LinkError, LinkLost.
     """
-    compensated = settings.compensates(trajectory) and (model.controller or {}).get("friction_scale", 0.0) > 0.0
+    compensated = settings.compensates(trajectory, model.controller)
     board_settings = Settings.of(controller, model, trajectory, friction=compensated, tracking=settings.tracking_limit)
     plan = PlannedCycle(model, trajectory)
     seconds = length(trajectory, settings.cycles)

@@ -10,6 +10,8 @@ from runtime.simulation.options import Noise
 from runtime.simulation.settings import NOISE
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from runtime.planning.trajectory import Trajectory
 
 TRIALS, TRIALS_ON_A_REAL_ARM = 3, 1
@@ -41,6 +43,7 @@ class ExecutionSettings(Checked):
     ] = None
     approach: Annotated[bool, Setting("First move a real arm slowly to the start of the trajectory.")] = False
 
-    def compensates(self, trajectory: Trajectory) -> bool:
-        """Whether friction is compensated on this trajectory."""
-        return trajectory.friction if self.friction_compensation is None else self.friction_compensation
+    def compensates(self, trajectory: Trajectory, controller: Mapping[str, float] | None) -> bool:
+        """Whether friction is compensated on this trajectory. controller: that of the model; none of it at c_u = 0."""
+        asked = trajectory.friction if self.friction_compensation is None else self.friction_compensation
+        return asked and controller is not None and controller["friction_scale"] > 0.0

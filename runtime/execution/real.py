@@ -115,7 +115,7 @@ class Setup:
     @property
     def compensated(self) -> bool:
         """Whether friction is compensated, also on the way to the start."""
-        return self.settings.compensates(self.trajectory)
+        return self.settings.compensates(self.trajectory, self.model.controller)
 
     @property
     def trials(self) -> int:

@@ -27,9 +27,9 @@ DEGREE = 8
 """Of the polynomials: 5 for positions, rates and accelerations at both ends, the others to be optimized; a choice."""
 RADIUS = 0.05
 """m of a spring's pulley; a choice."""
-STRONGEST = 6.0
+STRONGEST = 12.0
 """Largest torque of a spring over the whole motion, as a multiple of the motion's own. A spring that swings with the
-joint needs twice that, one that is slack in half of the motion twice more; a choice."""
+joint needs twice that, one that pulls in a third of the motion only nine times; a choice."""
 TOUCHING = 0.2
 """Part of the cycle in contact; a choice."""
 ONE_WAY = {"revolute": 1.0, "prismatic": 0.2}
@@ -51,7 +51,7 @@ class TaskPoint:
 
 
 @dataclass(frozen=True)
-class Task:
+class PointToPoint:
     """What a scenario is begun from.
 
     name      of the scenario, a C identifier     model   as the scenario names it
@@ -96,7 +96,7 @@ def point(model: Model, name: str, text: str) -> TaskPoint:
     return found
 
 
-def scenario_text(model: Model, task: Task) -> str:
+def scenario_text(model: Model, task: PointToPoint) -> str:
     """The scenario file. Raises ModelError: springs at joints that there are not, no plate."""
     postures = np.array([_posture(model, p) for p in task.points])
     stated = all(p.q for p in task.points)
@@ -117,7 +117,7 @@ def scenario_text(model: Model, task: Task) -> str:
 # --- parts of the file ---
 
 
-def _head(task: Task, elbow: str) -> Iterator[str]:
+def _head(task: PointToPoint, elbow: str) -> Iterator[str]:
     yield "# A task begun with tendon init --scenario; every number may be changed. tendon optimize plans its motion."
     yield f'name = "{task.name}"'
     yield f"model = {json.dumps(task.model)}   # an arm of Tendon, or a model file beside this one"
@@ -137,7 +137,7 @@ def _moving(moving: Sequence[int], postures: Array, stated: bool) -> Iterator[st
     yield from ("", "[objective]", 'goal = "torque_squared"   # or peak_torque, electrical_energy, positive_work')
 
 
-def _points(task: Task, moving: Sequence[int]) -> Iterator[str]:
+def _points(task: PointToPoint, moving: Sequence[int]) -> Iterator[str]:
     for p in task.points:
         yield from ("", f"[points.{p.name}]")
         yield from (f"q{j} = {p.q[j - 1]!r}   # rad, m" for j in moving if p.q)
@@ -148,7 +148,7 @@ def _points(task: Task, moving: Sequence[int]) -> Iterator[str]:
             yield "tip_rest = true   # joints may move" if task.plate and p.tip else "rest = true"
 
 
-def _phases(model: Model, task: Task) -> Iterator[str]:
+def _phases(model: Model, task: PointToPoint) -> Iterator[str]:
     there = [p.name for p in task.points]
     if task.plate:
         touch = _touch(model, task)
@@ -174,7 +174,7 @@ def _phases(model: Model, task: Task) -> Iterator[str]:
             yield "monotone = true"
 
 
-def _touch(model: Model, task: Task) -> TaskPoint:
+def _touch(model: Model, task: PointToPoint) -> TaskPoint:
     """Where the tip meets the plate above the last point. Raises ModelError."""
     contact = model.contact
     found = contact and giver(model.library, map(Term, contact["effects"]), SURFACE)
@@ -256,7 +256,7 @@ def _range(joint: JointInfo) -> tuple[float, float]:
     return joint.position_limits or ((-pi, pi) if joint.type == "revolute" else (-LONG, LONG))
 
 
-def _torques(model: Model, postures: Array, task: Task) -> Array:
+def _torques(model: Model, postures: Array, task: PointToPoint) -> Array:
     """(n,) largest torques along a cosine from point to point, without friction and springs."""
     seconds = task.seconds / (len(postures) - 1) / (1 + task.back)
     s = np.linspace(0.0, np.pi, _SAMPLES)
