@@ -321,7 +321,7 @@ def test_a_model_without_a_controller_is_told_what_it_lacks(executed: Executed, 
     finally:
         (folder / "bench.toml").write_text(whole)
     assert status == 2
-    assert "add [controller] with rate" in found["complaint"]
+    assert "lacks [controller]; tendon init --controller MODEL --write" in found["complaint"]
 
 
 def test_what_can_be_said_without_the_bus_is_said_without_arm(executed: Executed) -> None:
