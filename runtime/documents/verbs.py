@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from json import dumps
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +103,9 @@ def table_of_keys() -> str:
             )
             for key, entry in component["properties"].items()
         ]
-        lines += ["", f"## {name}", "", f"{_summary(component)}."]
+        users = [other for other, keys in components.items() if f'"{name}"' in dumps(keys["properties"])]
+        part_of = f" Part of {', '.join(map(_link, users))}." if users else ""
+        lines += ["", f"## {name}", "", f"{_summary(component)}.{part_of}"]
         lines += table(("key", "type", "unit", "meaning"), rows)
     return "\n".join(lines) + "\n"
 
