@@ -1,11 +1,13 @@
-"""The verb that designs the motion that separates rival effects: experiment."""
+"""The verb that designs motions: the first, and those that separate rival effects: experiment."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec.structs import replace
 
 from runtime.cli import completion
 from runtime.cli.inputs import check_hidden, opened
@@ -13,27 +15,39 @@ from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import NO, emit
 from runtime.cli.places import WRITTEN
 from runtime.documents.recordings import ExperimentDocument
-from runtime.experiments.options import ExperimentSettings
+from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
+from runtime.workspace.names import UsageError
+from runtime.workspace.source import Source
 
 app = typer.Typer()
 
 
-@app.command(epilog="Example: tendon experiment drive.toml --between linear_spring@1,gravity --out motion.csv")
+@app.command(epilog="Example: tendon experiment drive.toml --out motion.csv --held-out check.csv")
 @with_settings
 def experiment(
     model: ModelFile,
     between: Annotated[
-        list[str],
+        list[str] | None,
         typer.Option(
             metavar="EFFECT@JOINT[:KEY=VALUE,...],...",
-            help="Rival effects, repeatable. A single one is separated from the model as it is.",
+            help="Separate these rival effects, repeatable; a single one from the model as it is. "
+            "Default: the motion from which everything unknown is told best.",
             autocompletion=completion.effects_at_joints,
         ),
-    ],
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="MOTION.csv", help="Write the motion, for your arm or for tendon simulate --motion."),
         WRITTEN,
+    ] = None,
+    held_out: Annotated[
+        Path | None,
+        typer.Option(metavar="MOTION.csv", help="Write another motion for validation, half as long."),
+        WRITTEN,
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(metavar="Q1,...", help="Pose before and after, rad or m. Default: the middle of the ranges."),
     ] = None,
     joints: Annotated[
         str | None,
@@ -43,16 +57,21 @@ def experiment(
         list[str],
         typer.Option("--range", metavar="JOINT=LOW:HIGH", help="Narrower range of a joint, rad or m; repeatable."),
     ] = [],  # noqa: B006 (Typer reads it)
+    chosen: FirstMotionSettings = FirstMotionSettings(),
     settings: ExperimentSettings = ExperimentSettings(),
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Within the limits of the joints and confirmed in simulation; exit
-    status 1 if there is none."""
-    from runtime.report import recordings, terminal
-
+    """Within the limits of the joints. With --between confirmed in simulation;
+    exit status 1 if there is none."""
     source = opened(model, effects)
+    if not between:
+        _first(source, _Asked(out, held_out, start, joints, ranges), chosen, settings, json)
+        return
+    if held_out or start or chosen != FirstMotionSettings():
+        raise UsageError("--held-out, --start, --seconds, --speed and --tip-speed are for motions without --between")
     from runtime.experiments import design as experiments
+    from runtime.report import recordings, terminal
 
     check_hidden(source, "--between", experiments.rival_texts(",".join(between)))
     with terminal.working("deriving and compiling the model"):
@@ -69,3 +88,49 @@ def experiment(
     emit(json, document, terminal.printer(recordings.experiment))
     if not proposal.separated:
         raise typer.Exit(NO)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Options of a first motion as they were typed."""
+
+    out: Path | None
+    held_out: Path | None
+    start: str | None
+    joints: str | None
+    ranges: list[str]
+
+
+def _first(
+    source: Source, asked: _Asked, chosen: FirstMotionSettings, settings: ExperimentSettings, json: Json
+) -> None:
+    from runtime.report import recordings, terminal
+
+    with terminal.working("deriving and compiling the model"):
+        own, (likely, assumed) = source.compiled, source.compiled.with_likely_numbers()
+        models = own.model(), likely.model()
+    from runtime.experiments import design
+    from runtime.experiments.excitation import NoRoom
+    from runtime.experiments.first_proposal import ArmToMove, propose_first
+
+    to_move = ArmToMove(
+        *models,
+        likely.arm,
+        assumed,
+        NoRoom(),
+        ["collisions of the arm with itself and with anything else"],
+        start=None if asked.start is None else design.parse_pose(asked.start),
+        moving=None if asked.joints is None else design.parse_joints(asked.joints, models[0], []),
+        ranges=design.parse_ranges(asked.ranges, models[0]),
+    )
+    with terminal.working("looking for a motion") as say:
+        found = propose_first(to_move, settings, chosen, check=asked.held_out is not None, tell=say)
+    for path, motion in ((asked.out, found.first), (asked.held_out, found.check)):
+        if path is not None and motion is not None:
+            design.write_motion(path, models[0], motion.path, notes=recordings.motion_notes(found.document))
+    document = replace(
+        found.document,
+        out=str(asked.out) if asked.out else None,
+        held_out=str(asked.held_out) if asked.held_out else None,
+    )
+    emit(json, document, terminal.printer(recordings.first_motion))

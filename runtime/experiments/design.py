@@ -445,10 +445,23 @@ def _relief(bench: TrialArm, limit: TorqueLimit, freedom: Freedom, say: Tell) ->
     return freedom.name, best.strength, best.enough
 
 
-def write_motion(path: Path, model: Model, motion: Array) -> None:
-    """Write positions (n, N) as `tendon simulate --motion` reads them; gzip if the name ends in .gz."""
+def parse_pose(text: str) -> Array:
+    """Positions (n,), rad or m, of a text Q1,Q2,... Raises ExperimentError."""
+    try:
+        pose = np.array([float(part) for part in text.split(",")])
+    except ValueError as error:
+        raise ExperimentError(f"--start {text}: expected numbers separated by commas, rad or m") from error
+    if not np.isfinite(pose).all():
+        raise ExperimentError(f"--start {text}: expected finite numbers")
+    return pose
+
+
+def write_motion(path: Path, model: Model, motion: Array, notes: Sequence[str] = ()) -> None:
+    """Write positions (n, N) as `tendon simulate --motion` reads them; gzip if the name ends in .gz. notes: lines of
+    comment at its top."""
     units = [joint.position_unit for joint in model.joints]
-    lines = [",".join(["t [s]", *(f"q{i} [{unit}]" for i, unit in enumerate(units, 1))])]
+    lines = [f"# {note}" for note in notes]
+    lines += [",".join(["t [s]", *(f"q{i} [{unit}]" for i, unit in enumerate(units, 1))])]
     row = ",".join(["%.3f", *["%.10f"] * model.n])
     lines += [row % (k / RATE, *q) for k, q in enumerate(motion.T.tolist())]
     data = ("\n".join(lines) + "\n").encode()

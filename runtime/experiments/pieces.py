@@ -15,7 +15,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.experiments.settings import CORNER_S, PAUSE
+from runtime.experiments.settings import CORNER_S, PAUSE, SPEEDING_UP
 from runtime.model.loader import JointInfo
 from runtime.simulation.settings import MARGIN, RANGE, RATE, SPEED
 
@@ -24,12 +24,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Envelope:
-    """What a joint may do: middle and half of its range, rad (m), and its speed, rad/s (m/s)."""
+    """What a joint may do: middle and half of its range, rad (m), its speed, rad/s (m/s), and its acceleration, rad/s^2
+    (m/s^2)."""
 
     middle: float
     reach: float
     speed: float
     scale: float
+    acceleration: float
 
     @classmethod
     def of(cls, joint: JointInfo, wider: float = 1.0, faster: float = 1.0) -> Envelope:
@@ -39,7 +41,8 @@ class Envelope:
             low, high = joint.position_limits
             middle, reach = (low + high) / 2, (high - low) / 2
         speed = joint.speed_limit or SPEED[joint.type]
-        return cls(middle, MARGIN * wider * reach, MARGIN * faster * speed, RANGE[joint.type])
+        fastest = MARGIN * faster * speed
+        return cls(middle, MARGIN * wider * reach, fastest, RANGE[joint.type], fastest / SPEEDING_UP)
 
 
 Shape = Callable[[Envelope, np.random.Generator, float], Array]

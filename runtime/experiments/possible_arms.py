@@ -11,12 +11,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import truncnorm
 
 from runtime.exchange.bodies import PER_BODY, base_map, inertial_parameters, pseudo_inertia
-from runtime.experiments.settings import ASSUMED_SPREAD, BODY_SPREAD, FRICTION_SPREAD, SPREAD_DRAWS
+from runtime.experiments.settings import (
+    ASSUMED_SPREAD,
+    BODY_SPREAD,
+    FARTHEST,
+    FRICTION_SPREAD,
+    SPREAD_DRAWS,
+    SURE_SPREADS,
+)
 from runtime.model.loader import Model
-from runtime.model.terms import Structure, Term, structure
+from runtime.model.terms import Structure
 from symbolic.model_file.arm import ROTOR, Arm
 from symbolic.model_file.frames import parameters
 from symbolic.model_file.likely import LikelyNumber, likely_bodies
@@ -30,8 +38,7 @@ class PossibleArms:
 
     model    with likely numbers for all that its file leaves out; values: of all its effects
     lumps    (p,) base inertial parameters of the likeliest arm
-    spread   (p, r) lumps + spread z is a possible arm for z (r,) of independent standard normal numbers, but for the
-             skewness of the draws
+    spread   (p, r) lumps + spread z covers the possible arms for z (r,) of independent standard normal numbers
     draws    (K, p) base inertial parameters of K possible arms
     factors  (K, terms) of the torques of the effects, in the order of `values`
     """
@@ -50,32 +57,39 @@ class PossibleArms:
     ) -> PossibleArms:
         """arm: as the model has it; assumed: numbers that its file leaves out; count: of draws."""
         rng = np.random.default_rng(seed)
-        lumps = model.lump_values
+        lumps, n, total = model.lump_values, model.n, count + SPREAD_DRAWS
         B, _ = base_map(arm, model.regressor)
         bodies = np.array([parameters(body) for body in likely_bodies(arm)])
         rotors = np.array([joint.rotor_inertia or 0.0 for joint in arm.joints])
         guessed = {a.joint - 1 for a in assumed if a.parameter == ROTOR}
-        sizes = np.array([ASSUMED_SPREAD if i in guessed else BODY_SPREAD for i in range(model.n)])
-        total = count + SPREAD_DRAWS
-        full = np.empty((total, (PER_BODY + 1) * model.n))
+        sizes = np.array([ASSUMED_SPREAD if i in guessed else BODY_SPREAD for i in range(n)])
+        off = np.empty((total, (PER_BODY + 1) * n))
         for i, body in enumerate(bodies):
-            full[:, PER_BODY * i : PER_BODY * (i + 1)] = _moved(body, rng, total)
-        full[:, PER_BODY * model.n :] = rotors * np.exp(sizes * rng.standard_normal((total, model.n)))
-        # As far as the file's own numbers, which may be identified ones, are the middle.
-        off = (full - np.concatenate([bodies.ravel(), rotors])) @ B.T
+            off[:, PER_BODY * i : PER_BODY * (i + 1)] = _moved(body, rng, total) - body
+        off[:count, PER_BODY * n :] = rotors * (_factors(rng, sizes, (count, n)) - 1.0)
+        off[count:, PER_BODY * n :] = rotors * upper(sizes) * rng.standard_normal((SPREAD_DRAWS, n))
+        # About the file's own base parameters, which may be identified ones.
+        off = off @ B.T
         spread = np.linalg.qr(off[count:] / np.sqrt(SPREAD_DRAWS))[1].T
-        factors = np.exp(FRICTION_SPREAD * rng.standard_normal((count, len(values))))
+        factors = _factors(rng, np.full(len(values), FRICTION_SPREAD), (count, len(values)))
         return cls(model, arm, values, lumps, spread, draws=lumps + off[:count], factors=factors)
 
-    @property
-    def open_terms(self) -> list[Term]:
-        """The effects of the model file that have an unknown value."""
-        stated = structure(self.model)
-        return [term for term, known in self.values.items() if set(known) - set(stated[term])]
+
+def upper(sizes: ArrayLike) -> Array:
+    """Standard deviations of normal numbers that reach as far up as these factors do: SURE_SPREADS of them from 1."""
+    return (np.exp(FARTHEST * np.asarray(sizes)) - 1.0) / SURE_SPREADS
+
+
+def _factors(rng: np.random.Generator, sizes: Array, shape: tuple[int, int]) -> Array:
+    """Factors whose logarithms have these standard deviations, within FARTHEST of them."""
+    return np.exp(sizes * truncnorm.rvs(-FARTHEST, FARTHEST, size=shape, random_state=rng))
 
 
 def _moved(body: Array, rng: np.random.Generator, count: int) -> Array:
-    """(count, 10) possible bodies about this one: P -> A P Aᵀ, A the unit matrix and a little noise."""
+    """(count, 10) possible bodies about this one: P -> A P Aᵀ, A the unit matrix and a little noise, with lengths in
+    units of the body's radius."""
     P = pseudo_inertia(body)
-    A = np.eye(4) + BODY_SPREAD / 2 * rng.standard_normal((count, 4, 4))
+    radius = np.sqrt(np.trace(P[:3, :3]) / P[3, 3]) if P[3, 3] > 0 else 1.0
+    unit = np.array([radius, radius, radius, 1.0])
+    A = np.eye(4) + BODY_SPREAD / 2 * rng.standard_normal((count, 4, 4)) * unit[:, None] / unit
     return inertial_parameters(A @ P @ A.transpose(0, 2, 1))

@@ -28,18 +28,107 @@ no further one is tried; time."""
 
 # possible arms ------------------------------------------------------------------------------------------------------
 
-BODY_SPREAD: Final = 0.2
+BODY_SPREAD: Final = 0.1
 """ratio; standard deviation of stated masses and lengths of bodies: CAD without cables, screws and grease; a choice."""
 
-ASSUMED_SPREAD: Final = 0.7
-"""unit of the logarithm; standard deviation of an assumed rotor inertia: a factor of two; a choice."""
+ASSUMED_SPREAD: Final = 0.5
+"""unit of the logarithm; standard deviation of an assumed rotor inertia: two of them are a factor of 2.7; a choice."""
 
-FRICTION_SPREAD: Final = 0.5
+FARTHEST: Final = 2.5
+"""standard deviations; no factor is farther from 1: an arm whose friction is a tenth of the usual is another arm; a
+choice."""
+
+FRICTION_SPREAD: Final = 0.4
 """unit of the logarithm; standard deviation of an effect's torque: friction differs by so much between two arms of a
 kind, and with temperature; a choice."""
 
 SPREAD_DRAWS: Final = 400
 """number of arms; from which the spread of base parameters is computed: ten for each of 40 parameters; a choice."""
+
+# a first motion -----------------------------------------------------------------------------------------------------
+
+CORNER_RATE: Final = 0.02
+"""rad/s, m/s; half width of the smoothed sign of dry friction while a motion is sought; a reversal lasts as long; a
+choice."""
+
+ROWS_A_SECOND: Final = 40.0
+"""rows; independent ones of a joint in a second: twice the usual cutoff; a choice."""
+
+SURE_SPREADS: Final = 3.5
+"""standard deviations; of the torque of possible arms above the likeliest arm's, which a motion is kept below; one of
+10,000 draws lies beyond; a choice."""
+
+SPEEDING_UP: Final = 0.3
+"""s; from rest to a joint's largest speed; robots' controllers take 0.2 to 0.5 s; a choice."""
+
+FARTHEST_REACH: Final = 1.5
+"""rad, m; from the start pose of a first motion where no range is given: cables and hoses of arms that turn twice around
+are rarely made for it; a choice."""
+
+POSSIBLE_ARMS: Final = 200
+"""number of arms; drawn for a motion; a choice."""
+
+UNSTATED_TORQUE: Final = 1.5
+"""ratio; the largest torque where the file states none, to that of a random Fourier motion; a choice."""
+
+PERIOD: Final = 10.0
+"""s; of the Fourier motion: five times as many oscillations a minute tell no more, and slower ones move too little; a
+choice."""
+
+FASTEST_HARMONIC: Final = 2.0
+"""Hz; of the Fourier motion: below the lowest resonances of arms, and above what limits of acceleration leave; a
+choice."""
+
+SAMPLES_A_PERIOD: Final = 200
+"""number of samples; of the Fourier motion in the search: ten of its fastest oscillation; a choice."""
+
+STARTS: Final = 4
+"""number of random motions; from which the search begins: the best of four is within half a nat of the best of twenty;
+simulated UR10."""
+
+FOURIER_PART: Final = 0.5
+"""part of the whole length; left to the Fourier motion; a choice."""
+
+LADDER: Final = (0.01, 1.0, 8)
+"""parts of the largest speed: from, to, how many; over two decades, as friction maps are; a choice."""
+
+LEG: Final = 0.8
+"""s; at each speed of the ladder from the middle to a turn and back; five time constants of the band's filters; a
+choice."""
+
+STATIONS: Final = 5
+"""number of poses; at which all joints are held; a choice."""
+
+HELD_FOR: Final = 1.0
+"""s; at each of them; a choice."""
+
+LONGEST_PASS: Final = 15.0
+"""s; of slow passes over a part of the range and back; a choice."""
+
+PASS_CORNER: Final = 0.5
+"""s; over which the corners of slow passes are rounded; a choice."""
+
+CHECK_RATE: Final = 200.0
+"""Hz; at which a motion is checked: a hundred samples of its fastest oscillation; a choice."""
+
+TRANSFER_LEAST: Final = 0.5
+"""s; of the way between two poses; a choice."""
+
+PENALTIES: Final = (1e3, 1e4, 1e5)
+"""numbers; weights, in nats, of squared parts of limits that a motion exceeds, one search after another: the first finds the way,
+the last ends within a percent of the limits; a choice."""
+
+STEPS_A_PENALTY: Final = 150
+"""number of steps; of the search with each weight; the information changes by less than a nat afterwards; a choice."""
+
+SOFT: Final = 0.02
+"""unit, m; above the margins; there a distance begins to cost; a choice."""
+
+SMALLER_BY: Final = 0.98
+"""ratio; one step of a motion that is made smaller to keep to all limits; a choice."""
+
+SMALLEST: Final = 0.05
+"""ratio; no motion is made smaller than by this; a choice."""
 
 # what is enough -----------------------------------------------------------------------------------------------------
 

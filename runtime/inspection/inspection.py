@@ -287,7 +287,7 @@ class Inspection:
             shifts=shift_entries(recording) if recording else [],
             repeats=None if fitted is None else RepeatsEntry(seconds=repeats.find(fitted.motion)[0].seconds),
             delay=[] if fitted is None else delay_entries(fitted),
-            parameters=[] if fitted is None else _parameters(fitted),
+            parameters=[] if fitted is None else determined(fitted),
             unfitted=self.unfitted,
             misses=[MissEntry(joint=s.joint, part=s.relative) for s in self.joints if len(s.t)],
             unreliable=unreliable,
@@ -351,7 +351,7 @@ def _inertias(fitted: Fit) -> list[InertiaEntry]:
     return [InertiaEntry(joint=i + 1, value=float(moved[i]), unit=units[i]) for i in able]
 
 
-def _parameters(fitted: Fit) -> list[DeterminedParameter]:
+def determined(fitted: Fit) -> list[DeterminedParameter]:
     """How well the recording determines each parameter."""
     inference = fitted.inference
     lumps = zip(fitted.model.lumps, inference.lumps, strict=True)

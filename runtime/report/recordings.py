@@ -6,10 +6,12 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
+from runtime.documents.experiments import FirstMotionDocument
 from runtime.documents.parts import EffectAt
 from runtime.documents.recordings import (
     AssumedNumber,
     ClockEntry,
+    DeterminedParameter,
     ExperimentDocument,
     InspectDocument,
     MovedJoint,
@@ -97,10 +99,7 @@ def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:
 
 
 def _fit(document: InspectDocument) -> list[str]:
-    lines = []
-    for kind, text in _DETERMINED.items():
-        names = [p.name for p in document.parameters if p.told == kind]
-        lines += [f"{text}: {_joined(names)}"] if names else []
+    lines = told(document.parameters)
     if document.misses:
         errors = [f"{percent(m.part)} at joint {m.joint}" for m in document.misses]
         lines.append(f"Part of the torque that the model's best fit misses: {', '.join(errors)}")
@@ -211,6 +210,58 @@ def experiment(document: ExperimentDocument) -> list[Section]:
         ),
         *texts(["", *after]),
     ]
+
+
+def first_motion(document: FirstMotionDocument) -> list[Section]:
+    """What is not checked first; then the motion, what it asks of the joints, and what a recording of it would tell."""
+    rows = [
+        (
+            numbered(j.joint, j.name),
+            f"{number(j.position[0], 3)} to {number(j.position[1], 3)} {j.position_unit}",
+            _of(j.speed, j.speed_limit, f"{j.position_unit}/s", j.speed_stated),
+            _of(j.acceleration, j.acceleration_limit, f"{j.position_unit}/s^2", stated=False),
+            _of(j.torque_at_most, j.torque_limit, j.force_unit, j.torque_stated),
+        )
+        for j in document.joints
+    ]
+    moved = [f"{part.name} ({quantity(part.seconds, 's', 3)})" for part in document.parts]
+    written = [f"Written: {path}" for path in (document.out, document.held_out) if path]
+    return [
+        *texts([f"NOT CHECKED: {sentence}" for sentence in document.unchecked]),
+        *texts(["", f"Motion: {quantity(document.seconds, 's', 3)}, from {_pose(document)} and back to it"]),
+        Bullets(tuple(moved)),
+        table(("joint", "range", "speed", "acceleration", "torque of any possible arm"), rows),
+        *texts([f"Speed of the tip: {_of(document.tip_speed, document.tip_speed_limit, 'm/s', stated=True)}"]),
+        *texts(["* assumed: the model file states no limit"]),
+        *assumed_numbers(document.assumed),
+        Group("A recording of it would tell", (Bullets(tuple(told(document.parameters))),)),
+        *texts(written),
+    ]
+
+
+def motion_notes(document: FirstMotionDocument) -> list[str]:
+    """Lines of comment at the top of a motion's file."""
+    return [
+        *(f"NOT CHECKED: {sentence}" for sentence in document.unchecked),
+        f"begins and ends at {_pose(document)}: bring the arm there first, and play it slowly first",
+    ]
+
+
+def _pose(document: FirstMotionDocument) -> str:
+    return f"({', '.join(number(x, 3) for x in document.start)})"
+
+
+def _of(value: float, limit: float, unit: str, stated: bool) -> str:
+    return f"{number(value, 3)} of {number(limit, 3)} {unit}" + ("" if stated else " *")
+
+
+def told(parameters: Sequence[DeterminedParameter]) -> list[str]:
+    """Names of the parameters by how well they are determined, a line for each kind."""
+    lines = []
+    for kind, text in _DETERMINED.items():
+        names = [p.name for p in parameters if p.told == kind]
+        lines += [f"{text}: {_joined(names)}"] if names else []
+    return lines
 
 
 def _name(place: EffectAt) -> str:

@@ -331,7 +331,8 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
     for joint in joints_of(model, term):
         columns = regressors.raw_columns(signals, term, joint, shape)[1:]
         rows = np.maximum(rows, np.sqrt(np.mean(columns**2, axis=1)))
-        size = max(size, float(np.sqrt(np.mean(signals.rigid[joint] ** 2))), _known_size(model, term, joint))
+        rigid = float(np.sqrt(np.mean(signals.rigid[joint] ** 2)))
+        size = max(size, _known_size(model, term, joint) or rigid)
     if not all(row > 0 for row, c in zip(rows, info.coefficients, strict=True) if not c.space):
         raise SimulationError(f"{term}: this motion does not excite it; state its parameters or choose another motion")
     found = model.library.recover(term.effect, SHARE * size / np.where(rows > 0, rows, np.inf), shape)
@@ -341,7 +342,8 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
 
 
 def _known_size(model: Model, term: Term, joint: int) -> float:
-    """Torque of which a term has the part SHARE, as the drive's largest torque tells it: of the model's own terms."""
+    """Torque of which a term has the part SHARE, as the drive's largest torque tells it: of the model's own terms; 0
+    where it does not."""
     largest = model.joints[joint].torque_limit
     return 0.0 if largest is None or term not in structure(model) else OWN_FRICTION / SHARE * largest
 
@@ -391,16 +393,19 @@ def _fast(rng: np.random.Generator, count: int, speed: float, reach: float) -> A
 def read_motion(path: Path, n: int) -> Array:
     """Positions (n, N) at 1 kHz from a CSV with the header t,q1,... in s and rad or m, smooth as a planned motion.
 
-    Raises SimulationError with the file and the line.
+    Lines before the header that begin with # are comments. Raises SimulationError with the file and the line.
     """
     names = ["t", *(f"q{i}" for i in range(1, n + 1))]
     lines = _lines(path, f"a motion: a CSV of {','.join(names)}")
-    header = [cell.partition("[")[0].strip() for cell in next(csv.reader([next(lines, "")]), [])]
+    first, title = next(((k, line) for k, line in enumerate(lines, 1) if not line.startswith("#")), (1, ""))
+    header = [cell.partition("[")[0].strip() for cell in next(csv.reader([title]), [])]
     missing = [name for name in names if name not in header]
     if missing:
-        raise SimulationError(f"{path} line 1: no column {missing[0]}; expected {','.join(names)} in s and rad or m")
+        raise SimulationError(
+            f"{path} line {first}: no column {missing[0]}; expected {','.join(names)} in s and rad or m"
+        )
     rows: list[list[float]] = []
-    for number, cells in enumerate(csv.reader(lines), 2):
+    for number, cells in enumerate(csv.reader(lines), first + 1):
         try:
             rows.append([float(cells[header.index(name)]) for name in names])
         except (ValueError, IndexError) as error:

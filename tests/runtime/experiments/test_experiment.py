@@ -165,7 +165,7 @@ def test_joints_that_rest_and_a_narrower_range(model: Model) -> None:
 def test_pieces_keep_to_range_and_speed_from_rest_to_rest(
     reach: float, speed: float, middle: float, ease: float, subject: list[int]
 ) -> None:
-    joints = [Envelope(middle, reach, speed, 1.0), Envelope(-middle, 2 * reach, 0.5 * speed, 1.0)]
+    joints = [Envelope(middle, reach, speed, 1.0, 5.0), Envelope(-middle, 2 * reach, 0.5 * speed, 1.0, 5.0)]
     for piece in pieces(joints, subject, range(2), lambda: np.zeros((2, 100))):
         path, ((start, stop),) = in_sequence([piece.make(ease)], joints)
         assert path.shape[1] / RATE > stop > start

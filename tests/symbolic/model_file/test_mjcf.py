@@ -15,9 +15,8 @@ from runtime.exchange.bodies import full_regressor
 from symbolic.effects import DECLARED
 from symbolic.model_file.arm import Frame, Link
 from symbolic.model_file.checks import ModelError
-from symbolic.model_file.exchange.exporting import parameters
 from symbolic.model_file.exchange.importing import ImportedArm, imported
-from symbolic.model_file.frames import StatedBody, about, angles, composed, rotation, scaled
+from symbolic.model_file.frames import StatedBody, about, angles, composed, parameters, rotation, scaled
 
 ARM = """\
 <mujoco model="two arm">

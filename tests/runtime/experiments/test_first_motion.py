@@ -1,0 +1,228 @@
+"""The first motion of an arm: what it tells, and that no possible arm leaves its limits along it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.cli import output
+from runtime.cli.main import app
+from runtime.experiments.excitation import ExcitationSearch, NoRoom
+from runtime.experiments.first import derivatives
+from runtime.experiments.first_proposal import ArmToMove, FirstProposal, propose_first
+from runtime.experiments.fourier import FourierMotion, harmonics_of
+from runtime.experiments.information import InstantOutputs
+from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
+from runtime.experiments.pieces import Envelope
+from runtime.experiments.possible_arms import PossibleArms
+from runtime.simulation.simulate import read_motion, torque_along
+from runtime.workspace.source import Source
+
+pytestmark = pytest.mark.xdist_group("first motion")
+ROOMY = Envelope(middle=0.2, reach=1.0, speed=2.0, scale=1.0, acceleration=6.0)
+
+
+@cache
+def _proposed(name: str) -> FirstProposal:
+    """A motion of a minute, as good as it gets in a few seconds."""
+    source = Source.shipped(name)
+    likely, assumed = source.compiled.with_likely_numbers()
+    to_move = ArmToMove(source.compiled.model(), likely.model(), likely.arm, assumed, NoRoom(), ["collisions"])
+    return propose_first(to_move, ExperimentSettings(time_limit=4.0), FirstMotionSettings(seconds=60.0))
+
+
+# --- Fourier motions ---
+
+
+@settings(max_examples=20, deadline=None)
+@given(period=st.floats(4.0, 20.0), fastest=st.floats(0.5, 3.0), seed=st.integers(0, 100))
+def test_a_period_begins_at_rest_and_comes_back(period: float, fastest: float, seed: int) -> None:
+    series = FourierMotion([ROOMY, ROOMY], (0, 1), period, harmonics_of(period, fastest))
+    x = series.random(np.random.default_rng(seed))
+    q, qd, qdd = series.shape(x, np.array([0.0, period]))
+    assert q[:, 0] == pytest.approx(q[:, 1], abs=1e-9)
+    assert np.abs(qd[:, 0]).max() < 1e-9 * np.abs(x).max() + 1e-12
+    assert np.abs(qdd[:, 0]).max() < 1e-8
+    # Rates and accelerations are those of the positions.
+    t, h = np.linspace(0.1, period - 0.1, 7), 1e-4
+    (before, _, _), (after, _, _) = series.shape(x, t - h), series.shape(x, t + h)
+    now, rate, acceleration = series.shape(x, t)
+    assert (after - before) / (2 * h) == pytest.approx(rate, abs=1e-5)
+    assert (after - 2 * now + before) / h**2 == pytest.approx(acceleration, abs=1e-4)
+
+
+def test_a_joint_that_rests_does_not_move() -> None:
+    series = FourierMotion([ROOMY, ROOMY], (1,), 5.0, harmonics_of(5.0, 2.0))
+    q, _, _ = series.shape(series.random(np.random.default_rng(0)), np.linspace(0, 5, 50))
+    assert (q[0] == ROOMY.middle).all()
+    assert np.ptp(q[1]) > 0.1
+
+
+# --- information ---
+
+
+@pytest.mark.parametrize("name", ["drive", "vishard4"])
+def test_gradients_are_those_of_the_information_and_of_all_limits(name: str) -> None:
+    """Along random directions, by central differences; beyond the limits, too."""
+    limits = _proposed(name).limits
+    n = limits.information.arms.model.n
+    series = FourierMotion(limits.envelopes, tuple(range(n)), 5.0, harmonics_of(5.0, 2.0))
+    t = np.arange(100) * 0.05
+    information = replace(limits.information, count=100)
+    search = ExcitationSearch(information, series, NoRoom(), t, 60.0, torque=limits.torque, tip_speed=limits.tip_speed)
+    rng, h = np.random.default_rng(3), 1e-6
+    for size in (0.3, 3.0):
+        x = size * series.random(rng).ravel()
+        along = rng.standard_normal(x.shape)
+        _, gradient = search._loss(x, 1e3)
+        slope = (search._loss(x + h * along, 1e3)[0] - search._loss(x - h * along, 1e3)[0]) / (2 * h)
+        assert gradient @ along == pytest.approx(slope, rel=1e-5, abs=1e-4)
+
+
+def test_the_columns_are_the_regressor_and_the_torque_is_that_of_a_simulation() -> None:
+    """Two routes: CasADi's columns, and the generated C with the effects of identification, away from reversals."""
+    information = _proposed("ur10").limits.information
+    arms, N = information.arms, information.count
+    rng = np.random.default_rng(0)
+    q, qd, qdd = rng.uniform(-1, 1, (3, 6, N))
+    qd = np.sign(qd) * (0.2 + np.abs(qd))
+    made = information.outputs(q, qd, qdd)
+    assert made.Y.transpose(1, 2, 0) == pytest.approx(arms.model.regressor(q, qd, qdd), abs=1e-9)
+    tau = torque_along(arms.model, q, qd, qdd, 100.0, arms.values)
+    assert np.abs(made.tau.T - tau).max() < 1e-6
+    zero = InstantOutputs(np.zeros_like(made.Y), np.zeros_like(made.E), np.zeros_like(made.tau), np.zeros(N))
+    assert all((part == 0).all() for part in information.slopes(q, qd, qdd, zero))
+
+
+def test_information_grows_with_time_and_falls_with_noise() -> None:
+    information = _proposed("drive").limits.information
+    q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 1, information.count))
+    made = information.outputs(q, qd, qdd)
+    once, twice = (information.nats(made, seconds)[0] for seconds in (10.0, 20.0))
+    loud = replace(information, noise=np.sqrt(2) * information.noise).nats(made, 20.0)[0]
+    assert twice > once > 0
+    assert loud == pytest.approx(once, rel=1e-9)
+
+
+# --- the motion ---
+
+
+@pytest.mark.parametrize("name", ["vishard4", "ur10", pytest.param("panda", marks=pytest.mark.slow)])
+def test_no_possible_arm_leaves_its_limits(name: str) -> None:
+    """1,000 arms drawn anew, in the torque that the generated C computes along the whole motion, at its own rate."""
+    found = _proposed(name)
+    information, path = found.limits.information, found.first.path
+    old = information.arms
+    arms = PossibleArms.of(old.model, old.arm, old.values, found.to_move.assumed, 1000, seed=12345)
+    q, qd, qdd = (part[:, ::20] for part in derivatives(path))
+    peaks = _peaks(arms, q, qd, qdd)
+    assert (peaks.max(axis=0) <= found.limits.torque / 0.9).all()
+    for i, envelope in enumerate(found.limits.envelopes):
+        assert np.abs(q[i] - envelope.middle).max() <= envelope.reach
+        assert np.abs(qd[i]).max() <= envelope.speed
+        assert np.abs(qdd[i]).max() <= envelope.acceleration
+    assert path[:, 0] == pytest.approx(found.first.start)
+    assert path[:, -1] == pytest.approx(found.first.start)
+    assert np.abs(derivatives(path)[1][:, [0, -1]]).max() < 1e-6
+
+
+def _peaks(arms: PossibleArms, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:
+    """(K, n) largest torques of every possible arm."""
+    likeliest = arms.model.lump_values
+    effects = []
+    for term in arms.values:
+        one = torque_along(arms.model, q, qd, qdd, 50.0, {term: arms.values[term]})
+        effects.append(one - np.einsum("npN,p->nN", arms.model.regressor(q, qd, qdd), likeliest))
+    rigid = np.einsum("npN,kp->knN", arms.model.regressor(q, qd, qdd), arms.draws)
+    return np.abs(rigid + np.einsum("kt,tnN->knN", arms.factors, np.array(effects))).max(axis=2)
+
+
+def test_it_tells_more_than_random_motions_within_the_same_limits() -> None:
+    """Against 100 random Fourier motions, each as large as the limits allow."""
+    found = _proposed("vishard4")
+    limits, rng = found.limits, np.random.default_rng(1)
+    series = FourierMotion(limits.envelopes, tuple(range(4)), 10.0, harmonics_of(10.0, 2.0))
+    count = limits.information.count
+    search = ExcitationSearch(
+        limits.information,
+        series,
+        NoRoom(),
+        np.arange(count) * 10.0 / count,
+        30.0,
+        torque=limits.torque,
+        tip_speed=limits.tip_speed,
+    )
+    best = -np.inf
+    for _ in range(100):
+        x = series.random(rng)
+        low, high = 0.0, 4.0
+        for _ in range(12):
+            middle = (low + high) / 2
+            low, high = (middle, high) if search.beyond(middle * x) <= 1.0 else (low, middle)
+        best = max(best, search.value(low * x))
+    assert found.first.nats > best + 5.0
+
+
+def test_the_prediction_is_kept_by_the_recording(tmp_path: Path) -> None:
+    """What `inspect` says of a recording with other noise: the same parameters are told well."""
+    motion, run, told = tmp_path / "motion.csv", tmp_path / "run.csv.gz", tmp_path / "told.json"
+    check, seen = tmp_path / "check.csv", tmp_path / "seen.json"
+    out = ["--out", str(motion), "--held-out", str(check), "--seconds", "40", "--json", str(told)]
+    assert output.run(app, ["experiment", "drive", *out]) == 0
+    assert output.run(app, ["simulate", "drive", "--motion", str(motion), "--out", str(run), "--seed", "5"]) == 0
+    assert output.run(app, ["inspect", str(run), "drive", "--json", str(seen)]) == 0
+    predicted, got = json.loads(told.read_text()), json.loads(seen.read_text())
+    assert {p["name"]: p["told"] for p in predicted["parameters"]} == {p["name"]: p["told"] for p in got["parameters"]}
+    assert motion.read_text().startswith("# NOT CHECKED: ")
+    first, second = read_motion(motion, 1), read_motion(check, 1)
+    assert first.shape[1] > 1.5 * second.shape[1]
+    assert not np.array_equal(first[:, : second.shape[1]], second)
+
+
+def test_slower_and_narrower_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = tmp_path / "told.json"
+    asked = [
+        "--time-limit",
+        "3",
+        "--speed",
+        "0.2",
+        "--range",
+        "q2=-0.2:0.3",
+        "--joints",
+        "2,3",
+        "--seconds",
+        "40",
+        "--tip-speed",
+        "0.3",
+    ]
+    assert output.run(app, ["experiment", "vishard4", *asked, "--json", str(told)]) == 0
+    found = json.loads(told.read_text())
+    joints = found["joints"]
+    assert [j["speed"] > 0 for j in joints] == [False, True, True, False]
+    assert all(j["speed"] <= j["speed_limit"] + 1e-9 for j in joints)
+    assert joints[0]["speed_limit"] == pytest.approx(0.2 * 0.9 * 2.0)
+    assert -0.2 <= joints[1]["position"][0] < joints[1]["position"][1] <= 0.3
+    assert found["tip_speed"] <= 0.3
+    assert "NOT CHECKED" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--start", "0,1"], "--start: found 2 numbers, expected 1"),
+        (["--start", "far"], "--start far: expected numbers separated by commas"),
+        (["--start", "nan"], "--start nan: expected finite numbers"),
+        (["--noise", "0"], "give a noise above 0"),
+        (["--between", "stribeck@1", "--speed", "0.5"], "are for motions without --between"),
+    ],
+)
+def test_what_is_no_motion_is_one_line(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert output.run(app, ["experiment", "drive", *options]) == output.BAD_INPUT
+    assert message in capsys.readouterr().err
