@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from msgspec.structs import replace
@@ -13,11 +13,14 @@ from runtime.cli import completion
 from runtime.cli.inputs import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import NO, emit
-from runtime.cli.places import WRITTEN
+from runtime.cli.places import READ, WRITTEN
 from runtime.documents.recordings import ExperimentDocument
 from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
+
+if TYPE_CHECKING:
+    from runtime.experiments.scene import Scene
 
 app = typer.Typer()
 
@@ -57,6 +60,19 @@ def experiment(
         list[str],
         typer.Option("--range", metavar="JOINT=LOW:HIGH", help="Narrower range of a joint, rad or m; repeatable."),
     ] = [],  # noqa: B006 (Typer reads it)
+    floor: Annotated[
+        float | None,
+        typer.Option(metavar="Z", help="Height of a floor above the base frame's origin, against gravity, m."),
+    ] = None,
+    boxes: Annotated[
+        list[str],
+        typer.Option("--box", metavar="x=A:B,y=A:B,z=A:B", help="What stands in the way, m; repeatable."),
+    ] = [],  # noqa: B006 (Typer reads it)
+    scene: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.toml", help="Floor, boxes, tool, margins and the links' radii."),
+        READ,
+    ] = None,
     chosen: FirstMotionSettings = FirstMotionSettings(),
     settings: ExperimentSettings = ExperimentSettings(),
     effects: EffectsFile = None,
@@ -66,10 +82,13 @@ def experiment(
     exit status 1 if there is none."""
     source = opened(model, effects)
     if not between:
-        _first(source, _Asked(out, held_out, start, joints, ranges), chosen, settings, json)
+        _first(source, _Asked(out, held_out, start, joints, ranges, floor, boxes, scene), chosen, settings, json)
         return
-    if held_out or start or chosen != FirstMotionSettings():
-        raise UsageError("--held-out, --start, --seconds, --speed and --tip-speed are for motions without --between")
+    if held_out or start or boxes or scene or floor is not None or chosen != FirstMotionSettings():
+        raise UsageError(
+            "--held-out, --start, --floor, --box, --scene, --seconds, --speed and --tip-speed are for motions without "
+            "--between"
+        )
     from runtime.experiments import design as experiments
     from runtime.report import recordings, terminal
 
@@ -99,6 +118,15 @@ class _Asked:
     start: str | None
     joints: str | None
     ranges: list[str]
+    floor: float | None
+    boxes: list[str]
+    scene_file: Path | None
+
+    def scene(self) -> Scene:
+        """What stands around the arm."""
+        from runtime.experiments.scene import Scene
+
+        return Scene.of(self.floor, self.boxes, self.scene_file)
 
 
 def _first(
@@ -110,15 +138,16 @@ def _first(
         own, (likely, assumed) = source.compiled, source.compiled.with_likely_numbers()
         models = own.model(), likely.model()
     from runtime.experiments import design
-    from runtime.experiments.excitation import NoRoom
+    from runtime.experiments.clearance import Clearance
     from runtime.experiments.first_proposal import ArmToMove, propose_first
 
+    room = Clearance.of(likely.arm, asked.scene())
     to_move = ArmToMove(
         *models,
         likely.arm,
         assumed,
-        NoRoom(),
-        ["collisions of the arm with itself and with anything else"],
+        room,
+        room.unchecked,
         start=None if asked.start is None else design.parse_pose(asked.start),
         moving=None if asked.joints is None else design.parse_joints(asked.joints, models[0], []),
         ranges=design.parse_ranges(asked.ranges, models[0]),

@@ -62,8 +62,8 @@ SPEEDING_UP: Final = 0.3
 """s; from rest to a joint's largest speed; robots' controllers take 0.2 to 0.5 s; a choice."""
 
 FARTHEST_REACH: Final = 1.5
-"""rad, m; from the start pose of a first motion where no range is given: cables and hoses of arms that turn twice around
-are rarely made for it; a choice."""
+"""rad, m; from the start pose of a first motion where no range is given: cables and hoses are rarely made for
+turns; a choice."""
 
 POSSIBLE_ARMS: Final = 200
 """number of arms; drawn for a motion; a choice."""
@@ -115,8 +115,8 @@ TRANSFER_LEAST: Final = 0.5
 """s; of the way between two poses; a choice."""
 
 PENALTIES: Final = (1e3, 1e4, 1e5)
-"""numbers; weights, in nats, of squared parts of limits that a motion exceeds, one search after another: the first finds the way,
-the last ends within a percent of the limits; a choice."""
+"""numbers; weights, in nats, of squared parts of limits that a motion exceeds, one search after another: the first
+finds the way, the last ends within a percent of the limits; a choice."""
 
 STEPS_A_PENALTY: Final = 150
 """number of steps; of the search with each weight; the information changes by less than a nat afterwards; a choice."""

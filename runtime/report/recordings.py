@@ -227,7 +227,7 @@ def first_motion(document: FirstMotionDocument) -> list[Section]:
     moved = [f"{part.name} ({quantity(part.seconds, 's', 3)})" for part in document.parts]
     written = [f"Written: {path}" for path in (document.out, document.held_out) if path]
     return [
-        *texts([f"NOT CHECKED: {sentence}" for sentence in document.unchecked]),
+        Group("NOT CHECKED", (Bullets(tuple(document.unchecked)),)),
         *texts(["", f"Motion: {quantity(document.seconds, 's', 3)}, from {_pose(document)} and back to it"]),
         Bullets(tuple(moved)),
         table(("joint", "range", "speed", "acceleration", "torque of any possible arm"), rows),

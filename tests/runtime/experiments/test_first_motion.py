@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.experiments.clearance import Clearance
 from runtime.experiments.excitation import ExcitationSearch, NoRoom
 from runtime.experiments.first import derivatives
 from runtime.experiments.first_proposal import ArmToMove, FirstProposal, propose_first
@@ -22,6 +23,7 @@ from runtime.experiments.information import InstantOutputs
 from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.possible_arms import PossibleArms
+from runtime.experiments.scene import Scene
 from runtime.simulation.simulate import read_motion, torque_along
 from runtime.workspace.source import Source
 
@@ -213,12 +215,25 @@ def test_slower_and_narrower_on_request(tmp_path: Path, capsys: pytest.CaptureFi
     assert "NOT CHECKED" in capsys.readouterr().out
 
 
+def test_the_arm_keeps_clear_of_the_floor_and_of_itself(tmp_path: Path) -> None:
+    """Of the written motion every 10 ms; without the floor the arm would go through it."""
+    motion = tmp_path / "motion.csv"
+    options = ["--time-limit", "4", "--seconds", "40", "--start", "0,-1.57,1.57,-1.57,-1.57,0"]
+    assert output.run(app, ["experiment", "ur10", "--floor", "0", *options, "--out", str(motion)]) == 0
+    clear = Clearance.of(Source.shipped("ur10").arm(), Scene.of(floor=0.0))
+    assert clear.least(read_motion(motion, 6)[:, ::10]).min() >= 0
+    free, poses = tmp_path / "free.csv", ["--start", "0,0,0,0,0,0"]
+    assert output.run(app, ["experiment", "ur10", *options[:4], *poses, "--out", str(free)]) == 0
+    assert clear.least(read_motion(free, 6)[:, ::10]).min() < -0.1
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--start", "0,1"], "--start: found 2 numbers, expected 1"),
         (["--start", "far"], "--start far: expected numbers separated by commas"),
         (["--start", "nan"], "--start nan: expected finite numbers"),
+        (["--scene", "nowhere.toml"], "nowhere.toml"),
         (["--noise", "0"], "give a noise above 0"),
         (["--between", "stribeck@1", "--speed", "0.5"], "are for motions without --between"),
     ],
