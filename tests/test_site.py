@@ -137,6 +137,10 @@ def test_a_link_to_a_file_that_is_no_page_becomes_its_name() -> None:
     assert gather.linked("```sh\n[x](nothing.md)\n```", "codegen/README.md", set()) == "```sh\n[x](nothing.md)\n```"
 
 
+def test_bars_in_the_code_of_a_table_need_no_backslash() -> None:
+    assert gather.linked(r"| `F \|qd\|` | a \| b |", "README.md", set()) == r"| `F |qd|` | a \| b |"
+
+
 def test_pictures_keep_their_way() -> None:
     text = '![a](../.images/error.svg) <img src="../.images/error.svg">'
     assert gather.linked(text, "codegen/README.md", set()) == text.replace("../.images", "../images")

@@ -19,6 +19,8 @@ CONFIGURATION = ROOT / ".site" / "zensical.toml"
 PICTURES = ".images"
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 _SOURCE = re.compile(r'(src|href)="([^"]+)"')
+_ROW = re.compile(r"^\|.*$", re.MULTILINE)
+_CODE = re.compile(r"`[^`]+`")
 _FENCED = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 
 Makers = Mapping[str, Callable[[], str]]
@@ -94,7 +96,9 @@ def _turned(text: str, path: str, known: set[str]) -> str:
         inside = "://" not in target and not target.startswith("#")
         return f'{attribute}="{_way(path, _aim(path, target))}"' if inside else match[0]
 
-    return _SOURCE.sub(source, _LINK.sub(link, text))
+    # In code, the site's builder needs no backslash before the bar that ends a cell elsewhere, and would show it.
+    plain = _ROW.sub(lambda row: _CODE.sub(lambda code: code[0].replace("\\|", "|"), row[0]), text)
+    return _SOURCE.sub(source, _LINK.sub(link, plain))
 
 
 def _aim(path: str, target: str) -> str:

@@ -97,7 +97,7 @@ def test_an_effects_units_are_those_of_either_kind_of_joint(capsys: pytest.Captu
 
 def test_a_document_of_another_kind_does_not_validate() -> None:
     validator = jsonschema.Draft202012Validator(verbs.schema("simulate"))
-    right: dict[str, Any] = {"out": "run.csv", "samples": 1, "seconds": 0.1, "seed": 0, "effects": []}
+    right: dict[str, Any] = {"out": "run.csv", "samples": 1, "seconds": 0.1, "seed": 0, "effects": [], "assumed": []}
     assert validator.is_valid(right)
     assert not validator.is_valid(right | {"samples": "many"})
     assert not validator.is_valid({k: v for k, v in right.items() if k != "seed"})
