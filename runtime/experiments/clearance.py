@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from runtime.experiments.capsules import Capsules
 from runtime.experiments.margins import (
+    KeptDistances,
     Nearest,
-    PairMargins,
     body_name,
     check_place,
     joints_unchecked,
@@ -37,9 +37,9 @@ Which = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class _Distances:
-    """Distances of T pairs at N samples, m.
+    """Distances of T pairs of axes at N samples, m.
 
-    distance   (T, N), less radii and margins     normal   (3, T, N), its derivative by the first point
+    distance   (T, N), less what is kept     normal   (3, T, N), its derivative by the first point
     points     (3, T, N), of the first and of the second of each pair, in the base frame
     bodies     (T,), which bodies carry the points; 0 for what is at rest
     """
@@ -56,7 +56,7 @@ class Clearance:
 
     pairs    (2, P) of capsules     grounded   (E, 2) capsule and end, against the floor
     boxed    (2, B) capsule and number of the box
-    judged   the margins of all of these, and what is not checked, in words
+    judged   what all of these keep, and what is not checked, in words
     """
 
     arm: Arm
@@ -65,7 +65,7 @@ class Clearance:
     pairs: Which
     grounded: Which
     boxed: Which
-    judged: PairMargins
+    judged: KeptDistances
 
     @classmethod
     def of(cls, arm: Arm, scene: Scene) -> Clearance:
@@ -77,7 +77,7 @@ class Clearance:
         grounded = [(a, end) for a in links for end in (0, 1)] if scene.floor is not None else []
         boxed = [(a, b) for b in range(len(scene.boxes)) for a in links]
         pairs = _columns(apart if arm.space else [])
-        bare = PairMargins.none(pairs.shape[1] + len(grounded) + len(boxed))
+        bare = KeptDistances.none(pairs.shape[1] + len(grounded) + len(boxed))
         whole = cls(arm, scene, capsules, pairs, grounded=_columns(grounded), boxed=_columns(boxed), judged=bare)
         return whole._with_margins()
 
@@ -149,10 +149,13 @@ class Clearance:
         """Of all pairs; a distance to a box above `reach` may be a lower bound."""
         own = self.capsules.body
         ends = np.einsum("eabN,esb->aesN", R[own], self.capsules.ends) + np.moveaxis(p[own], 1, 0)[:, :, None]
-        margins = self.judged.margins[:, None]
-        parts = [self._between_links(ends), self._over_floor(ends), self._from_boxes(ends, reach + self.scene.margin)]
+        parts = [
+            self._between_links(ends),
+            self._over_floor(ends),
+            self._from_boxes(ends, reach + self.judged.kept[-self.boxed.shape[1] :]),
+        ]
         return _Distances(
-            np.concatenate([part.distance for part in parts]) - margins,
+            np.concatenate([part.distance for part in parts]) - self.judged.kept[:, None],
             np.concatenate([part.normal for part in parts], axis=1),
             tuple(np.concatenate([part.points[k] for part in parts], axis=1) for k in (0, 1)),  # type: ignore[arg-type]
             tuple(np.concatenate([part.bodies[k] for part in parts]) for k in (0, 1)),  # type: ignore[arg-type]
@@ -163,9 +166,8 @@ class Clearance:
         first, second = nearest_points(ends[:, a, 0], ends[:, a, 1], ends[:, b, 0], ends[:, b, 1])
         between = first - second
         length = np.sqrt((between**2).sum(axis=0))
-        kept = (self.capsules.radius[a] + self.capsules.radius[b])[:, None]
         bodies = self.capsules.body[a], self.capsules.body[b]
-        return _Distances(length - kept, between / np.maximum(length, 1e-12), (first, second), bodies)
+        return _Distances(length, between / np.maximum(length, 1e-12), (first, second), bodies)
 
     def _over_floor(self, ends: Array) -> _Distances:
         a, end = self.grounded
@@ -173,25 +175,25 @@ class Clearance:
         up = upward(self.arm)
         if up is None:
             up = np.zeros(3)
-        kept = (self.capsules.radius[a] + (self.scene.floor or 0.0))[:, None]
         normal = np.broadcast_to(up[:, None, None], points.shape)
-        return _Distances(np.einsum("a,atN->tN", up, points) - kept, normal, (points, points), self._at_rest(a))
+        return _Distances(
+            np.einsum("a,atN->tN", up, points) - (self.scene.floor or 0.0), normal, (points, points), self._at_rest(a)
+        )
 
-    def _from_boxes(self, ends: Array, reach: float) -> _Distances:
+    def _from_boxes(self, ends: Array, reach: Array) -> _Distances:
         a, b = self.boxed
         points, normal = np.zeros((2, 3, len(a), ends.shape[-1]))
         distance = np.zeros(points.shape[1:])
         for number, box in enumerate(self.scene.boxes):
             rows = np.flatnonzero(b == number)
             R, centre = pose(box.frame)
-            kept = self.capsules.radius[a[rows], None]
             start, end = (np.einsum("ba,btN->atN", R, ends[:, a[rows], k] - centre[:, None, None]) for k in (0, 1))
             half = np.array(box.size) / 2
             middle, _ = box_distance((start + end) / 2, half)
-            at_least = middle - np.sqrt(((end - start) ** 2).sum(axis=0)) / 2 - kept
-            near = at_least <= reach
+            at_least = middle - np.sqrt(((end - start) ** 2).sum(axis=0)) / 2
+            near = at_least <= reach[rows, None]
             at, exact, toward = nearest_to_box(start[:, near], end[:, near], half)
-            at_least[near] = exact - np.broadcast_to(kept, near.shape)[near]
+            at_least[near] = exact
             distance[rows] = at_least
             where = np.zeros(points.shape[1:], dtype=bool)
             where[rows] = near
@@ -206,8 +208,12 @@ class Clearance:
     def _with_margins(self) -> Clearance:
         """With the pairs that can come too close, and their margins."""
         sampled = self.distances(sampled_poses(self.arm))
-        links = np.arange(len(sampled)) < self.pairs.shape[1]
-        judged = PairMargins.of(self.scene, self.names, sampled, links)
+        radius, around = self.capsules.radius, np.concatenate([self.grounded[0], self.boxed[0]])
+        thickness = np.concatenate([radius[self.pairs].sum(axis=0), radius[around]])
+        margins = np.repeat([self.scene.link_margin, self.scene.margin], [self.pairs.shape[1], len(around)])
+        between = np.abs(np.subtract(*self.capsules.body[self.pairs]))
+        joined = np.concatenate([between == 2, np.zeros(len(around), dtype=bool)])
+        judged = KeptDistances.of(self.names, sampled, thickness, margins, joined)
         kept = judged.checked & (np.ptp(sampled, axis=1) > 1e-9)
         parts = np.split(kept, np.cumsum([self.pairs.shape[1], self.grounded.shape[1]]))
         pairs, grounded, boxed = (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from runtime.experiments.nearest import box_distance
 from runtime.experiments.scene import Scene
-from runtime.experiments.settings import FREE_RANGE, LINK_MARGIN, SAMPLED_POSES
+from runtime.experiments.settings import FREE_RANGE, SAMPLED_POSES
 from runtime.model.kinematics import pose
 from symbolic.model_file.arm import Arm
 
@@ -65,45 +65,52 @@ def sampled_poses(arm: Arm) -> Array:
 
 
 @dataclass(frozen=True)
-class PairMargins:
+class KeptDistances:
     """What T pairs keep between each other.
 
-    margins    (T,) m     checked   (T,) which pairs can be kept apart at all
-    left_out   the pairs that are not checked, in words     closer   those with a smaller margin than the scene's
+    kept       (T,) m     checked   (T,) which pairs can be kept apart at all
+    left_out   those that cannot, in words
+    closer     those with a smaller margin than the scene's, and thinner those whose thickness cannot be true, in words
     """
 
-    margins: Array
+    kept: Array
     checked: NDArray[np.bool_]
     left_out: tuple[str, ...] = ()
     closer: tuple[str, ...] = ()
+    thinner: tuple[str, ...] = ()
 
     @classmethod
-    def none(cls, count: int) -> PairMargins:
-        """Of bare distances."""
+    def none(cls, count: int) -> KeptDistances:
+        """Nothing of bare distances."""
         return cls(np.zeros(count), np.ones(count, dtype=bool))
 
     @classmethod
-    def of(cls, scene: Scene, names: Sequence[str], bare: Array, links: NDArray[np.bool_]) -> PairMargins:
-        """The scene's margins, or half the largest distance of pairs that are never farther apart than twice that.
+    def of(
+        cls, names: Sequence[str], sampled: Array, thickness: Array, margins: Array, joined: NDArray[np.bool_]
+    ) -> KeptDistances:
+        """Thickness and margin, as far as the arm's construction leaves room for them.
 
-        bare    (T, N) m, distances at sampled poses     links   (T,) which pairs are of two links
-        Not checked are pairs that overlap at every pose, and of those links that are close by construction the ones
-        that would be too close at most poses: their capsules are thicker than they are.
+        sampled   (T, N) m, distances at random poses, of capsules between their axes     thickness, margins   (T,) m
+        joined    (T,) whether there is only one link between the two
+        A pair that is never farther apart than twice its margin keeps half of what there is. If it would overlap at
+        most poses even so, it is thinner than its capsules: it keeps half the largest distance of the axes. Joined
+        pairs of this kind, and those whose axes meet at every pose, are not checked.
         """
-        stated, best = np.where(links, scene.link_margin, scene.margin), bare.max(axis=1, initial=-np.inf)
-        margins = np.minimum(stated, best / 2)
-        close = links & (best < 2 * np.maximum(stated, LINK_MARGIN))
-        crowded = close & ((bare < margins[:, None]).mean(axis=1) > 0.5)
-        checked = (best > 0) & ~crowded
-        smaller: dict[str, float] = {}
-        for k in np.flatnonzero(checked & (margins < stated)).tolist():
-            smaller[names[k]] = min(margins[k], smaller.get(names[k], np.inf))
-        closer = tuple(f"{name} {margin:.2g} m" for name, margin in smaller.items())
-        return cls(margins, checked, in_words(names, ~checked), closer)
+        best = sampled.max(axis=1, initial=-np.inf)
+        room = np.minimum(margins, (best - thickness) / 2)
+        tight = room < margins
+        thinner = tight & (thickness > 0) & ((sampled < (thickness + room)[:, None]).mean(axis=1) > 0.5)
+        kept = np.where(thinner, best / 2, thickness + room)
+        checked = (best > 1e-9) & ~(thinner & joined)
+        words = [
+            _least_by_name(names, values, checked & which)
+            for values, which in ((room, tight & ~thinner), (kept, thinner & (np.ptp(sampled, axis=1) > 1e-9)))
+        ]
+        return cls(kept, checked, in_words(names, ~checked), *words)
 
-    def of_these(self, which: NDArray[np.bool_]) -> PairMargins:
+    def of_these(self, which: NDArray[np.bool_]) -> KeptDistances:
         """Of some of the pairs, with the same words."""
-        return replace(self, margins=self.margins[which], checked=self.checked[which])
+        return replace(self, kept=self.kept[which], checked=self.checked[which])
 
     @property
     def unchecked(self) -> Iterator[str]:
@@ -112,6 +119,19 @@ class PairMargins:
             yield f"Not checked, as they are close at every pose: {'; '.join(self.left_out)}."
         if self.closer:
             yield f"Never far apart, and therefore checked with smaller margins: {'; '.join(self.closer)}."
+        if self.thinner:
+            yield (
+                "Thicker than they can be, and therefore checked for axes that come nearer than this only: "
+                f"{'; '.join(self.thinner)}."
+            )
+
+
+def _least_by_name(names: Sequence[str], values: Array, which: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Of the pairs in question, each name once, with its smallest value in m."""
+    found: dict[str, float] = {}
+    for k in np.flatnonzero(which).tolist():
+        found[names[k]] = min(values[k], found.get(names[k], np.inf))
+    return tuple(f"{name} {value:.2g} m" for name, value in found.items())
 
 
 def in_words(names: Sequence[str], without: NDArray[np.bool_]) -> tuple[str, ...]:

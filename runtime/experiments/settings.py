@@ -185,15 +185,15 @@ SURROUNDINGS_MARGIN: Final = 0.05
 LINK_MARGIN: Final = 0.02
 """length; kept between links: their places are known better than the room's; a choice."""
 
-REACH_TO_RADIUS: Final = 0.06
+REACH_TO_RADIUS: Final = 0.05
 """ratio; of a link's radius to the length of the chain where no inertia is stated: a UR10 has 0.043, a Panda 0.06, an
-SO-100 0.07; arms' drawings."""
+SO-100 0.06; arms' drawings."""
 
-TRUSTED_MEDIAN: Final = (0.5, 1.5)
-"""ratios; to that radius: where the median of an arm's radii from inertias ends; a UR10 has 0.8, a Panda 1.2; a
+TRUSTED_MEDIAN: Final = (0.75, 1.5)
+"""ratios; to that radius: where the median of an arm's radii from inertias ends; a UR10 has 0.9, a Panda 1.5; a
 choice."""
 
-TRUSTED_RADIUS: Final = (0.75, 1.5)
+TRUSTED_RADIUS: Final = (0.75, 1.25)
 """ratios; to that median: identified inertias may be impossible and give a link any radius, so it ends here; a
 choice."""
 
