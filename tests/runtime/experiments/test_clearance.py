@@ -234,7 +234,8 @@ def test_the_floor_is_below_an_arm_that_hangs() -> None:
     lowest = -0.1273 - 0.612 - 0.5723 - 0.075 - 0.05
     assert over_floor(hanging, -1.2) == pytest.approx(lowest + 1.2, abs=1e-3)
     assert over_floor(hanging, -2.0) == pytest.approx(lowest + 2.0, abs=1e-3)
-    assert over_floor(UR10, -1.2) == pytest.approx(1.2 + 0.1273 - 0.075 - 0.05, abs=1e-3)
+    # Up to the shoulder, heights never change and are not looked at again.
+    assert over_floor(UR10, -1.2) == pytest.approx(1.2 + 0.1273 + 0.612 - 0.075 - 0.05, abs=1e-3)
 
 
 def test_parts_of_one_housing_are_no_alarm_and_said() -> None:
