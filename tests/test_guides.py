@@ -63,6 +63,7 @@ SLOW = (
     "improve my_drive.toml",
     "better.toml",  # which the line above writes
     "tendon.diagnose",
+    "fitted.toml",  # which that one writes
     "diagnose drive soft.csv.gz",
     "diagnose my_ur.toml",
     "my_panda.toml run1.csv",
