@@ -54,7 +54,7 @@ class _Distances:
 class Clearance:
     """The distances of an arm in a scene, of capsules.
 
-    pairs    (2, P) of capsules     grounded   (E, 2) capsule and end, against the floor
+    pairs    (2, P) of capsules     grounded   (2, E) capsule and end, against the floor
     boxed    (2, B) capsule and number of the box
     judged   what all of these keep, and what is not checked, in words
     """
@@ -149,11 +149,9 @@ class Clearance:
         """Of all pairs; a distance to a box above `reach` may be a lower bound."""
         own = self.capsules.body
         ends = np.einsum("eabN,esb->aesN", R[own], self.capsules.ends) + np.moveaxis(p[own], 1, 0)[:, :, None]
-        parts = [
-            self._between_links(ends),
-            self._over_floor(ends),
-            self._from_boxes(ends, reach + self.judged.kept[-self.boxed.shape[1] :]),
-        ]
+        boxes = len(self.judged.kept) - self.boxed.shape[1]
+        near = reach + self.judged.kept[boxes:]
+        parts = [self._between_links(ends), self._over_floor(ends), self._from_boxes(ends, near)]
         return _Distances(
             np.concatenate([part.distance for part in parts]) - self.judged.kept[:, None],
             np.concatenate([part.normal for part in parts], axis=1),
@@ -173,12 +171,8 @@ class Clearance:
         a, end = self.grounded
         points = ends[:, a, end]
         up = upward(self.arm)
-        if up is None:
-            up = np.zeros(3)
-        normal = np.broadcast_to(up[:, None, None], points.shape)
-        return _Distances(
-            np.einsum("a,atN->tN", up, points) - (self.scene.floor or 0.0), normal, (points, points), self._at_rest(a)
-        )
+        height = np.einsum("a,atN->tN", up, points) - (self.scene.floor or 0.0)
+        return _Distances(height, np.broadcast_to(up[:, None, None], points.shape), (points, points), self._at_rest(a))
 
     def _from_boxes(self, ends: Array, reach: Array) -> _Distances:
         a, b = self.boxed
@@ -211,9 +205,8 @@ class Clearance:
         radius, around = self.capsules.radius, np.concatenate([self.grounded[0], self.boxed[0]])
         thickness = np.concatenate([radius[self.pairs].sum(axis=0), radius[around]])
         margins = np.repeat([self.scene.link_margin, self.scene.margin], [self.pairs.shape[1], len(around)])
-        between = np.abs(np.subtract(*self.capsules.body[self.pairs]))
-        joined = np.concatenate([between == 2, np.zeros(len(around), dtype=bool)])
-        judged = KeptDistances.of(self.names, sampled, thickness, margins, joined)
+        apart = np.concatenate([np.abs(np.subtract(*self.capsules.body[self.pairs])), np.zeros_like(around)])
+        judged = KeptDistances.of(self.names, sampled, thickness, margins, apart)
         kept = judged.checked & (np.ptp(sampled, axis=1) > 1e-9)
         parts = np.split(kept, np.cumsum([self.pairs.shape[1], self.grounded.shape[1]]))
         pairs, grounded, boxed = (

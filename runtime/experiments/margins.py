@@ -31,12 +31,12 @@ def body_name(body: int) -> str:
     return f"link {body}" if body else "the base"
 
 
-def upward(arm: Arm) -> Array | None:
-    """(3,) direction against gravity; z of a spatial arm without gravity, None of a planar one."""
+def upward(arm: Arm) -> Array:
+    """(3,) direction against gravity; without gravity z of a spatial arm, and 0 of a planar one."""
     gravity = np.array(arm.gravity)
     if gravity.any():
         return -gravity / np.linalg.norm(gravity)
-    return np.array([0.0, 0.0, 1.0]) if arm.space else None
+    return np.array([0.0, 0.0, 1.0 if arm.space else 0.0])
 
 
 def check_place(arm: Arm, scene: Scene) -> None:
@@ -44,7 +44,7 @@ def check_place(arm: Arm, scene: Scene) -> None:
     first = np.array(arm.joints[0].origin.xyz)
     if scene.floor is not None:
         up = upward(arm)
-        if up is None:
+        if not up.any():
             scene.place.fail(f"{arm.name} moves in a horizontal plane and has no floor; leave the floor out")
         if up @ first < scene.floor:
             scene.place.fail(
@@ -86,22 +86,24 @@ class KeptDistances:
 
     @classmethod
     def of(
-        cls, names: Sequence[str], sampled: Array, thickness: Array, margins: Array, joined: NDArray[np.bool_]
+        cls, names: Sequence[str], sampled: Array, thickness: Array, margins: Array, apart: NDArray[np.int64]
     ) -> KeptDistances:
         """Thickness and margin, as far as the arm's construction leaves room for them.
 
         sampled   (T, N) m, distances at random poses, of capsules between their axes     thickness, margins   (T,) m
-        joined    (T,) whether there is only one link between the two
-        A pair that is never farther apart than twice its margin keeps half of what there is. If it would overlap at
-        most poses even so, it is thinner than its capsules: it keeps half the largest distance of the axes. Joined
-        pairs of this kind, and those whose axes meet at every pose, are not checked.
+        apart     (T,) number of joints between the two; 0 of links and surroundings
+        A pair that is never farther apart than twice its margin keeps half of what there is. If links would overlap at
+        most poses even so, they are thinner than their capsules, and keep half the largest distance of the axes; so
+        does what overlaps surroundings at every pose. Links of this kind that are two joints apart, and pairs whose
+        axes meet at every pose, are not checked.
         """
         best = sampled.max(axis=1, initial=-np.inf)
         room = np.minimum(margins, (best - thickness) / 2)
         tight = room < margins
-        thinner = tight & (thickness > 0) & ((sampled < (thickness + room)[:, None]).mean(axis=1) > 0.5)
+        crowded = (sampled < (thickness + room)[:, None]).mean(axis=1) > 0.5
+        thinner = tight & (thickness > 0) & np.where(apart > 0, crowded, best <= thickness)
         kept = np.where(thinner, best / 2, thickness + room)
-        checked = (best > 1e-9) & ~(thinner & joined)
+        checked = (best > 1e-9) & ~(thinner & (apart == 2))
         words = [
             _least_by_name(names, values, checked & which)
             for values, which in ((room, tight & ~thinner), (kept, thinner & (np.ptp(sampled, axis=1) > 1e-9)))
@@ -121,7 +123,7 @@ class KeptDistances:
             yield f"Never far apart, and therefore checked with smaller margins: {'; '.join(self.closer)}."
         if self.thinner:
             yield (
-                "Thicker than they can be, and therefore checked for axes that come nearer than this only: "
+                "Thicker as capsules than in truth, so that only axes nearer than this are too close: "
                 f"{'; '.join(self.thinner)}."
             )
 

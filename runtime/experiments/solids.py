@@ -93,9 +93,8 @@ class MeshClearance:
         whole = cls(arm, scene, (*solids, *around), pairs, tuple(absent), KeptDistances.none(len(pairs)))
         sampled = whole.distances(sampled_poses(arm))
         margins = np.repeat([scene.link_margin, scene.margin], [len(links), len(pairs) - len(links)])
-        judged = KeptDistances.of(
-            whole.names, sampled, np.zeros(len(pairs)), margins, joined=np.zeros(len(pairs), dtype=bool)
-        )
+        nothing = np.zeros(len(pairs))
+        judged = KeptDistances.of(whole.names, sampled, nothing, margins, apart=nothing.astype(np.int64))
         kept = tuple(pair for pair, checked in zip(pairs, judged.checked, strict=True) if checked)
         return replace(whole, pairs=kept, judged=judged.of_these(judged.checked))
 

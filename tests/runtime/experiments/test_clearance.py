@@ -275,6 +275,15 @@ def test_seven_joints_and_400_samples_take_milliseconds(name: str) -> None:
     assert np.allclose(gradient, first)
 
 
+def test_a_low_shoulder_is_no_alarm_and_a_low_elbow_is() -> None:
+    """An arm whose first links are closer to the floor than their radius: their height never changes."""
+    low = replace(UR10, joints=(replace(UR10.joints[0], origin=Frame((0.0, 0.0, 0.06))), *UR10.joints[1:]))
+    clearance = Clearance.of(low, Scene.of(0.0))
+    assert clearance.least(posture(*HOME["ur10"]))[0] > 0.03
+    assert clearance.worst(posture(0, 0.1, 0, 0, 0, 0)).between.endswith("the floor")
+    assert clearance.worst(posture(0, 0.1, 0, 0, 0, 0)).distance < 0
+
+
 def test_a_tool_reaches_further() -> None:
     q = posture(0, -0.2, 0.4, 0, 0, 0)
     scene = Scene.of(0.0)
