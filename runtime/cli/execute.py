@@ -3,33 +3,23 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
-from msgspec import UnsetType
 
 from runtime.cli import completion
 from runtime.cli.inputs import check_hidden, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, Report, with_settings
 from runtime.cli.output import NO, draw, emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.documents.generated import BuildEntry
 from runtime.execution.options import ExecutionSettings
 from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
     from runtime.documents.diagnosis import CommandEntry
-    from runtime.documents.plans import BoardEntry, ExecuteDocument
-    from runtime.execution.execute import Execution
-    from runtime.execution.real import ArmLine, Setup
-    from runtime.hardware.link import BoardLink
-    from runtime.hardware.lockstep import Board
-    from runtime.model.loader import Model
-    from runtime.planning.trajectory import Trajectory
 
 app = typer.Typer()
 
@@ -82,34 +72,32 @@ def execute(
     """Shows cost, tracking and contact beside those planned; exit
     status 1 after a safe stop."""
     from runtime import files
-    from runtime.documents.plans import ImageEntry
-    from runtime.execution import execute as execution
-    from runtime.execution import real
+    from runtime.execution import targets
     from runtime.planning.trajectory import read
     from runtime.recordings import recording
     from runtime.report import motions, terminal
+    from runtime.simulation.simulate import parse_hidden
 
-    line = _line_to_real_arm(on, arm=arm, approach=settings.approach, hide=hide, change=change)
+    _check_options(on, arm=arm, approach=settings.approach, hide=hide, change=change)
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
     check_hidden(source, "--set", change or ())
-    simulated = execution.SIMULATED["simulation" if line else on]
     with terminal.working("deriving and compiling the model and its controller"):
-        loaded, controller = source.compiled.model(), source.compiled.controller(simulated.build)
-    if line is not None:
-        real.check_limits(loaded)
-        line.check(on, loaded)
+        loaded, controller = source.compiled.model(), source.compiled.controller(targets.build_of(on))
+    targets.check(on, loaded)
     plan = read(trajectory, loaded)
-    asked = _Asked(loaded, controller, plan, settings, hide=hide or (), change=change or ())
-    if line is None:
-        result = asked.simulate(settings, simulated.board)
-        build = msgspec.json.decode((controller / "image.json").read_bytes(), type=BuildEntry)
-        image = None  # a board of this computer has none
-        if not isinstance(build.text, UnsetType):
-            image = ImageEntry(target=build.target, compiler=build.toolchain.version, text=build.text)
-        document = msgspec.structs.replace(result.document(), image=image)
-    else:
-        result, document = _real(line, on, asked, moves=arm, talks=json != "-")
+    order = targets.Order(
+        loaded,
+        controller,
+        plan,
+        settings,
+        hidden=[parse_hidden(item, loaded) for item in hide or ()],
+        changed=[parse_hidden(item, loaded, "--set") for item in change or ()],
+        moves=arm,
+        ready=lambda predicted: None if json == "-" else terminal.show(motions.prediction(predicted)),
+        working=terminal.working,
+    )
+    result, document = order.run(on)
     text = source.edits.mount(plan).text
     if result.recording is None or document.status == "refused":
         out = model_out = None
@@ -120,7 +108,6 @@ def execute(
     same = model_out or (model if text == source.text else None)
     said = msgspec.structs.replace(
         document,
-        on=on,
         recording=None if out is None else str(out),
         model_out=None if model_out is None else str(model_out),
         next=_next(same, out, effects),
@@ -134,115 +121,17 @@ def execute(
         raise typer.Exit(NO)
 
 
-def _line_to_real_arm(
+def _check_options(
     on: str, *, arm: bool, approach: bool, hide: Sequence[str] | None, change: Sequence[str] | None
-) -> ArmLine | None:
-    """The link to a real arm; None for a simulated one. Raises UsageError if there is no such target, or an option does
-    not apply."""
-    from runtime.execution import execute, real
+) -> None:
+    """Raises UsageError if an option does not apply to the target, LinkError if there is no such target."""
+    from runtime.execution import targets
 
-    if on in execute.SIMULATED:
+    if targets.line_of(on) is None:
         if arm or approach:
             raise UsageError(f"--{'arm' if arm else 'approach'} is for a real arm, and --on {on} is none")
-        return None
-    line = real.LINES.get(real.scheme(on))
-    if line is None:
-        meant = f"; did you mean serial://{on}?" if on.startswith("/dev/") else ""
-        raise UsageError(f"--on {on}: no such target; there is: {', '.join(real.KNOWN)}{meant}")
-    line.parse(on)
-    if hide or change:
+    elif hide or change:
         raise UsageError(f"--{'hide' if hide else 'set'} is for the simulated arm, and --on {on} is a real one")
-    return line
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """An arm, its trajectory and how it is executed; hide, change: of the simulated arm, as typed."""
-
-    model: Model
-    controller: Path
-    plan: Trajectory
-    settings: ExecutionSettings
-    hide: Sequence[str]
-    change: Sequence[str]
-
-    def simulate(self, settings: ExecutionSettings, board: Callable[[Path, str, int], Board]) -> Execution:
-        """The execution on the simulated arm, by a board of this computer or an emulated one."""
-        from runtime.execution.execute import execute as executed
-        from runtime.interruption import listening
-        from runtime.report import terminal
-        from runtime.simulation.simulate import parse_hidden
-
-        with terminal.working(f"executing {self.plan.scenario} on the simulated arm"):
-            return executed(
-                self.model,
-                self.controller,
-                self.plan,
-                settings,
-                hidden=[parse_hidden(item, self.model) for item in self.hide],
-                changed=[parse_hidden(item, self.model, "--set") for item in self.change],
-                board=board,
-                listening=listening,
-            )
-
-
-def _real(line: ArmLine, on: str, asked: _Asked, *, moves: bool, talks: bool) -> tuple[Execution, ExecuteDocument]:
-    """On a real arm: simulated first, and moved only if that was completed and --arm is given."""
-    from runtime.execution import execute, real
-    from runtime.interruption import listening
-    from runtime.report import motions, terminal
-
-    simulated = asked.simulate(replace(asked.settings, trials=1), execute.SIMULATED["simulation"].board)
-    nothing = replace(simulated, trials=())
-    if not simulated.completed:
-        reason = f"the simulated arm did not complete it: {simulated.reason}"
-        return nothing, msgspec.structs.replace(nothing.document(), status="refused", reason=reason)
-    predicted = real.prediction(simulated)
-
-    def connect() -> tuple[BoardLink, Setup]:
-        link = line.open(on, asked.model, asked.controller)
-        every = real.decimation(asked.controller, asked.model, link.baud)
-        return link, real.Setup(
-            directory=asked.controller,
-            model=asked.model,
-            trajectory=asked.plan,
-            settings=asked.settings,
-            every=every,
-            late=link.late,
-        )
-
-    if not moves:
-        reason = "a real arm moves only with --arm, and nobody in its reach"
-        refused = msgspec.structs.replace(nothing.document(), status="refused", reason=reason)
-        return nothing, msgspec.structs.replace(refused, prediction=predicted, board=_look(connect))
-    link, setup = connect()
-
-    def ready() -> None:
-        if talks:
-            terminal.show(motions.prediction(predicted))
-
-    with terminal.working(f"executing {asked.plan.scenario} on {on}"), listening() as stop:
-        done, frames = real.execute_on(link, setup, ready, stop)
-    found = msgspec.structs.replace(done.document(), prediction=predicted, every=setup.every, link=frames)
-    if drives := link.figures():
-        found = msgspec.structs.replace(found, drives=drives)
-    if done.completed and link.fault:
-        # Something failed after the motion, such as drives that stay powered.
-        found = msgspec.structs.replace(found, status="stopped", reason=link.fault)
-    return done, found
-
-
-def _look(connect: Callable[[], tuple[BoardLink, Setup]]) -> BoardEntry:
-    """Where each joint stands by the board, or why that is unknown; nothing moves."""
-    from runtime.documents.plans import BoardEntry
-    from runtime.execution import real
-    from runtime.hardware.link import LinkError, LinkLost
-    from runtime.hardware.lockstep import Fault
-
-    try:
-        return BoardEntry(standing=real.standing(*connect()), text=None)
-    except (LinkError, LinkLost, Fault) as error:
-        return BoardEntry(standing=None, text=str(error))
 
 
 def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[CommandEntry]:
