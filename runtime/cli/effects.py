@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from msgspec import convert
 
 from runtime.cli import completion
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
-from runtime.documents.models import EffectsDocument
-from runtime.workspace.names import UsageError
-from runtime.workspace.source import effects_library
+from runtime.workspace.source import effect_document, effects_document
 
 app = typer.Typer()
 
@@ -27,18 +24,10 @@ def show_effects(
     json: Json = None,
 ) -> None:
     """With NAME: equation, parameters, trace in a residual, literature."""
-    from codegen import metadata
     from runtime.report import models, terminal
 
-    library = effects_library(effects, space=True)
-    document = convert(metadata.library(tuple(library.values())), EffectsDocument)
+    library = effects_document(effects)
     if name is None:
-        emit(json, document, terminal.printer(models.effects))
-        return
-    if name not in library:
-        from symbolic.model_file.checks import nearest, quote
-
-        close = nearest(name, library)
-        hint = f'did you mean "{close}"? ' if close else ""
-        raise UsageError(f"unknown effect {quote(name)}; {hint}(tendon effects lists them all)")
-    emit(json, next(effect for effect in document.effects if effect.name == name), terminal.printer(models.effect))
+        emit(json, library, terminal.printer(models.effects))
+    else:
+        emit(json, effect_document(library, name), terminal.printer(models.effect))

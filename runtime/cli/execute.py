@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +15,6 @@ from runtime.cli.options import EffectsFile, Json, ModelFile, Report, with_setti
 from runtime.cli.output import NO, draw, emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.execution.options import ExecutionSettings
-from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
     from runtime.documents.diagnosis import CommandEntry
@@ -78,7 +76,7 @@ def execute(
     from runtime.report import motions, terminal
     from runtime.simulation.simulate import parse_hidden
 
-    _check_options(on, arm=arm, approach=settings.approach, hide=hide, change=change)
+    targets.check_options(on, moves=arm, approach=settings.approach, hidden=hide, changed=change)
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
     check_hidden(source, "--set", change or ())
@@ -119,19 +117,6 @@ def execute(
         draw(lambda: execution_page(result, said).write(report), json)
     if document.status != "done":
         raise typer.Exit(NO)
-
-
-def _check_options(
-    on: str, *, arm: bool, approach: bool, hide: Sequence[str] | None, change: Sequence[str] | None
-) -> None:
-    """Raises UsageError if an option does not apply to the target, LinkError if there is no such target."""
-    from runtime.execution import targets
-
-    if targets.line_of(on) is None:
-        if arm or approach:
-            raise UsageError(f"--{'arm' if arm else 'approach'} is for a real arm, and --on {on} is none")
-    elif hide or change:
-        raise UsageError(f"--{'hide' if hide else 'set'} is for the simulated arm, and --on {on} is a real one")
 
 
 def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[CommandEntry]:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Annotated
 
 import typer
-from msgspec import convert
 
 from runtime.cli import completion
 from runtime.cli.inputs import check_own, opened
 from runtime.cli.options import Check, EffectsFile, GeneratedDir, Json, ModelFile
 from runtime.cli.output import NO, emit
-from runtime.documents.generated import AddDocument, GenerateDocument, VerifyDocument
-from runtime.progress import each
-from runtime.workspace.generated import render_all
+from runtime.documents.generated import AddDocument, GenerateDocument
+from runtime.workspace.generated import render_all, verified
 
 app = typer.Typer()
 
@@ -105,12 +102,8 @@ def verify(
     from runtime.report import models, terminal
 
     source = opened(model, effects)
-    arm = source.arm()
-    from codegen.verify.verify import verify as verified
-
-    with terminal.working(f"comparing SymPy, C and CasADi of {arm.name}"):
-        report = verified(arm, samples, seed, source.compiled.library.values(), partial(each, "functions"))
-    document = convert(report.to_json(), VerifyDocument)
+    with terminal.working(f"comparing SymPy, C and CasADi of {source.arm().name}"):
+        document = verified(source, samples, seed)
     emit(json, document, terminal.printer(models.verification))
     if not document.equal:
         raise typer.Exit(NO)

@@ -18,6 +18,7 @@ from runtime.execution.options import ExecutionSettings
 from runtime.execution.real import ArmLine, Setup
 from runtime.hardware.link import BoardLink, LinkError, LinkLost
 from runtime.hardware.lockstep import Board, Fault
+from runtime.hardware.settings import ControllerError
 from runtime.interruption import listening
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
@@ -34,6 +35,15 @@ def line_of(on: str) -> ArmLine | None:
         raise LinkError(f"--on {on}: no such target; there is: {', '.join(real.KNOWN)}{meant}")
     line.parse(on)
     return line
+
+
+def check_options(on: str, *, moves: bool, approach: bool, hidden: object, changed: object) -> None:
+    """Raise ControllerError if an option does not apply to the target, LinkError if there is no such target."""
+    if line_of(on) is None:
+        if moves or approach:
+            raise ControllerError(f"--{'arm' if moves else 'approach'} is for a real arm, and --on {on} is none")
+    elif hidden or changed:
+        raise ControllerError(f"--{'hide' if hidden else 'set'} is for the simulated arm, and --on {on} is a real one")
 
 
 def build_of(on: str) -> str:
@@ -107,7 +117,7 @@ class Order:
             return nothing, structs.replace(nothing.document(), status="refused", reason=reason)
         predicted = real.prediction(simulated)
         if not self.moves:
-            reason = "a real arm moves only with --arm, and nobody in its reach"
+            reason = "a real arm moves only with --arm (in Python: move=True), and nobody in its reach"
             refused = structs.replace(nothing.document(), status="refused", reason=reason)
             return nothing, structs.replace(refused, prediction=predicted, board=self._look(line, on))
         link, setup = self._connect(line, on)

@@ -84,6 +84,12 @@ class LoadedArm(ArmFunctions):
         kinds = ", ".join(joint.type for joint in model.joints)
         return f"{model.name}: {model.n} joint{'s' if model.n > 1 else ''} ({kinds})\n{effects}"
 
+    def _repr_html_(self) -> str:
+        from runtime.notebook import html
+        from runtime.report import models
+
+        return html.shown(repr(self).splitlines(), models.arm(self.model, self.text))
+
 
 def load(model: PathOrText, effects: PathOrText | None = None) -> LoadedArm:
     """The arm of a model file, or by its name one that ships with Tendon: "drive", "vishard4", "emps", "ur10", "panda".

@@ -3,63 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from runtime.documents.generated import GenerateDocument
 from runtime.documents.models import ExportDocument
 from runtime.notebook.arm import LoadedArm, PathOrText
-from runtime.notebook.results import VerbResult
+from runtime.notebook.results import MadeResult
 from runtime.report import models
 from runtime.workspace import exporting
-from runtime.workspace.generated import render_all
 from runtime.workspace.source import Source, effects_described, effects_library
 from symbolic.model_file.exchange.importing import imported
 
 
-@dataclass(frozen=True, repr=False)
-class ExportResult(VerbResult):
+class ExportResult(MadeResult[ExportDocument]):
     """An arm that was written for simulators: its bodies, and what the format cannot say."""
-
-    written: ExportDocument
 
     _sections = staticmethod(models.exported)
 
-    @property
-    def document(self) -> ExportDocument:
-        """As `tendon export --json`."""
-        return self.written
-
-    def __repr__(self) -> str:
-        return "\n".join([f"{self.written.out}: {self.written.name}", *models.export_notes(self.written)])
-
-
-@dataclass(frozen=True, repr=False)
-class GenerationResult(VerbResult):
-    """Generated code that was written."""
-
-    written: GenerateDocument
-
-    _sections = staticmethod(models.generated)
-
-    @property
-    def document(self) -> GenerateDocument:
-        """As `tendon generate --json`."""
-        return self.written
-
-    @property
-    def directory(self) -> Path:
-        """Where the arm's files are."""
-        return Path(self.written.directory)
-
-    @property
-    def operations(self) -> dict[str, dict[str, int]]:
-        """Operations of each generated function by kind: `operations["inverse_dynamics"]["arithmetic"]`."""
-        return self.written.operations
-
-    def __repr__(self) -> str:
-        return "\n".join(models.generated_lines(self.written))
+    @staticmethod
+    def _in_short(document: ExportDocument) -> list[str]:
+        return [f"{document.out}: {document.name}", *models.export_notes(document)]
 
 
 def import_(
@@ -91,13 +54,3 @@ def export(
     onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
     """
     return ExportResult(exporting.export(arm.source.compiled, to, Path(path), None if onto is None else Path(onto)))
-
-
-def generate(arm: LoadedArm, directory: PathOrText | None = None) -> GenerationResult:
-    """Write the arm's C and CasADi code into a directory, and the library of effects beside it, into `effects`.
-
-    directory   None: generated/NAME     Raises ValueError, OSError.
-    """
-    rendered = render_all(arm.source, None if directory is None else Path(directory), None)
-    rendered.write()
-    return GenerationResult(rendered.document().as_part_of(GenerateDocument, stale=[]))

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-import msgspec
 import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
-from runtime.documents.plans import ExecuteDocument, OptimizeDocument
+from runtime.documents.parts import given
+from runtime.documents.plans import ExecuteDocument, OptimizeDocument, PredictionEntry
 from runtime.documents.recordings import ExperimentDocument
-from runtime.execution import execute as execution
+from runtime.execution import targets
+from runtime.execution.execute import Execution
 from runtime.execution.options import ExecutionSettings
 from runtime.experiments import design
 from runtime.experiments.options import ExperimentSettings
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.notebook.figures import ResultFigures
-from runtime.notebook.results import VerbResult
+from runtime.notebook.results import MadeResult, VerbResult
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning import trajectory as trajectories
@@ -29,18 +30,18 @@ from runtime.planning.optimize import Plan
 from runtime.planning.results import document as plan_document
 from runtime.planning.settings import PlanningSettings
 from runtime.recordings.recording import Recording
-from runtime.report import motions, recordings
+from runtime.report import motions, recordings, terminal
 from runtime.report.page import page_figures
 from runtime.report.page.motion_pages import execution_page, plan_page
 from runtime.report.plots import motion_plots
 from runtime.simulation.simulate import parse_hidden
 from runtime.wording import sentence
-from runtime.workspace.names import UsageError, scenario_path
+from runtime.workspace.names import scenario_path
 from runtime.workspace.source import scenario_source
 
 
 @dataclass(frozen=True, repr=False)
-class PlanResult(VerbResult):
+class PlanResult(VerbResult[OptimizeDocument]):
     """A planned motion; arm: with the plan's springs and contact in its text; without_springs: as
     `cost_without_springs`."""
 
@@ -50,13 +51,14 @@ class PlanResult(VerbResult):
 
     _sections = staticmethod(motions.plan)
 
+    @staticmethod
+    def _in_short(document: OptimizeDocument) -> list[str]:
+        return [motions.plan_headline(document), *motions.spring_lines(document)]
+
     @cached_property
     def document(self) -> OptimizeDocument:
         """As `tendon optimize --json`."""
         return plan_document(self.arm.model, self.plan, self.without_springs)
-
-    def __repr__(self) -> str:
-        return "\n".join([motions.plan_headline(self.document), *motions.spring_lines(self.document)])
 
     @cached_property
     def figures(self) -> ResultFigures:
@@ -74,7 +76,7 @@ class PlanResult(VerbResult):
 
 
 @dataclass(frozen=True, repr=False)
-class ExperimentResult(VerbResult):
+class ExperimentResult(MadeResult[ExperimentDocument]):
     """A motion that separates effects, or why there is none."""
 
     proposal: design.Proposal
@@ -82,20 +84,19 @@ class ExperimentResult(VerbResult):
 
     _sections = staticmethod(recordings.experiment)
 
-    @cached_property
-    def document(self) -> ExperimentDocument:
-        """As `tendon experiment --json`."""
-        return self.proposal.document().as_part_of(ExperimentDocument, out=None)
+    @staticmethod
+    def _in_short(document: ExperimentDocument) -> list[str]:
+        return [sentence(document.reason)]
 
     @property
     def separated(self) -> bool:
         """Whether the diagnosis tells the effects apart on this motion, in simulation."""
-        return self.document.separated
+        return self.made.separated
 
     @property
     def reason(self) -> str:
         """The answer in one sentence."""
-        return self.document.reason
+        return self.made.reason
 
     @property
     def motion(self) -> NDArray[np.float64]:
@@ -106,33 +107,34 @@ class ExperimentResult(VerbResult):
         """Write the motion as CSV. Raises OSError."""
         design.write_motion(Path(path), self.arm.model, self.proposal.motion)
 
-    def __repr__(self) -> str:
-        return sentence(self.reason)
-
 
 @dataclass(frozen=True, repr=False)
-class ExecutionResult(VerbResult):
-    """A plan that was executed on the simulated arm."""
+class ExecutionResult(MadeResult[ExecuteDocument]):
+    """A plan that was executed, on a simulated arm or on a real one."""
 
-    execution: execution.Execution
-    target: str
+    execution: Execution
 
     _sections = staticmethod(motions.execution)
 
-    @cached_property
-    def document(self) -> ExecuteDocument:
-        """As `tendon execute --json`."""
-        return msgspec.structs.replace(self.execution.document(), on=self.target)
+    @staticmethod
+    def _in_short(document: ExecuteDocument) -> list[str]:
+        why = [f"{document.status.upper()}: {document.reason}"] if document.reason else []
+        return [motions.execution_headline(document), *why]
 
     @property
     def status(self) -> Literal["done", "stopped", "refused"]:
-        """stopped: a safe stop; refused: the plan exceeds limits, and nothing moved."""
-        return self.execution.status
+        """stopped: a safe stop; refused: the plan exceeds limits or a real arm may not move, and nothing moved."""
+        return self.made.status
 
     @property
     def reason(self) -> str | None:
         """Why it was stopped or refused; None if it was not."""
-        return self.execution.reason
+        return self.made.reason
+
+    @property
+    def prediction(self) -> PredictionEntry | None:
+        """Of a real arm: what the simulated one did: `.joints[0].torque`, `.speed`, `.room`; else None."""
+        return given(self.made.prediction)
 
     @property
     def recording(self) -> Recording | None:
@@ -142,10 +144,6 @@ class ExecutionResult(VerbResult):
     def report(self, directory: PathOrText) -> Path:
         """Write the HTML page into a directory; its path. Raises OSError."""
         return execution_page(self.execution, self.document).write(Path(directory))
-
-    def __repr__(self) -> str:
-        why = [f"{self.status.upper()}: {self.reason}"] if self.reason else []
-        return "\n".join([motions.execution_headline(self.document), *why])
 
 
 def optimize(
@@ -185,15 +183,24 @@ def experiment(
     between: str | Sequence[str],
     seed: int = ExperimentSettings.seed,
     noise: float = ExperimentSettings.noise,
+    joints: int | str | Sequence[int | str] | None = None,
+    ranges: Mapping[int | str, tuple[float, float]] | None = None,
 ) -> ExperimentResult:
     """Design a motion that separates rival effects, within the joints' limits; `result.save` writes it.
 
     between   "linear_spring@1", "gravity", …, with values if you like; a single one is separated from the model
     noise     part of the ordinary excitation's torque
+    joints    that move, by number (from 1) or name; None: all
+    ranges    narrower ranges of joints, rad or m: {2: (-1.0, 0.5)} or {"elbow": (-1.0, 0.5)}
     """
-    texts = ",".join([between] if isinstance(between, str) else between)
-    rivals = design.parse_rivals(texts, arm.model)
-    return ExperimentResult(design.propose(arm.model, rivals, ExperimentSettings(seed, noise)), arm)
+    rivals = design.parse_rivals(",".join(_several(between)), arm.model)
+    moving = None if joints is None else design.parse_joints(",".join(map(str, _several(joints))), arm.model, rivals)
+    narrower = [f"{joint}={low}:{high}" for joint, (low, high) in (ranges or {}).items()]
+    settings = ExperimentSettings(seed, noise)
+    proposal = design.propose(
+        arm.model, rivals, settings, moving=moving, ranges=design.parse_ranges(narrower, arm.model)
+    )
+    return ExperimentResult(proposal.document().as_part_of(ExperimentDocument, out=None), proposal, arm)
 
 
 def execute(
@@ -207,31 +214,50 @@ def execute(
     seed: int = ExecutionSettings.seed,
     noise: float = ExecutionSettings.noise,
     friction_compensation: bool | None = ExecutionSettings.friction_compensation,
+    tracking_limit: float | None = ExecutionSettings.tracking_limit,
+    move: bool = False,
+    approach: bool = ExecutionSettings.approach,
 ) -> ExecutionResult:
-    """Execute a plan with the arm's compiled controller on the simulated arm; `result.recording` has all trials.
+    """Execute a plan with the arm's compiled controller; `result.recording` has all trials.
 
-    plan    of `optimize`, or a file that it saved
-    on      "simulation", or an emulated processor: "unicorn", "qemu"
-    hide    effects of the simulated arm that the model lacks     change: values that differ from the model's
-    A real arm moves only from the command line, `tendon execute`. Raises ValueError.
+    plan      of `optimize`, or a file that it saved
+    on        "simulation", an emulated processor: "unicorn", "qemu", or a real arm: "serial:///dev/ttyACM0",
+              "canopen://can0"
+    hide      effects of the simulated arm that the model lacks     change: values that differ from the model's
+    tracking_limit   error that causes a safe stop, rad or m; None: 0.5 rad, 0.1 m
+    move      a real arm moves only with this, and nobody in its reach; without it the motion is predicted, and the
+              board is asked where the arm stands
+    approach  first move a real arm slowly to the start
+    A real arm's motion is simulated first, and its prediction printed before it moves; interrupting it (Ctrl-C, the
+    kernel's stop) is a safe stop. Raises ValueError; LinkError, LinkLost: no such arm, or it does not answer.
     """
-    if on not in execution.SIMULATED:
-        raise UsageError(
-            f"on={on!r}: expected one of {', '.join(execution.SIMULATED)}; a real arm moves from the command line: "
-            "tendon execute MODEL TRAJECTORY --on TARGET --arm"
-        )
-    model, target = arm.model, execution.SIMULATED[on]
+    targets.check_options(on, moves=move, approach=approach, hidden=hide, changed=change)
+    model = arm.model
     trajectory = plan.plan.trajectory if isinstance(plan, PlanResult) else trajectories.read(Path(plan), model)
+    targets.check(on, model)
     settings = ExecutionSettings(
-        trials=trials, cycles=cycles, seed=seed, noise=noise, friction_compensation=friction_compensation
+        trials=trials,
+        cycles=cycles,
+        seed=seed,
+        noise=noise,
+        friction_compensation=friction_compensation,
+        tracking_limit=tracking_limit,
+        approach=approach,
     )
-    done = execution.execute(
+    order = targets.Order(
         model,
-        arm.source.compiled.controller(target.build),
+        arm.source.compiled.controller(targets.build_of(on)),
         trajectory,
         settings,
-        hidden=[parse_hidden(text, model) for text in ([hide] if isinstance(hide, str) else hide)],
-        changed=[parse_hidden(text, model, "--set") for text in ([change] if isinstance(change, str) else change)],
-        board=target.board,
+        hidden=[parse_hidden(text, model) for text in _several(hide)],
+        changed=[parse_hidden(text, model, "--set") for text in _several(change)],
+        moves=move,
+        ready=lambda predicted: terminal.show(motions.prediction(predicted)),
     )
-    return ExecutionResult(done, on)
+    done, document = order.run(on)
+    return ExecutionResult(document, done)
+
+
+def _several(asked: Any) -> list[Any]:
+    """One number or text, or several of them, as a list."""
+    return [asked] if isinstance(asked, int | str) else list(asked)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar, cast
 
 from runtime.diagnosis.credibility import JudgedFit
 from runtime.diagnosis.verdict import Diagnosis
@@ -43,15 +43,20 @@ if TYPE_CHECKING:
     from runtime.notebook.figures import ResultFigures  # Matplotlib, CasADi and the pages are imported where used
 
 
-class VerbResult(ABC):
+D = TypeVar("D", bound=Document)
+J = TypeVar("J", DiagnosisDocument, ImprovementDocument)
+
+
+class VerbResult(ABC, Generic[D]):
     """What all results have in common. Printed it says a few lines; in a notebook everything else is folded below."""
 
     _sections: Callable[[Any], Sequence[Section]]
+    _in_short: Callable[[Any], Sequence[str]] = staticmethod(loop.in_short)
 
     @property
     @abstractmethod
-    def document(self) -> Document:
-        """Every figure, as a struct of runtime/documents."""
+    def document(self) -> D:
+        """Every figure, as a struct of runtime/documents: what --json of the verb writes."""
 
     def to_dict(self) -> dict[str, Any]:
         """Every figure as plain dicts, lists and numbers, with the keys of --json."""
@@ -64,7 +69,7 @@ class VerbResult(ABC):
         return self.to_dict()
 
     def __repr__(self) -> str:
-        return "\n".join(loop.in_short(self.document))
+        return "\n".join(type(self)._in_short(self.document))
 
     def _repr_html_(self) -> str:
         from runtime.notebook import html
@@ -77,7 +82,18 @@ class VerbResult(ABC):
 
 
 @dataclass(frozen=True, repr=False)
-class IdentificationResult(VerbResult):
+class MadeResult(VerbResult[D]):
+    """A result whose figures were all made with it."""
+
+    made: D
+
+    @property
+    def document(self) -> D:
+        return self.made
+
+
+@dataclass(frozen=True, repr=False)
+class IdentificationResult(VerbResult[JudgedFitDocument]):
     """The fitted parameters.
 
     arm   with the values that were identified in its text
@@ -123,10 +139,14 @@ class IdentificationResult(VerbResult):
         self.arm.save(path)
 
 
-class _Loop(VerbResult):
+class _Loop(VerbResult[D]):
     """Results that have steps of a model, each fitted: they draw figures and write a report."""
 
     summary: ResultSummary
+
+    @property
+    def document(self) -> D:
+        return cast(D, self.summary.document)
 
     @cached_property
     def figures(self) -> ResultFigures:
@@ -144,7 +164,7 @@ class _Loop(VerbResult):
 
 
 @dataclass(frozen=True, repr=False)
-class ComparisonResult(_Loop):
+class ComparisonResult(_Loop[CompareDocument]):
     """Where the model fails."""
 
     comparison: Comparison
@@ -153,24 +173,14 @@ class ComparisonResult(_Loop):
     _sections = staticmethod(fits.comparison)
 
     @property
-    def document(self) -> CompareDocument:
-        """As `tendon compare --json`."""
-        return cast(CompareDocument, self.summary.document)
-
-    @property
     def joints(self) -> list[ComparedJoint]:
         """The residual of each joint: `.rms`, `.relative` to the torque, `.floor` of the noise, and `.structure`, the
         signals that it follows."""
         return self.document.joints
 
 
-class _Judged(_Loop):
+class _Judged(_Loop[J]):
     """Results with a verdict."""
-
-    @property
-    @abstractmethod
-    def document(self) -> DiagnosisDocument | ImprovementDocument:
-        """As --json writes it."""
 
     @property
     def verdict(self) -> Literal["effect", "clean", "unexplained", "refused"]:
@@ -199,18 +209,13 @@ class _Judged(_Loop):
 
 
 @dataclass(frozen=True, repr=False)
-class DiagnosisResult(_Judged):
+class DiagnosisResult(_Judged[DiagnosisDocument]):
     """Which effect is missing."""
 
     diagnosis: Diagnosis
     summary: ResultSummary
 
     _sections = staticmethod(loop.diagnosis)
-
-    @property
-    def document(self) -> DiagnosisDocument:
-        """As `tendon diagnose --json`."""
-        return cast(DiagnosisDocument, self.summary.document)
 
     @property
     def findings(self) -> list[FindingEntry]:
@@ -220,7 +225,7 @@ class DiagnosisResult(_Judged):
 
 
 @dataclass(frozen=True, repr=False)
-class ImprovementResult(_Judged):
+class ImprovementResult(_Judged[ImprovementDocument]):
     """What was added, and how the error fell.
 
     arm   the improved one
@@ -231,11 +236,6 @@ class ImprovementResult(_Judged):
     arm: LoadedArm
 
     _sections = staticmethod(loop.improvement)
-
-    @property
-    def document(self) -> ImprovementDocument:
-        """As `tendon improve --json`."""
-        return cast(ImprovementDocument, self.summary.document)
 
     @property
     def added(self) -> list[FindingEntry]:
@@ -254,7 +254,7 @@ class ImprovementResult(_Judged):
 
 
 @dataclass(frozen=True, repr=False)
-class InspectionResult(VerbResult):
+class InspectionResult(VerbResult[InspectDocument]):
     """What is in a recording, and what looks wrong with it.
 
     recording   None if it cannot be read

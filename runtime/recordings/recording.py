@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from pathlib import Path
 from typing import NoReturn
 
@@ -160,6 +161,20 @@ class Recording:
         extra += ["temperature"] * any(c is not None for c in self.temperature)
         what = f"{n} joint{'s' if n > 1 else ''}, {samples} samples, {samples * self.dt:.4g} s at {1 / self.dt:.4g} Hz"
         return f"{self.path}: {what}" + (f", with {', '.join(extra)}" if extra else "")
+
+    def _repr_html_(self) -> str:
+        """As a notebook's cell shows it: the same line, and each joint's range and torque."""
+        rows: list[tuple[str, ...]] = [
+            ("joint", "smallest position", "largest position", "torque, rms", "largest torque")
+        ]
+        for i, (q, tau, kind) in enumerate(zip(self.q, self.tau, self.types, strict=True), 1):
+            position, force = ("rad", "N m") if kind == "revolute" else ("m", "N")
+            ends = [f"{x:.4g} {position}" for x in (q.min(), q.max())]
+            sizes = [f"{x:.4g} {force}" for x in (np.sqrt(np.mean(tau**2)), np.abs(tau).max())]
+            rows.append((str(i), *ends, *sizes))
+        cells = ("".join(f"<td>{cell}</td>" for cell in row) for row in rows)
+        notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
+        return f"<p><b>{escape(repr(self))}</b></p><table><tr>{'</tr><tr>'.join(cells)}</tr></table>{notes}"
 
 
 def read(

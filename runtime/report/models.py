@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 
 from runtime.documents.diagnosis import CommandEntry
-from runtime.documents.generated import ComparedFunction, GenerateDocument, VerifyDocument
+from runtime.documents.generated import ComparedFunction, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import (
     EffectDocument,
     EffectsDocument,
@@ -17,6 +17,8 @@ from runtime.documents.models import (
     InitScenarioDocument,
     ProposedEntry,
 )
+from runtime.documents.parts import given
+from runtime.model.loader import Model
 from runtime.report.sections import Commands, Paragraph, Section, table, texts, words
 from runtime.wording import number, percent
 
@@ -59,6 +61,26 @@ def begun_scenario(document: InitScenarioDocument) -> list[Section]:
     return [Paragraph(said), Commands((CommandEntry(command=plan, what="plans motion and springs"),))]
 
 
+def arm(model: Model, text: str) -> list[Section]:
+    """The joints of an arm and what is known of them, and its model file."""
+    rows = []
+    for i, joint in enumerate(model.joints, 1):
+        low, high = joint.position_limits or (None, None)
+        limits = [
+            "" if low is None or high is None else f"{number(low, 4)} … {number(high, 4)} {joint.position_unit}",
+            "" if joint.speed_limit is None else f"{number(joint.speed_limit, 4)} {joint.position_unit}/s",
+            "" if joint.torque_limit is None else f"{number(joint.torque_limit, 4)} {joint.force_unit}",
+        ]
+        values = "; ".join(
+            f"{name} {', '.join(f'{key} {number(x, 4)}' for key, x in known.items()) or 'unknown'}"
+            for name, known in joint.effects.items()
+        )
+        who = f"{i} {joint.name or ''}".rstrip()
+        rows.append((who, joint.type, number(joint.gear_ratio, 4), *limits, ", ".join(joint.unknown), values))
+    heads = ("joint", words("type"), "gear ratio", "range", "speed", "torque", words("unknown"), words("effects"))
+    return [table(heads, rows), Paragraph(text, "code")]
+
+
 def effects(document: EffectsDocument) -> list[Section]:
     """The library of effects, a row an effect."""
     rows = [
@@ -98,6 +120,35 @@ def effect(document: EffectDocument) -> list[Section]:
     ]
 
 
+def firmware(document: FirmwareDocument) -> list[Section]:
+    """What was written and compiled, and its memory; or which files are out of date."""
+    return texts(firmware_lines(document))
+
+
+def firmware_lines(document: FirmwareDocument) -> list[str]:
+    """As `firmware`, a line each."""
+    build = given(document.build)
+    if build is None:
+        return document.stale or [f"{document.directory}: up to date"]
+    lines = [f"{document.directory}: {len(given(document.files) or ())} files"]
+    if document.kept:
+        lines.append(f"not generated, left as they are: {', '.join(document.kept)}")
+    lines += [
+        ", ".join(build.outputs),
+        f"compiled for {build.target} by {build.toolchain.version} ({build.toolchain.why})",
+    ]
+    if (stack := build.stack) is None:
+        return lines
+    chain = " > ".join(f"{name} {size}" for name, size in stack.chain)
+    return [
+        *lines,
+        f"text {build.text:,} B, data {build.data:,} B, bss {build.bss:,} B",
+        f"worst stack {stack.worst:,} B of {build.stack_size:,}: {chain}; {stack.handlers} more in a fault handler",
+        *(f"the stack has no known bound: {why}" for why in stack.unknown),
+        "functions for double precision, a heap or text: " + (", ".join(given(build.forbidden) or ()) or "none"),
+    ]
+
+
 def verification(document: VerifyDocument) -> list[Section]:
     """Whether all are equal; the worst case of each target relative to its tolerance, and every case that is not."""
     cases = document.cases
@@ -117,18 +168,23 @@ def verification(document: VerifyDocument) -> list[Section]:
         )
         for case in [*worst.values(), *(case for case in wrong if case not in worst.values())]
     ]
+    heads = ("target", "functions", "worst", "of its tolerance", "SymPy", "target's", words("at"))
+    return [*texts(verification_lines(document)), table(heads, rows)]
+
+
+def verification_lines(document: VerifyDocument) -> list[str]:
+    """Whether all are equal, and what was proved."""
+    cases, proofs = document.cases, document.proofs
+    wrong = sum(not case.equal for case in cases)
     vectors = f"{len(document.vectors)} test vectors with --json"
     points = "1 point" if document.samples == 1 else f"{document.samples} points"
-    equal = f"NOT equal: {len(wrong)} of {len(cases)}" if wrong else f"Equal: {len(cases)}"
+    equal = f"NOT equal: {wrong} of {len(cases)}" if wrong else f"Equal: {len(cases)}"
     answer = f"{equal} comparisons at {points} each; {vectors}."
-    proofs = document.proofs
     differing = [proof for proof in proofs if not proof.equal]
-    proved = [f"NOT the Lagrangian's: {proof.function}, {proof.differs}." for proof in differing]
     if proofs and not differing:
         exact = f"exactly, at {proofs[-1].points} random points"
-        proved = [f"Proved: {len(proofs)} functions are the Lagrangian's, {exact}."]
-    heads = ("target", "functions", "worst", "of its tolerance", "SymPy", "target's", words("at"))
-    return [*texts([answer, *proved]), table(heads, rows)]
+        return [answer, f"Proved: {len(proofs)} functions are the Lagrangian's, {exact}."]
+    return [answer, *(f"NOT the Lagrangian's: {proof.function}, {proof.differs}." for proof in differing)]
 
 
 def _ratio(case: ComparedFunction) -> float:

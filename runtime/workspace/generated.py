@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from json import loads
 from pathlib import Path
 
-from runtime.documents.generated import GeneratedFiles
+from msgspec import convert
+from msgspec.json import decode
+from msgspec.structs import replace
+
+from runtime.documents.generated import BuildEntry, FirmwareDocument, GeneratedFiles, VerifyDocument
+from runtime.progress import each
 from runtime.workspace.names import ARMS, UsageError, check_unchanged
 from runtime.workspace.source import Source
 from runtime.workspace.writing import check_directory, keep
@@ -94,6 +100,44 @@ def render_all(source: Source, out: Path | None, effects: Path | None) -> Render
         beside=beside,
         files=files,
         effect_files=effect_files,
+    )
+
+
+def verified(source: Source, samples: int, seed: int) -> VerifyDocument:
+    """The arm's C double, C float and CasADi compared with SymPy at random inputs."""
+    from codegen.verify.verify import verify
+
+    report = verify(source.arm(), samples, seed, source.compiled.library.values(), partial(each, "functions"))
+    return convert(report.to_json(), VerifyDocument)
+
+
+def firmware_directory(source: Source, out: Path | None) -> Path:
+    """Where the firmware goes. Raises UsageError."""
+    directory = out if out is not None else own_directory(source, source.arm().name) / "firmware"
+    check_directory(directory)
+    return directory
+
+
+def firmware_of(source: Source, out: Path | None, target: str, toolchain: str | None) -> FirmwareDocument:
+    """Write the controller's firmware and compile it for a target of `tendon firmware`. Raises ValueError."""
+    from runtime import files
+
+    directory = firmware_directory(source, out)
+    prepared = source.compiled.controller(target, toolchain)
+    tree = source.compiled.firmware_tree(directory)
+    tree.write()
+    built, place = decode((prepared / "image.json").read_bytes(), type=BuildEntry), directory / "build" / target
+    place.mkdir(parents=True, exist_ok=True)
+    for path in (*built.outputs, "image.json"):
+        files.replace(place / path, (prepared / path).read_bytes())
+    return FirmwareDocument(
+        name=source.arm().name,
+        directory=str(directory),
+        target=target,
+        files=sorted(tree.files),
+        kept=list(tree.kept),
+        stale=[],
+        build=replace(built, outputs=[str(place / path) for path in built.outputs]),
     )
 
 

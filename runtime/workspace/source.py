@@ -14,6 +14,7 @@ from symbolic.model_file.checks import printable
 
 if TYPE_CHECKING:
     from codegen.firmware.source_tree import FirmwareTree
+    from runtime.documents.models import EffectDocument, EffectsDocument
     from runtime.model.loader import Model
     from runtime.recordings.columns import RecordedArm
     from runtime.recordings.recording import Recording
@@ -188,6 +189,26 @@ def effects_described(effects_file: Path | None, space: bool) -> Mapping[str, An
     from runtime.model.catalogue import effects_of
 
     return effects_of(described(space))
+
+
+def effects_document(effects_file: Path | None) -> EffectsDocument:
+    """The library with every effect's declaration. Raises EffectsError."""
+    from msgspec import convert
+
+    from codegen import metadata
+    from runtime.documents.models import EffectsDocument
+
+    return convert(metadata.library(tuple(effects_library(effects_file, space=True).values())), EffectsDocument)
+
+
+def effect_document(library: EffectsDocument, name: str) -> EffectDocument:
+    """One effect of the library. Raises UsageError."""
+    named = {effect.name: effect for effect in library.effects}
+    if name not in named:
+        close = checks.nearest(name, named)
+        hint = f'did you mean "{close}"? ' if close else ""
+        raise UsageError(f"unknown effect {checks.quote(name)}; {hint}(tendon effects lists them all)")
+    return named[name]
 
 
 def _own_effects(path: Path, space: bool) -> tuple[Effect, ...]:

@@ -2,16 +2,25 @@
 
 from codegen.toolchain.build import BuildError as BuildError
 from runtime.experiments.design import ExperimentError as ExperimentError
+from runtime.hardware.link import LinkError as LinkError
+from runtime.hardware.link import LinkLost as LinkLost
 from runtime.hardware.settings import ControllerError as ControllerError
 from runtime.model.catalogue import LoaderError as LoaderError
 from runtime.notebook.arm import LoadedArm as LoadedArm
 from runtime.notebook.arm import load as load
 from runtime.notebook.arm import recording as recording
 from runtime.notebook.exchanged import ExportResult as ExportResult
-from runtime.notebook.exchanged import GenerationResult as GenerationResult
 from runtime.notebook.exchanged import export as export
-from runtime.notebook.exchanged import generate as generate
 from runtime.notebook.exchanged import import_ as import_
+from runtime.notebook.generated import EffectResult as EffectResult
+from runtime.notebook.generated import FirmwareResult as FirmwareResult
+from runtime.notebook.generated import GenerationResult as GenerationResult
+from runtime.notebook.generated import LibraryResult as LibraryResult
+from runtime.notebook.generated import VerificationResult as VerificationResult
+from runtime.notebook.generated import effects as effects
+from runtime.notebook.generated import firmware as firmware
+from runtime.notebook.generated import generate as generate
+from runtime.notebook.generated import verify as verify
 from runtime.notebook.planned import ExecutionResult as ExecutionResult
 from runtime.notebook.planned import ExperimentResult as ExperimentResult
 from runtime.notebook.planned import PlanResult as PlanResult

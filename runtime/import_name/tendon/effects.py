@@ -1,5 +1,13 @@
-"""What a file of your own effects imports; the guide of symbolic/ shows an example."""
+"""What a file of your own effects imports; the guide of symbolic/ shows an example.
 
+Called, `tendon.effects("stribeck")`, the module is the verb of this name, which it would otherwise hide.
+"""
+
+import sys
+from types import ModuleType
+from typing import Any
+
+from runtime.notebook.generated import effects
 from symbolic import units
 from symbolic.effects import load_user_effects
 from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, LinearForm, Parameter, State, parameter, state
@@ -26,3 +34,11 @@ __all__ = [
     "step",
     "units",
 ]
+
+
+class _Verb(ModuleType):
+    def __call__(self, *asked: Any, **named: Any) -> Any:
+        return effects(*asked, **named)
+
+
+sys.modules[__name__].__class__ = _Verb

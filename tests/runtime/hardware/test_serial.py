@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import serial
 from bench_arm import BENCH, motion, trajectory
+from msgspec import UNSET
 
 from codegen.prepare import prepare_arm, prepare_firmware
 from runtime.cli import output
@@ -29,8 +30,10 @@ from runtime.hardware import session
 from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
 from runtime.hardware.link import LinkError, LinkLost, SerialLink
 from runtime.hardware.lockstep import Board
-from runtime.hardware.settings import Settings
+from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Library, Model
+from runtime.notebook.arm import load
+from runtime.notebook.planned import execute
 from runtime.planning.evaluate import mounted
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
@@ -131,11 +134,11 @@ Outcome = tuple[int, str, str]
 
 @pytest.fixture
 def called(here: Path, capsys: pytest.CaptureFixture[str]) -> Any:  # noqa: ARG001 - where the files are
-    def execute(*arguments: object) -> Outcome:
+    def run(*arguments: object) -> Outcome:
         status = output.run(app, ["execute", "bench.toml", "plan.json", *map(str, arguments)])
         return status, *capsys.readouterr()
 
-    return execute
+    return run
 
 
 # --- a run ---
@@ -202,6 +205,29 @@ def test_without_arm_nothing_moves(bench: Bench, called: Any) -> None:
     assert "The board answers and takes the motion" in out
     assert re.search(r"joint 1: stands at -?0\.000 rad, the motion starts at -?0\.000\n", out)
     assert "REFUSED, nothing has moved: a real arm moves only with --arm" in out
+
+
+def test_python_asks_the_same_questions_before_an_arm_moves(
+    bench: Bench, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not told to move, it looks and predicts; told to, it says the prediction and moves."""
+    mine, on = load(here / "bench.toml"), f"serial://{bench.device}?baud=115200"
+    looked = execute(mine, here / "plan.json", on=on)
+    assert (looked.status, looked.recording) == ("refused", None)
+    assert "move=True" in str(looked.reason)
+    assert looked.prediction is not None
+    assert looked.document.board is not UNSET
+    done = execute(mine, here / "plan.json", on=on, move=True, cycles=1)
+    assert (done.status, done.document.on) == ("done", on)
+    assert done.recording is not None
+    assert done.prediction is not None
+    assert np.abs(done.recording.tau[0]).max() < 1.5 * done.prediction.joints[0].torque
+    assert "room to the end of the range" in capsys.readouterr().out
+    for wrong in ({"hide": "linear_spring@1"}, {"on": "/dev/ttyACM0"}, {"on": "simulation", "move": True}):
+        with pytest.raises(
+            (ControllerError, LinkError), match=r"--hide is for the sim|did you mean serial://|--arm is for a real arm"
+        ):
+            execute(mine, here / "plan.json", **{"on": on, **wrong})
 
 
 def test_without_arm_and_without_a_board(called: Any) -> None:

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from runtime.notebook.arm import load, recording
-from runtime.notebook.exchanged import generate
+from runtime.notebook.generated import generate
 from runtime.notebook.planned import PlanResult, execute, experiment, optimize
 from runtime.notebook.verbs import inspect, simulate
 
@@ -70,14 +70,20 @@ def test_a_safe_stop_says_why(plan: PlanResult) -> None:
     stopped = execute(plan.arm, plan, trials=1, cycles=1, hide="linear_spring@2:stiffness=3000,rest=1")
     assert stopped.status == "stopped"
     assert "STOPPED: trial 1 at t = " in repr(stopped)
-    with pytest.raises(ValueError, match="expected one of simulation, unicorn, qemu; a real arm moves from"):
-        execute(plan.arm, plan, on="serial:///dev/ttyACM0")
+    with pytest.raises(ValueError, match="too few limits for a real arm"):
+        execute(plan.arm, plan, on="serial:///dev/ttyACM0", move=True)
 
 
 def test_an_experiment_separates_what_it_is_asked_to(tmp_path: Path) -> None:
     arm = load("drive")
-    result = experiment(arm, ["linear_spring@1", "gravity"])
+    result = experiment(arm, ["linear_spring@1", "gravity"], joints=1, ranges={1: (-0.9, 0.9)})
     assert result.separated
+    assert -0.9 <= result.motion.min() < -0.5
+    assert 0.5 < result.motion.max() <= 0.9
+    with pytest.raises(ValueError, match="is no joint of drive"):
+        experiment(arm, "gravity", joints=[1, "wrist"])
+    with pytest.raises(ValueError, match="expected LOW below HIGH"):
+        experiment(arm, "gravity", ranges={1: (0.9, -0.9)})
     assert "linear_spring@1, gravity" in repr(result)
     result.save(tmp_path / "motion.csv")
     from_file, from_array = (simulate(arm, motion=motion) for motion in (tmp_path / "motion.csv", result.motion))
