@@ -73,7 +73,6 @@ SLOW = (
     "motion.csv",
     "--draft",
     "guess.py",
-    "optimize press.toml",
     "optimize scenario2",
     "case2D.json",
     "mounted.toml",
