@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,18 +11,21 @@ import typer
 from msgspec.structs import replace
 
 from runtime.cli import completion
-from runtime.cli.inputs import check_hidden, opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
+from runtime.cli.inputs import TypedInputs, check_hidden, opened
+from runtime.cli.options import EffectsFile, Json, Map, ModelFile, with_settings
 from runtime.cli.output import NO, emit
 from runtime.cli.places import READ, WRITTEN
+from runtime.documents.experiments import FirstMotionDocument
 from runtime.documents.recordings import ExperimentDocument
-from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
+from runtime.experiments.options import GIVEN_BUDGET, ExperimentSettings, FirstMotionSettings
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
-    from runtime.experiments.scene import Scene
+    from runtime.experiments.first_proposal import ArmToMove, AtHand
+    from runtime.simulation.simulate import Hidden
 
+Tell = Callable[[str], None]
 app = typer.Typer()
 
 
@@ -42,6 +46,15 @@ def experiment(
         Path | None,
         typer.Option(metavar="MOTION.csv", help="Write the motion, for your arm or for tendon simulate --motion."),
         WRITTEN,
+    ] = None,
+    given: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RECORDING",
+            help="The next motion: it tells most beyond this recording, and separates what that leaves open; "
+            "repeatable.",
+        ),
+        READ,
     ] = None,
     held_out: Annotated[
         Path | None,
@@ -75,91 +88,134 @@ def experiment(
     ] = None,
     chosen: FirstMotionSettings = FirstMotionSettings(),
     settings: ExperimentSettings = ExperimentSettings(),
+    maps: Map = None,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
     """Within the limits of the joints. With --between confirmed in simulation;
     exit status 1 if there is none."""
-    source = opened(model, effects)
-    if not between:
-        _first(source, _Asked(out, held_out, start, joints, ranges, floor, boxes, scene), chosen, settings, json)
-        return
-    if held_out or start or boxes or scene or floor is not None or chosen != FirstMotionSettings():
-        raise UsageError(
-            "--held-out, --start, --floor, --box, --scene, --seconds, --speed and --tip-speed are for motions without "
-            "--between"
-        )
-    from runtime.experiments import design as experiments
-    from runtime.report import recordings, terminal
+    from runtime.report import terminal
 
-    check_hidden(source, "--between", experiments.rival_texts(",".join(between)))
-    with terminal.working("deriving and compiling the model"):
-        loaded = source.compiled.model()
-    rivals = experiments.parse_rivals(",".join(between), loaded)
-    moving = None if joints is None else experiments.parse_joints(joints, loaded, rivals)
-    narrower = experiments.parse_ranges(ranges, loaded)
+    if between and (given or held_out):
+        raise UsageError("--given and --held-out are for motions without --between")
+    asked = _Asked(start, joints, ranges, floor, boxes, scene)
     with terminal.working("looking for a motion") as say:
-        proposal = experiments.propose(loaded, rivals, settings, say, moving, narrower)
-    written = out if proposal.separated else None
-    if written:
-        experiments.write_motion(written, loaded, proposal.motion)
-    document = proposal.document().as_part_of(ExperimentDocument, out=str(written) if written else None)
-    emit(json, document, terminal.printer(recordings.experiment))
-    if not proposal.separated:
+        said: ExperimentDocument | FirstMotionDocument
+        if between:
+            said = _separating(opened(model, effects), between, out, asked, chosen, settings, say)
+        else:
+            source, at_hand = _at_hand(TypedInputs(model, given or [], effects=effects, maps=maps), say)
+            said = _telling(source, at_hand, (out, held_out), asked, chosen, settings, say)
+    from runtime.report import recordings
+
+    if isinstance(said, FirstMotionDocument):
+        emit(json, said, terminal.printer(recordings.first_motion))
+        return
+    emit(json, said, terminal.printer(recordings.experiment))
+    if not said.separated:
         raise typer.Exit(NO)
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """Options of a first motion as they were typed."""
+    """What a motion keeps to, as it was typed."""
 
-    out: Path | None
-    held_out: Path | None
     start: str | None
     joints: str | None
     ranges: list[str]
     floor: float | None
     boxes: list[str]
-    scene_file: Path | None
+    scene: Path | None
 
-    def scene(self) -> Scene:
-        """What stands around the arm."""
+    def arm(self, source: Source, rivals: Sequence[Hidden] = (), at_hand: AtHand | None = None) -> ArmToMove:
+        """The arm in its surroundings."""
+        from runtime.experiments import asking
+        from runtime.experiments.clearance import Clearance
+        from runtime.experiments.first_proposal import ArmToMove
         from runtime.experiments.scene import Scene
 
-        return Scene.of(self.floor, self.boxes, self.scene_file)
+        model, (likely, assumed) = source.compiled.model(), source.compiled.with_likely_numbers()
+        room = Clearance.of(likely.arm, Scene.of(self.floor, self.boxes, self.scene))
+        return ArmToMove(
+            model,
+            likely.model(),
+            likely.arm,
+            assumed,
+            room,
+            room.unchecked,
+            start=None if self.start is None else asking.parse_pose(self.start),
+            moving=None if self.joints is None else asking.parse_joints(self.joints, model, rivals),
+            ranges=asking.parse_ranges(self.ranges, model),
+            given=at_hand,
+        )
 
 
-def _first(
-    source: Source, asked: _Asked, chosen: FirstMotionSettings, settings: ExperimentSettings, json: Json
-) -> None:
-    from runtime.report import recordings, terminal
+def _separating(
+    source: Source,
+    between: Sequence[str],
+    out: Path | None,
+    asked: _Asked,
+    chosen: FirstMotionSettings,
+    settings: ExperimentSettings,
+    say: Tell,
+) -> ExperimentDocument:
+    """The motion that separates rivals."""
+    from runtime.experiments import asking, design
+    from runtime.experiments.first_proposal import ReadyArm
+    from runtime.report import recordings
 
-    with terminal.working("deriving and compiling the model"):
-        own, (likely, assumed) = source.compiled, source.compiled.with_likely_numbers()
-        models = own.model(), likely.model()
-    from runtime.experiments import design
-    from runtime.experiments.clearance import Clearance
-    from runtime.experiments.first_proposal import ArmToMove, propose_first
-
-    room = Clearance.of(likely.arm, asked.scene())
-    to_move = ArmToMove(
-        *models,
-        likely.arm,
-        assumed,
-        room,
-        room.unchecked,
-        start=None if asked.start is None else design.parse_pose(asked.start),
-        moving=None if asked.joints is None else design.parse_joints(asked.joints, models[0], []),
-        ranges=design.parse_ranges(asked.ranges, models[0]),
+    text = ",".join(between)
+    check_hidden(source, "--between", asking.rival_texts(text))
+    rivals = asking.parse_rivals(text, source.compiled.model())
+    to_move = asked.arm(source, rivals)
+    ready = ReadyArm.of(to_move, settings, chosen)
+    proposal = design.propose(
+        to_move.model, rivals, settings, say, ready.moving, ready.ranges, to_move.likely, ready.limits.is_free
     )
-    with terminal.working("looking for a motion") as say:
-        found = propose_first(to_move, settings, chosen, check=asked.held_out is not None, tell=say)
-    for path, motion in ((asked.out, found.first), (asked.held_out, found.check)):
+    written = out if proposal.separated else None
+    if written:
+        design.write_motion(written, to_move.model, proposal.motion, notes=recordings.not_checked(to_move.unchecked))
+    return proposal.document().as_part_of(ExperimentDocument, out=str(written) if written else None)
+
+
+def _at_hand(typed: TypedInputs, say: Tell) -> tuple[Source, AtHand | None]:
+    """The model file with what the recordings at hand tell, and what they leave open; as it is without any."""
+    if not typed.recordings:
+        return opened(typed.model, typed.effects), None
+    from runtime.diagnosis.credibility import judged
+    from runtime.diagnosis.stages import diagnose
+    from runtime.experiments.first_proposal import AtHand
+    from runtime.report import diagnosed
+    from runtime.simulation.simulate import Hidden
+
+    source, data, loaded = typed.read()
+    say("fitting and diagnosing the recordings at hand")
+    found = diagnose(loaded, data, budget=GIVEN_BUDGET)
+    fit = found.found.steps[0].fit
+    fitted = source.with_text(source.edits.set(diagnosed.judged(judged(fit, data))).text)
+    open_one = next((finding for finding in found.findings if finding.rivals), None)
+    rivals = () if open_one is None else (open_one.term, *open_one.rivals)
+    return fitted, AtHand(fit, data, tuple(Hidden(term, {}) for term in rivals))
+
+
+def _telling(
+    source: Source,
+    at_hand: AtHand | None,
+    files: tuple[Path | None, Path | None],
+    asked: _Asked,
+    chosen: FirstMotionSettings,
+    settings: ExperimentSettings,
+    say: Tell,
+) -> FirstMotionDocument:
+    """The motion that tells most of what is unknown."""
+    from runtime.experiments.design import write_motion
+    from runtime.experiments.first_proposal import propose_first
+    from runtime.report import recordings
+
+    to_move = asked.arm(source, at_hand=at_hand)
+    found = propose_first(to_move, settings, chosen, check=files[1] is not None, tell=say)
+    for path, motion in zip(files, (found.first, found.check), strict=True):
         if path is not None and motion is not None:
-            design.write_motion(path, models[0], motion.path, notes=recordings.motion_notes(found.document))
-    document = replace(
-        found.document,
-        out=str(asked.out) if asked.out else None,
-        held_out=str(asked.held_out) if asked.held_out else None,
-    )
-    emit(json, document, terminal.printer(recordings.first_motion))
+            write_motion(path, to_move.model, motion.path, notes=recordings.motion_notes(found.document))
+    out, held_out = (None if path is None else str(path) for path in files)
+    return replace(found.document, out=out, held_out=held_out)

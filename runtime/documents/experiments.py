@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from runtime.documents.parts import Document, Interval, JointName, JointNumber, key
+from runtime.documents.parts import Document, EffectAt, Interval, JointName, JointNumber, key
 from runtime.documents.recordings import AssumedNumber, DeterminedParameter
 
 
@@ -45,7 +45,16 @@ class FirstMotionDocument(Document, frozen=True, kw_only=True):
     tip_speed: Annotated[float, key("largest speed of the tip", "m/s")]
     tip_speed_limit: Annotated[float, key("the largest that is allowed", "m/s")]
     information: Annotated[float, key("what its Fourier part tells beyond what is assumed", "nats")]
-    parameters: Annotated[list[DeterminedParameter], key("predicted: how well a recording of it tells each parameter")]
+    parameters: Annotated[
+        list[DeterminedParameter],
+        key("predicted: how well a recording of it, with those at hand, tells each parameter"),
+    ]
+    before: Annotated[
+        list[DeterminedParameter] | None, key("how well the recordings at hand tell each parameter; null without any")
+    ]
+    rivals: Annotated[
+        list[EffectAt] | None, key("effects that the recordings at hand do not tell apart; null without any")
+    ]
     assumed: Annotated[list[AssumedNumber], key("inertias that the model file leaves out")]
     unchecked: Annotated[list[str], key("what nothing keeps the arm from, a sentence each")]
     out: Annotated[str | None, key("file of the motion; null if none was written")]

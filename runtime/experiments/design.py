@@ -33,91 +33,20 @@ from runtime.documents.recordings import (
     TrialDiagnosis,
     ValuedEffect,
 )
+from runtime.experiments.asking import ExperimentError
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
 from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, narrowed
 from runtime.experiments.settings import ORDINARY_SECONDS, SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
-from runtime.model.terms import Term, joints_of, structure
+from runtime.model.terms import Term, joints_of
 from runtime.progress import of_long, seconds_left, steps, within
 from runtime.simulation.settings import MARGIN, RATE
-from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
-from symbolic.model_file.checks import joint_number, known_joints
+from runtime.simulation.simulate import Hidden
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
-
-
-class ExperimentError(ValueError):
-    """What was asked is no experiment; the message says why and what to do."""
-
-
-def rival_texts(text: str) -> list[str]:
-    """Of `EFFECT@JOINT[:KEY=VALUE,...]`, several separated by commas, each."""
-    parts: list[str] = []
-    for cell in text.split(","):
-        continues = "=" in cell.partition(":")[0] and parts
-        if continues:
-            parts[-1] += f",{cell}"
-        else:
-            parts.append(cell.strip())
-    return parts
-
-
-def parse_rivals(text: str, model: Model) -> list[Hidden]:
-    """The effects that are to be told apart. Raises ExperimentError."""
-    try:
-        rivals = [parse_hidden(part, model, "--between") for part in rival_texts(text)]
-    except SimulationError as error:
-        raise ExperimentError(str(error)) from error
-    for rival in rivals:
-        if sum(rival.term == other.term for other in rivals) > 1:
-            raise ExperimentError(f"--between {text}: {rival.term} is named twice; name different rivals")
-        if rival.term in structure(model):
-            raise ExperimentError(
-                f"--between {text}: {model.name} has {rival.term} already; name effects that it lacks, or take it out"
-            )
-    return rivals
-
-
-def parse_joints(text: str, model: Model, rivals: Sequence[Hidden]) -> list[int]:
-    """The joints (0-based) that move, of numbers or names separated by commas. Raises ExperimentError."""
-    found = sorted({_joint(part.strip(), model, f"--joints {text}") for part in text.split(",")})
-    for rival in rivals:
-        at = rival.term.joint
-        if at is not None and at - 1 not in found:
-            raise ExperimentError(f"--joints {text}: {rival.term} shows at joint {at} only, which would rest; add it")
-    return found
-
-
-def parse_ranges(texts: Sequence[str], model: Model) -> dict[int, tuple[float, float]]:
-    """Ranges of positions, (low, high) in rad or m by joint (0-based), of texts q2=LOW:HIGH, with the joint's number or
-    name. Raises ExperimentError."""
-    found: dict[int, tuple[float, float]] = {}
-    for text in texts:
-        said, _, ends = text.partition("=")
-        low, _, high = ends.partition(":")
-        try:
-            least, most = float(low), float(high)
-        except ValueError as error:
-            raise ExperimentError(f"--range {text}: expected JOINT=LOW:HIGH in rad or m, as q2=-1:0.5") from error
-        i = _joint(said.removeprefix("q"), model, f"--range {text}")
-        limits, unit = model.joints[i].position_limits, model.joints[i].position_unit
-        lowest, highest = limits or (-np.inf, np.inf)
-        if not (lowest <= least < most <= highest and np.isfinite([least, most]).all()):
-            of_file = f" within the limits of the file, {lowest:g} to {highest:g} {unit}" if limits else ""
-            raise ExperimentError(f"--range {text}: expected LOW below HIGH{of_file}")
-        found[i] = least, most
-    return found
-
-
-def _joint(said: str, model: Model, where: str) -> int:
-    names = [joint.name for joint in model.joints]
-    number = joint_number(said, names)
-    if number is None:
-        raise ExperimentError(f"{where}: {said!r} is no joint of {model.name}; it has {known_joints(names)}")
-    return number - 1
 
 
 @dataclass(frozen=True)
@@ -154,11 +83,11 @@ class SimulatedDiagnosis:
 
     def document(self) -> TrialDiagnosis:
         return TrialDiagnosis(
-            hidden=None if self.hidden is None else _place(self.hidden),
+            hidden=None if self.hidden is None else place(self.hidden),
             seed=self.seed,
             verdict=self.verdict,
-            named=[_place(t) for t in self.named],
-            rivals=[_place(t) for t in self.rivals],
+            named=[place(t) for t in self.named],
+            rivals=[place(t) for t in self.rivals],
             right=self.right,
             problem=self.problem,
         )
@@ -340,8 +269,8 @@ class Proposal:
     def _pair(self, truth: int, other: int | None) -> SeparationEntry:
         rivals, pair = self.bench.rivals, (truth, other)
         return SeparationEntry(
-            hidden=_place(rivals[truth].term),
-            explained_by=None if other is None else _place(rivals[other].term),
+            hidden=place(rivals[truth].term),
+            explained_by=None if other is None else place(rivals[other].term),
             before=self.before[pair].rms,
             after=self.after[pair].rms,
             sigmas_before=self.before[pair].strength,
@@ -349,7 +278,8 @@ class Proposal:
         )
 
 
-def _place(term: Term) -> EffectAt:
+def place(term: Term) -> EffectAt:
+    """Where an effect acts, for a document."""
     return EffectAt(effect=term.effect, joint=term.joint)
 
 
@@ -360,6 +290,8 @@ def propose(
     tell: Tell | None = None,
     moving: Sequence[int] | None = None,
     ranges: Mapping[int, tuple[float, float]] = MappingProxyType({}),
+    likely: Model | None = None,
+    free: Callable[[Array], bool] = lambda _: True,
 ) -> Proposal:
     """The motion within the model file's limits that separates the rivals, or comes nearest to it.
 
@@ -367,13 +299,15 @@ def propose(
     tell     hears what is going on
     moving   joints (0-based) that move, the others stay in the middle of their ranges; None: all
     ranges   joint (0-based) -> (low, high), rad or m, in place of the file's limits
+    likely, free   as for TrialArm.of
     Raises SimulationError, ExperimentError.
     """
     say = tell or (lambda _: None)
     if settings.noise <= 0:
         raise ExperimentError("without noise every difference would count; give a noise above 0")
     with within(settings.time_limit):
-        bench = TrialArm.of(narrowed(model, ranges), rivals, settings, moving)
+        own = None if likely is None else narrowed(likely, ranges)
+        bench = TrialArm.of(narrowed(model, ranges), rivals, settings, moving, own, free)
         limit = TorqueLimit.of(bench)
         say(f"judging the pieces of motion; the search takes at most {settings.time_limit:g} s")
         repertoire = Repertoire.of(bench, limit, Freedom())
@@ -443,17 +377,6 @@ def _relief(bench: TrialArm, limit: TorqueLimit, freedom: Freedom, say: Tell) ->
     quieter = replace(bench, quiet=freedom.noise)
     best = max(Repertoire.of(quieter, limit, freedom).choices(), key=lambda c: (c.visible, c.strength))
     return freedom.name, best.strength, best.enough
-
-
-def parse_pose(text: str) -> Array:
-    """Positions (n,), rad or m, of a text Q1,Q2,... Raises ExperimentError."""
-    try:
-        pose = np.array([float(part) for part in text.split(",")])
-    except ValueError as error:
-        raise ExperimentError(f"--start {text}: expected numbers separated by commas, rad or m") from error
-    if not np.isfinite(pose).all():
-        raise ExperimentError(f"--start {text}: expected finite numbers")
-    return pose
 
 
 def write_motion(path: Path, model: Model, motion: Array, notes: Sequence[str] = ()) -> None:

@@ -71,6 +71,13 @@ class SafeLimits:
             found.append((np.inf, "a distance"))
         return max(found)
 
+    def is_free(self, path: Array) -> bool:
+        """Whether a motion (n, N) at 1 kHz keeps clear of itself and its surroundings, and its tip is slow enough."""
+        q, qd, qdd = (part[:, :: round(RATE / CHECK_RATE)] for part in derivatives(path))
+        if float(self.room.least(q).min()) < 0:
+            return False
+        return float(self.largest(q, qd, qdd)[1].max()) <= self.tip_speed
+
     def _ratios(self, q: Array, qd: Array, qdd: Array) -> Iterator[tuple[str, int, Array]]:
         torque, tip_speed = self.largest(q, qd, qdd)
         for i, e in enumerate(self.envelopes):
@@ -141,13 +148,14 @@ class MotionPlanner:
         """(n,) the pose about which the arm moves."""
         return np.array([e.middle for e in self.envelopes])
 
-    def motion(self, seed: int, tell: Tell) -> FirstMotion:
-        """The first motion; another seed gives another one. Raises SimulationError where nothing is safe."""
+    def motion(self, seed: int, tell: Tell, more: Sequence[tuple[str, Array]] = ()) -> FirstMotion:
+        """The first motion; another seed gives another one. more: names and positions (n, N) of parts besides. Raises
+        SimulationError where nothing is safe."""
         rng = np.random.default_rng(seed)
         tell("searching the Fourier motion of most information")
         series, x, nats = self._fourier(rng)
         tell("fitting a ladder of speeds, holds and slow passes into the limits")
-        others = self._others(rng)
+        others = [*more, *self._others(rng)]
         left = self.seconds - sum(part.shape[1] / RATE for _, part in others)
         times = max(LEAST_TIMES, round(left / series.period))
         once = series.shape(x, np.arange(round(series.period * RATE)) / RATE)[0]

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from runtime.documents.experiments import FirstMotionDocument, LimitedJoint, MotionPart
 from runtime.documents.recordings import AssumedNumber
-from runtime.experiments.design import ExperimentError
+from runtime.experiments.asking import ExperimentError
+from runtime.experiments.design import place, propose
 from runtime.experiments.excitation import Room
 from runtime.experiments.first import FirstMotion, MotionPlanner, SafeLimits, derivatives
 from runtime.experiments.fourier import FourierMotion, harmonics_of
@@ -24,19 +25,22 @@ from runtime.experiments.settings import (
     CHECK_RATE,
     FARTHEST_REACH,
     FASTEST_HARMONIC,
+    LEAST_TORQUE,
     PERIOD,
     POSSIBLE_ARMS,
     SAMPLES_A_PERIOD,
     UNSTATED_TORQUE,
 )
+from runtime.identification.fit import Fit
 from runtime.identification.identify import identify
 from runtime.inspection.inspection import determined
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.progress import within
+from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
-from runtime.simulation.simulate import complete, simulate
+from runtime.simulation.simulate import Hidden, complete, simulate
 from symbolic.model_file.arm import Arm
 from symbolic.model_file.likely import LikelyNumber
 
@@ -53,6 +57,7 @@ class ArmToMove:
     start     (n,) rad (m), the pose from which it moves; None: the middle of the ranges
     moving    joints (0-based) that move; None: all      ranges   joint (0-based) -> (low, high), narrower ones
     room      keeps it clear of itself and of what stands around; unchecked: what nothing keeps it from, sentences
+    given     what recordings at hand tell; None: there are none
     """
 
     model: Model
@@ -64,6 +69,75 @@ class ArmToMove:
     start: Array | None = None
     moving: Sequence[int] | None = None
     ranges: Mapping[int, tuple[float, float]] | None = None
+    given: AtHand | None = None
+
+
+@dataclass(frozen=True)
+class AtHand:
+    """Recordings of the arm, and what they leave open.
+
+    fit      of the model file to them        recordings   that were fitted
+    rivals   effects of which one is missing and the recordings do not tell which
+    """
+
+    fit: Fit
+    recordings: Sequence[Recording]
+    rivals: tuple[Hidden, ...] = ()
+
+    def known(self, information: ArmInformation) -> Array:
+        """Their information about the unknowns of a motion's search."""
+        told = [information.told(p.q, p.qd, p.qdd, 1 / p.dt) for p in self.fit.motion.pieces]
+        return np.sum(told, axis=0)
+
+
+@dataclass(frozen=True)
+class ReadyArm:
+    """An arm with the limits within which it is moved.
+
+    moving   joints (0-based) that move     start   (n,) rad (m), where it is before and after
+    noise    (n,) standard deviation of the recorded torques' noise, N m (N)
+    """
+
+    limits: SafeLimits
+    moving: tuple[int, ...]
+    start: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, to_move: ArmToMove, settings: ExperimentSettings, chosen: FirstMotionSettings) -> ReadyArm:
+        """Raises ExperimentError, SimulationError."""
+        ranges = to_move.ranges or {}
+        likely = narrowed(to_move.likely, ranges)
+        moving = tuple(range(likely.n)) if to_move.moving is None else tuple(to_move.moving)
+        start = _start(likely, to_move)
+        envelopes = [_envelope(likely, i, start[i], i in ranges, chosen.speed) for i in range(likely.n)]
+        series = FourierMotion(envelopes, moving, PERIOD, harmonics_of(PERIOD, FASTEST_HARMONIC))
+        x = series.random(np.random.default_rng(settings.seed))
+        path = series.shape(x, np.arange(round(PERIOD * RATE)) / RATE)[0]
+        values = complete(likely, path, {term: dict(v) for term, v in structure(likely).items()})
+        arms = PossibleArms.of(likely, to_move.arm, values, to_move.assumed, POSSIBLE_ARMS, settings.seed)
+        if to_move.given is not None:
+            rivals = {rival.term: dict(rival.values) for rival in to_move.given.rivals}
+            arms = replace(arms, wondered=complete(likely, path, rivals))
+        information = ArmInformation(arms, SAMPLES_A_PERIOD, np.ones(likely.n))
+        made = information.outputs(*series.shape(x, np.arange(SAMPLES_A_PERIOD) * PERIOD / SAMPLES_A_PERIOD))
+        noise = settings.noise * np.maximum(np.sqrt(np.mean(made.tau**2, axis=0)), LEAST_TORQUE)
+        usual = UNSTATED_TORQUE * information.largest_torque(made)[0].max(axis=0)
+        stated = [joint.torque_limit for joint in likely.joints]
+        torque = np.array([u if s is None else MARGIN * s for s, u in zip(stated, usual, strict=True)])
+        information = replace(information, noise=noise)
+        if to_move.given is not None:
+            information = replace(information, known=to_move.given.known(information))
+        limits = SafeLimits(information, envelopes, torque, chosen.tip_speed, to_move.room)
+        _check_start(limits, start)
+        return cls(limits, moving, start, noise)
+
+    @property
+    def ranges(self) -> dict[int, tuple[float, float]]:
+        """Joint (0-based) -> (low, high), rad or m, of which motions within the joints' limits use a part."""
+        return {
+            i: (e.middle - e.reach / MARGIN, e.middle + e.reach / MARGIN) for i, e in enumerate(self.limits.envelopes)
+        }
 
 
 @dataclass(frozen=True)
@@ -72,10 +146,9 @@ class FirstProposal:
     as `tendon inspect` tells it of a recorded one."""
 
     to_move: ArmToMove
-    limits: SafeLimits
+    ready: ReadyArm
     first: FirstMotion
     check: FirstMotion | None
-    noise: Array
     document: FirstMotionDocument
 
 
@@ -92,41 +165,39 @@ def propose_first(
         raise ExperimentError("without noise everything would be told; give a noise above 0")
     say(f"a motion of about {chosen.seconds:g} s; the search takes at most {settings.time_limit:g} s")
     with within(settings.time_limit / (2 if check else 1)):
-        limits, moving, noise, start = _prepared(to_move, settings, chosen)
-        planner = MotionPlanner(limits, moving, start, chosen.seconds)
-        first = planner.motion(settings.seed, say)
+        ready = ReadyArm.of(to_move, settings, chosen)
+        planner = MotionPlanner(ready.limits, ready.moving, ready.start, chosen.seconds)
+        first = planner.motion(settings.seed, say, _between_rivals(to_move, ready, settings, say))
     other = None
     if check:
         say("searching another motion for validation")
         with within(settings.time_limit / 2):
             other = replace(planner, seconds=chosen.seconds / 2).motion(settings.seed + 1, lambda _: None)
     say("predicting what a recording would tell")
-    document = _document(to_move, limits, first, noise, settings.seed)
-    return FirstProposal(to_move, limits, first, other, noise, document)
+    document = _document(to_move, ready, first, settings.seed)
+    return FirstProposal(to_move, ready, first, other, document)
 
 
-def _prepared(
-    to_move: ArmToMove, settings: ExperimentSettings, chosen: FirstMotionSettings
-) -> tuple[SafeLimits, Sequence[int], Array, Array]:
-    """Limits, the joints that move, the noise (n,) of the torques, and the start pose (n,)."""
-    likely = narrowed(to_move.likely, to_move.ranges or {})
-    moving = tuple(range(likely.n)) if to_move.moving is None else tuple(to_move.moving)
-    start = _start(likely, to_move)
-    envelopes = [_envelope(likely, i, start[i], i in (to_move.ranges or {}), chosen.speed) for i in range(likely.n)]
-    series = FourierMotion(envelopes, moving, PERIOD, harmonics_of(PERIOD, FASTEST_HARMONIC))
-    x = series.random(np.random.default_rng(settings.seed))
-    path = series.shape(x, np.arange(round(PERIOD * RATE)) / RATE)[0]
-    values = complete(likely, path, {term: dict(v) for term, v in structure(likely).items()})
-    arms = PossibleArms.of(likely, to_move.arm, values, to_move.assumed, POSSIBLE_ARMS, settings.seed)
-    information = ArmInformation(arms, SAMPLES_A_PERIOD, np.ones(likely.n))
-    made = information.outputs(*series.shape(x, np.arange(SAMPLES_A_PERIOD) * PERIOD / SAMPLES_A_PERIOD))
-    noise = settings.noise * np.maximum(np.sqrt(np.mean(made.tau**2, axis=0)), 1e-9)
-    usual = UNSTATED_TORQUE * information.largest_torque(made)[0].max(axis=0)
-    stated = [joint.torque_limit for joint in likely.joints]
-    torque = np.array([u if s is None else MARGIN * s for s, u in zip(stated, usual, strict=True)])
-    limits = SafeLimits(replace(information, noise=noise), envelopes, torque, chosen.tip_speed, to_move.room)
-    _check_start(limits, start)
-    return limits, moving, noise, start
+def _between_rivals(
+    to_move: ArmToMove, ready: ReadyArm, settings: ExperimentSettings, say: Tell
+) -> list[tuple[str, Array]]:
+    """The part of the motion that separates rivals, if the recordings at hand leave some and one does."""
+    given = to_move.given
+    if given is None or not given.rivals:
+        return []
+    names = " from ".join(str(rival.term) for rival in given.rivals)
+    say(f"looking for what tells {names}")
+    found = propose(
+        to_move.model,
+        given.rivals,
+        replace(settings, time_limit=settings.time_limit / 2),
+        say,
+        moving=ready.moving,
+        ranges=ready.ranges,
+        likely=to_move.likely,
+        free=ready.limits.is_free,
+    )
+    return [(f"what tells {names}", found.motion)] if found.separated else []
 
 
 def _start(model: Model, to_move: ArmToMove) -> Array:
@@ -169,12 +240,12 @@ def _check_start(limits: SafeLimits, start: Array) -> None:
         )
 
 
-def _document(
-    to_move: ArmToMove, limits: SafeLimits, first: FirstMotion, noise: Array, seed: int
-) -> FirstMotionDocument:
-    likely, values = to_move.likely, limits.information.arms.values
+def _document(to_move: ArmToMove, ready: ReadyArm, first: FirstMotion, seed: int) -> FirstMotionDocument:
+    likely, limits = to_move.likely, ready.limits
+    values = limits.information.arms.values
     made, _ = simulate(stated(likely, values), settings=SimulationSettings(noise=0.0), motion=first.path)
-    told = determined(identify(to_move.model, [noisy(made, noise, seed)]))
+    at_hand = [] if to_move.given is None else list(to_move.given.recordings)
+    told = determined(identify(to_move.model, [*at_hand, noisy(made, ready.noise, seed)]))
     q, qd, qdd = (part[:, :: round(RATE / CHECK_RATE)] for part in derivatives(first.path))
     torque, tip_speed = limits.largest(q, qd, qdd)
     likeliest = np.abs(made.tau).max(axis=1)
@@ -207,6 +278,8 @@ def _document(
         tip_speed_limit=limits.tip_speed,
         information=first.nats,
         parameters=told,
+        before=None if to_move.given is None else determined(to_move.given.fit),
+        rivals=None if to_move.given is None else [place(rival.term) for rival in to_move.given.rivals],
         assumed=[AssumedNumber(**vars(number)) for number in to_move.assumed],
         unchecked=list(to_move.unchecked),
         out=None,

@@ -8,7 +8,7 @@ Source: Sun & Ruiz 2016 and Swevers et al. 1997 (log det); Chaloner & Verdinelli
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -41,41 +41,57 @@ class ArmInformation:
     """The likeliest arm's columns along motions of `count` samples.
 
     noise   (n,) standard deviation of a torque's row in the band, N m (N)
+    known   (P, P) what recordings at hand tell, as `told`; None: there are none
     """
 
     arms: PossibleArms
     count: int
     noise: Array
+    known: Array | None = None
 
     @cached_property
     def terms(self) -> list[Term]:
-        """The effects whose torque follows from the motion at one instant; others are left out of the search."""
+        """The effects whose torque follows from the motion at one instant; others are left out of the search. Those
+        that the arm may have besides come last."""
         library = self.arms.model.library
         return [
             term
-            for term in self.arms.values
+            for term in (*self.arms.values, *self.arms.wondered)
             if not library[term.effect].states and not unknown_to_plan(library, term.effect)
         ]
 
     @cached_property
+    def _values(self) -> dict[Term, tuple[list[float], Array]]:
+        """Of each term its parameters in declared order, and their standard deviations; an effect that the arm may have
+        besides is of size zero, and may be moderate."""
+        found = {}
+        for term in self.terms:
+            info, own = self.arms.model.library[term.effect], term in self.arms.values
+            known = self.arms.values[term] if own else self.arms.wondered[term]
+            values = casadi_functions.ordered(self.arms.model, term.effect, known)
+            spreads = (upper(FRICTION_SPREAD) if own else 1.0) * np.abs(values)
+            sizes = [0.0 if p.role == "linear" else v for p, v in zip(info.parameters, values, strict=True)]
+            found[term] = (values if own else sizes, spreads)
+        return found
+
+    @cached_property
     def spreads(self) -> Array:
         """(m,) standard deviations of the effects' parameters, in the order of `terms`."""
-        known = self.arms.values
-        values = [casadi_functions.ordered(self.arms.model, t.effect, known[t]) for t in self.terms]
-        return upper(FRICTION_SPREAD) * np.abs(np.concatenate([*values, [0.0]])[:-1])
+        return np.concatenate([np.zeros(0), *(spreads for _, spreads in self._values.values())])
 
     @cached_property
     def _batches(self) -> tuple[Batch, Batch]:
         """Outputs by q, qd, qdd; and the gradient of their weighted sum by the same."""
         model = self.arms.model
-        physics = Physics(model, {term: self.arms.values[term] for term in self.terms}, {})
+        physics = Physics(model, {**self.arms.values, **self.arms.wondered}, {})
+        physics = replace(physics, terms={term: physics.terms[term] for term in self.terms})
         values = physics.values(CORNER_RATE)
         q, qd, qdd = (ca.SX.sym(name, model.n) for name in ("q", "qd", "qdd"))
         free = {str(term): ca.SX.sym(f"p{k}", len(values[str(term)])) for k, term in enumerate(self.terms)}
         given = {name: ca.SX(ca.DM(values[name])) for name in ("struct", "width")}
         instant = PlanInstant(physics, q, qd, qdd, springs={}, p=(given | free).__getitem__, apart=False)
         parameters = ca.vertcat(*free.values())
-        at = ca.DM([v for term in self.terms for v in values[str(term)]])
+        at = ca.DM([v for own, _ in self._values.values() for v in own])
         tau, E = ca.Function("at", [q, qd, qdd, parameters], [instant.torque, ca.jacobian(instant.torque, parameters)])(
             q, qd, qdd, at
         )
@@ -102,16 +118,38 @@ class ArmInformation:
         found = [part[:, 0].T.copy() for part in made]
         return found[0], found[1], found[2]
 
+    def told(self, q: Array, qd: Array, qdd: Array, rate: float) -> Array:
+        """(P, P) information about all unknowns, in their standard deviations, of a recording along samples (n, N) at
+        `rate` Hz."""
+        total, N = np.zeros((0, 0)), q.shape[1]
+        for first in range(0, N, self.count):
+            # The last batch is filled with samples that do not count.
+            at = np.arange(first, first + self.count)
+            clipped = np.minimum(at, N - 1)
+            W = self._rows(self.outputs(q[:, clipped], qd[:, clipped], qdd[:, clipped]), self.count / rate)[at < N]
+            flat = W.reshape(-1, W.shape[2])
+            total = flat.T @ flat + (total if total.size else 0.0)
+        return total
+
+    def _rows(self, made: InstantOutputs, seconds: float) -> Array:
+        """(N, n, P) columns of all unknowns in their standard deviations, over the noise."""
+        W = np.concatenate([made.Y @ self.arms.spread, made.E * self.spreads], axis=2)
+        return W * self._weight(seconds)
+
+    def _weight(self, seconds: float) -> Array:
+        return np.sqrt(ROWS_A_SECOND * seconds / self.count) / self.noise[:, None]
+
     def nats(self, made: InstantOutputs, seconds: float) -> tuple[float, Array, Array]:
-        """Information of a recording of so many seconds that repeats these samples, and its gradients by Y and E."""
-        L, spreads = self.arms.spread, self.spreads
-        rows = np.sqrt(ROWS_A_SECOND * seconds / self.count) / self.noise[:, None]
-        W = np.concatenate([made.Y @ L, made.E * spreads], axis=2) * rows
+        """Information of a recording of so many seconds that repeats these samples, beyond what is known, and its
+        gradients by Y and E."""
+        L = self.arms.spread
+        W = self._rows(made, seconds)
         flat = W.reshape(-1, W.shape[2])
-        F = np.eye(flat.shape[1]) + flat.T @ flat
-        slope = (flat @ np.linalg.inv(F)).reshape(W.shape) * rows
-        value = float(np.linalg.slogdet(F)[1]) / 2
-        return value, slope[:, :, : L.shape[1]] @ L.T, slope[:, :, L.shape[1] :] * spreads
+        before = np.eye(flat.shape[1]) + (0.0 if self.known is None else self.known)
+        F = before + flat.T @ flat
+        slope = (flat @ np.linalg.inv(F)).reshape(W.shape) * self._weight(seconds)
+        value = float(np.linalg.slogdet(F)[1] - np.linalg.slogdet(before)[1]) / 2
+        return value, slope[:, :, : L.shape[1]] @ L.T, slope[:, :, L.shape[1] :] * self.spreads
 
     def largest_torque(self, made: InstantOutputs) -> tuple[Array, Array, Array]:
         """(N, n) torque that hardly any possible arm exceeds, and what its gradients by Y (…, r) and E (…, m) need:

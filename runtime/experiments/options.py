@@ -9,6 +9,9 @@ from runtime.setting import Checked, Setting
 from runtime.simulation.options import Noise
 from runtime.simulation.settings import NOISE
 
+GIVEN_BUDGET = 25.0
+"""s; of the diagnosis of recordings at hand."""
+
 
 @dataclass(frozen=True)
 class ExperimentSettings(Checked):

@@ -8,7 +8,7 @@ Source: Wensing, Kim & Slotine 2018 (pseudo-inertia); Swevers et al. 1997 (excit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,7 @@ class PossibleArms:
     spread   (p, r) lumps + spread z covers the possible arms for z (r,) of independent standard normal numbers
     draws    (K, p) base inertial parameters of K possible arms
     factors  (K, terms) of the torques of the effects, in the order of `values`
+    wondered effects that it may have besides, with moderate values: the likeliest arm has none of them
     """
 
     model: Model
@@ -50,6 +51,7 @@ class PossibleArms:
     spread: Array
     draws: Array
     factors: Array
+    wondered: Structure = field(default_factory=dict)
 
     @classmethod
     def of(

@@ -195,9 +195,9 @@ class TorqueLimit:
         return cls(largest)
 
     def allows(self, bench: TrialArm, path: Array, factor: float) -> bool:
-        """Whether a path (n, N) asks for no more than `factor` times these torques."""
+        """Whether nothing is in the way of a path (n, N), and it asks for no more than `factor` times these torques."""
         rows = zip(_peaks(bench, path), factor * self.largest, strict=True)
-        return all(bool(np.all(peak <= most)) for peak, most in rows)
+        return bench.free(path) and all(bool(np.all(peak <= most)) for peak, most in rows)
 
 
 def _within(bench: TrialArm, joints: Sequence[Envelope], limit: TorqueLimit, factor: float) -> dict[str, Array]:

@@ -8,7 +8,7 @@ judged without looking at the samples again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -52,6 +52,7 @@ class TrialArm:
     noise    (n,) standard deviation of the recorded torque's noise, N m (N)
     band     as chosen on the ordinary recording       ordinary_path  (n, N) the ordinary excitation
     moving   joints (0-based) that move; the others stay in the middle of their ranges
+    free     whether nothing is in the way of a path (n, N) at 1 kHz
     quiet    factor on the floor, to ask what less noise would do
     """
 
@@ -63,28 +64,38 @@ class TrialArm:
     band: Band
     ordinary_path: Array
     moving: tuple[int, ...]
+    free: Callable[[Array], bool]
     quiet: float = 1.0
 
     @classmethod
     def of(
-        cls, model: Model, rivals: Sequence[Hidden], settings: ExperimentSettings, moving: Sequence[int] | None = None
+        cls,
+        model: Model,
+        rivals: Sequence[Hidden],
+        settings: ExperimentSettings,
+        moving: Sequence[int] | None = None,
+        likely: Model | None = None,
+        free: Callable[[Array], bool] = lambda _: True,
     ) -> TrialArm:
-        """moving: as the attribute; None: all. Raises SimulationError."""
+        """moving, free: as the attributes; None: all. likely: the model with likely numbers for what its file leaves
+        out; None: it leaves out nothing. Raises SimulationError."""
+        likely = model if likely is None else likely
         part, moving = ORDINARY_SECONDS / ORDINARY_REPEATS, tuple(range(model.n) if moving is None else moving)
-        path = ordinary(model, np.random.default_rng(settings.seed), part, ORDINARY_REPEATS, moving)
-        plain, base = simulate(model, settings=SimulationSettings(noise=0.0), motion=path)
-        known = stated(model, base)
+        path = ordinary(likely, np.random.default_rng(settings.seed), part, ORDINARY_REPEATS, moving)
+        plain, base = simulate(likely, settings=SimulationSettings(noise=0.0), motion=path)
+        known = stated(likely, base)
         complete = tuple(
             Hidden(r.term, simulate(known, [r], SimulationSettings(noise=0.0), path)[1][r.term]) for r in rivals
         )
         level = settings.noise * np.sqrt(np.mean(plain.tau**2, axis=1))
         recorded = noisy(plain, level, settings.seed)
-        return cls(model, known, base, complete, level, prepared(model, [recorded]).band, path, moving)
+        band = prepared(model, [recorded]).band
+        return cls(model, known, base, complete, level, band, ordinary_path=path, moving=moving, free=free)
 
     @cached_property
     def floor(self) -> Array:
         """(n,) RMS inside the band of the torque's noise and of the encoder's as an inertial torque."""
-        inertia = np.diagonal(self.model.inertia(np.zeros((self.model.n, 1)))[:, :, 0])
+        inertia = np.diagonal(self.known.inertia(np.zeros((self.model.n, 1)))[:, :, 0])
         encoder = inertia**2 * self.band.position_density * (2 * np.pi) ** 4 * self.band.cutoffs**5 / 5
         return self.quiet * np.sqrt(self.band.torque_floor() ** 2 + encoder)
 

@@ -68,6 +68,9 @@ turns; a choice."""
 POSSIBLE_ARMS: Final = 200
 """number of arms; drawn for a motion; a choice."""
 
+LEAST_TORQUE: Final = 1e-9
+"""N m, N; of a joint in the noise: one that rests has none; double precision; by construction."""
+
 UNSTATED_TORQUE: Final = 1.5
 """ratio; the largest torque where the file states none, to that of a random Fourier motion; a choice."""
 

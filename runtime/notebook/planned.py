@@ -18,7 +18,7 @@ from runtime.documents.recordings import ExperimentDocument
 from runtime.execution import targets
 from runtime.execution.execute import Execution
 from runtime.execution.options import ExecutionSettings
-from runtime.experiments import design
+from runtime.experiments import asking, design
 from runtime.experiments.options import ExperimentSettings
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.notebook.figures import ResultFigures
@@ -193,12 +193,12 @@ def experiment(
     joints    that move, by number (from 1) or name; None: all
     ranges    narrower ranges of joints, rad or m: {2: (-1.0, 0.5)} or {"elbow": (-1.0, 0.5)}
     """
-    rivals = design.parse_rivals(",".join(_several(between)), arm.model)
-    moving = None if joints is None else design.parse_joints(",".join(map(str, _several(joints))), arm.model, rivals)
+    rivals = asking.parse_rivals(",".join(_several(between)), arm.model)
+    moving = None if joints is None else asking.parse_joints(",".join(map(str, _several(joints))), arm.model, rivals)
     narrower = [f"{joint}={low}:{high}" for joint, (low, high) in (ranges or {}).items()]
     settings = ExperimentSettings(seed, noise)
     proposal = design.propose(
-        arm.model, rivals, settings, moving=moving, ranges=design.parse_ranges(narrower, arm.model)
+        arm.model, rivals, settings, moving=moving, ranges=asking.parse_ranges(narrower, arm.model)
     )
     return ExperimentResult(proposal.document().as_part_of(ExperimentDocument, out=None), proposal, arm)
 

@@ -234,17 +234,32 @@ def first_motion(document: FirstMotionDocument) -> list[Section]:
         *texts([f"Speed of the tip: {_of(document.tip_speed, document.tip_speed_limit, 'm/s', stated=True)}"]),
         *texts(["* assumed: the model file states no limit"]),
         *assumed_numbers(document.assumed),
+        *_at_hand(document),
         Group("A recording of it would tell", (Bullets(tuple(told(document.parameters))),)),
         *texts(written),
     ]
 
 
+def _at_hand(document: FirstMotionDocument) -> list[Section]:
+    """What the recordings at hand tell, and what they leave open."""
+    if document.before is None:
+        return []
+    open_ones = [_name(rival) for rival in document.rivals or []]
+    lines = told(document.before) + ([f"Not told apart: {' and '.join(open_ones)}"] if open_ones else [])
+    return [Group("The recordings at hand tell", (Bullets(tuple(lines)),))]
+
+
 def motion_notes(document: FirstMotionDocument) -> list[str]:
     """Lines of comment at the top of a motion's file."""
     return [
-        *(f"NOT CHECKED: {sentence}" for sentence in document.unchecked),
+        *not_checked(document.unchecked),
         f"begins and ends at {_pose(document)}: bring the arm there first, and play it slowly first",
     ]
+
+
+def not_checked(unchecked: Sequence[str]) -> list[str]:
+    """Lines of comment that say what nothing keeps the arm from."""
+    return [f"NOT CHECKED: {said}" for said in unchecked]
 
 
 def _pose(document: FirstMotionDocument) -> str:

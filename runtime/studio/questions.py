@@ -13,7 +13,8 @@ from runtime.diagnosis.stages import begin as begun
 from runtime.diagnosis.stages import complete
 from runtime.diagnosis.steps import Step
 from runtime.diagnosis.verdict import decide
-from runtime.experiments.design import SimulatedDiagnosis, parse_rivals, propose, write_motion
+from runtime.experiments.asking import parse_rivals
+from runtime.experiments.design import SimulatedDiagnosis, propose, write_motion
 from runtime.identification.compare import JointSeries
 from runtime.identification.regressors import Signals
 from runtime.model.terms import Prediction, Term, joints_of, structure

@@ -19,7 +19,7 @@ import numpy as np
 
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.verdict import Diagnosis
-from runtime.experiments import design
+from runtime.experiments import asking, design
 from runtime.identification.identify import fit_document
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
@@ -173,8 +173,8 @@ def _separated(text: str, a: str, b: str) -> bool:
     """Whether the experiment that is proposed for a model tells two effects apart in simulation."""
     model = opened(text).compiled.model()
     try:
-        return design.propose(model, design.parse_rivals(f"{a},{b}", model)).separated
-    except (design.ExperimentError, SimulationError):
+        return design.propose(model, asking.parse_rivals(f"{a},{b}", model)).separated
+    except (asking.ExperimentError, SimulationError):
         return False
 
 

@@ -16,15 +16,8 @@ from runtime.cli.main import app
 from runtime.diagnosis.ranking import rank
 from runtime.diagnosis.stages import begin
 from runtime.experiments import design
-from runtime.experiments.design import (
-    ExperimentError,
-    SimulatedDiagnosis,
-    confirm,
-    parse_joints,
-    parse_ranges,
-    parse_rivals,
-    propose,
-)
+from runtime.experiments.asking import ExperimentError, parse_joints, parse_ranges, parse_rivals
+from runtime.experiments.design import SimulatedDiagnosis, confirm, propose
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import BROAD, Envelope, in_sequence, pieces
 from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peaks

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from runtime.experiments.design import parse_rivals
+from runtime.experiments.asking import parse_rivals
 from runtime.notebook import verbs
 from runtime.notebook.arm import load
 from runtime.sweep import grid
