@@ -204,7 +204,7 @@ class JointStates:
         """The collected messages. others: all topics and their types, for the message if there are no joint states."""
         if not self._parts:
             listed = ", ".join(f"{topic} ({kind})" for topic, kind in list(others.items())[:8])
-            self.refuse(f"has no messages of sensor_msgs/msg/JointState; its topics are {listed or 'none'}")
+            self.refuse(f"has no messages of sensor_msgs/msg/JointState in CDR; its topics are {listed or 'none'}")
         topics = [topic for topic, _ in self._parts]
         streams = []
         for (topic, joints), parts in self._parts.items():

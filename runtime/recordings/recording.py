@@ -54,7 +54,7 @@ _BY_START: Mapping[bytes, Reader] = {
 """First bytes of a file -> the reader of its format."""
 
 _REFUSED: Mapping[bytes, str] = {
-    b"#ROSBAG V": "is a ROS 1 bag; convert it to MCAP with: mcap convert FILE FILE.mcap",
+    b"#ROSBAG V": "is a ROS 1 bag; convert it with: pip install rosbags; rosbags-convert --src FILE --dst FOLDER",
     b"\x28\xb5\x2f\xfd": "is compressed with zstd; decompress it with: zstd -d FILE",
     b"BZh": "is compressed with bzip2; decompress it with: bunzip2 FILE",
     b"\xfd7zXZ": "is compressed with xz; decompress it with: unxz FILE",

@@ -55,8 +55,9 @@ class _Log:
             self.channels[number] = (topic, schema, encoding)
 
     def types(self) -> dict[str, str]:
-        """Topic -> type."""
-        return {topic: self.schemas.get(schema, "no schema") for topic, schema, _ in self.channels.values()}
+        """Topic -> type, and its encoding where that is not ROS 2's."""
+        known = [(topic, self.schemas.get(schema, "no schema"), form) for topic, schema, form in self.channels.values()]
+        return {topic: kind if form == "cdr" else f"{kind} in {form}" for topic, kind, form in known}
 
     def is_wanted(self, channel: int) -> bool:
         _, schema, encoding = self.channels.get(channel, ("", 0, ""))

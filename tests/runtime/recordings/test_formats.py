@@ -293,8 +293,21 @@ def test_a_log_without_joint_states_says_what_it_has(tmp_path):
         schema = writer.register_msgdef("std_msgs/msg/String", "string data")
         writer.write_message("/chatter", schema, {"data": "hello"})
         writer.finish()
-    expected = "a.mcap: has no messages of sensor_msgs/msg/JointState; its topics are /chatter (std_msgs/msg/String)"
+    expected = "a.mcap: has no messages of sensor_msgs/msg/JointState in CDR; its topics are /chatter (std_msgs/msg/String)"
     assert said(tmp_path / "a.mcap") == expected
+
+
+def test_joint_states_in_another_encoding_are_named(tmp_path):
+    from mcap.writer import Writer
+
+    with open(tmp_path / "a.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/JointState", "ros1msg", b"float64[] position")
+        channel = writer.register_channel("/joint_states", "ros1", schema)
+        writer.add_message(channel, 0, b"", 0)
+        writer.finish()
+    assert said(tmp_path / "a.mcap").endswith("its topics are /joint_states (sensor_msgs/JointState in ros1)")
 
 
 def test_joints_that_change_in_each_message(tmp_path):
@@ -560,7 +573,7 @@ def test_bombs(tmp_path):
 @pytest.mark.parametrize(
     ("head", "expected"),
     [
-        (b"#ROSBAG V2.0\n", "is a ROS 1 bag; convert it to MCAP"),
+        (b"#ROSBAG V2.0\n", "is a ROS 1 bag; convert it with: pip install rosbags"),
         (b"\x28\xb5\x2f\xfd", "is compressed with zstd; decompress it with: zstd -d FILE"),
         (b"BZh9", "is compressed with bzip2"),
     ],
