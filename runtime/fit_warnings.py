@@ -167,7 +167,15 @@ class _Words:
         option = f"--map {TORQUE_MEANING}={WEIGHTLESS}"
         cure = f'if the driver takes gravity out of the torque, pass {option}, or state torque = "{WEIGHTLESS}" in the '
         horizontal = "" if self.space else "; if the arm moves in a horizontal plane, state gravity = [0.0, 0.0]"
-        return [Suspicion(found.joint + 1, "gravity", said, f"{cure}model file{horizontal}", maps=(option,))]
+        cure += f"model file{horizontal}{self._or_current(found.joint)}"
+        return [Suspicion(found.joint + 1, "gravity", said, cure, maps=(option,))]
+
+    def _or_current(self, joint: int) -> str:
+        """How to read a torque without a unit as a current, where the motor is known."""
+        name = f"tau{joint + 1}"
+        if self.joints[joint].torque_constant is None or self.motion.units.get(name):
+            return ""
+        return f"; if it is a current, pass {map_option(self.motion.cells, name, name, unit='A')}"
 
     def _position(self, joint: int) -> str:
         """The option that reads a joint's position as it should be."""

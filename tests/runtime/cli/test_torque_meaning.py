@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +26,25 @@ Run = Callable[..., tuple[int, str, str]]
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def test_a_torque_without_gravity_and_unit_may_be_a_current(tendon: Run, here: Path, arm: Path) -> None:
+    """Read as N m, amperes lack most of the weight; the option needs the motor's constant."""
+
+    def cure() -> str:
+        status, out, _ = tendon("inspect", "bare.csv", arm, "--json", "-")
+        assert status == 0
+        (found,) = json.loads(out)["suspicions"]
+        return str(found["cure"])
+
+    header, _, rows = (here / "bare.csv").read_text(encoding="utf-8").partition("\n")
+    (here / "bare.csv").write_text(header.replace(" [N m]", "") + "\n" + rows, encoding="utf-8")
+    assert "current" not in cure()
+    text = arm.read_text(encoding="utf-8")
+    arm.write_text(
+        re.sub(r"^(gear_ratio.*)$", r"\1\ntorque_constant = 5.0", text, flags=re.MULTILINE), encoding="utf-8"
+    )
+    assert re.search(r'; if it is a current, pass --map tau(\d)="tau\1 \[A\]"', cure())
 
 
 def test_nothing_is_written_from_a_torque_that_looks_wrong(tendon: Run, here: Path) -> None:

@@ -293,7 +293,9 @@ def test_a_log_without_joint_states_says_what_it_has(tmp_path):
         schema = writer.register_msgdef("std_msgs/msg/String", "string data")
         writer.write_message("/chatter", schema, {"data": "hello"})
         writer.finish()
-    expected = "a.mcap: has no messages of sensor_msgs/msg/JointState in CDR; its topics are /chatter (std_msgs/msg/String)"
+    expected = (
+        "a.mcap: has no messages of sensor_msgs/msg/JointState in CDR; its topics are /chatter (std_msgs/msg/String)"
+    )
     assert said(tmp_path / "a.mcap") == expected
 
 
