@@ -14,7 +14,7 @@ from typing import Any
 import tomlkit
 from gather import CONFIGURATION, ROOT, gather, navigation, on_site
 from listings import cards, llms_txt, with_cards
-from references import DOCUMENTS, KEYS, PAGES
+from references import DOCUMENTS, KEYS, PAGES, SOURCES
 
 from runtime.documents.verbs import BY_VERB, schema
 
@@ -40,6 +40,7 @@ def build(folder: Path) -> Path:
     home = pages / "README.md"
     home.write_text(with_cards(home.read_text(encoding="utf-8"), cards(nav, pages)), encoding="utf-8")
     configured(folder, nav)
+    shutil.rmtree(folder / "site", ignore_errors=True)
     command = [sys.executable, "-m", "zensical", "build", "--clean", "--strict", "-f", "zensical.toml"]
     run = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if run.returncode:
@@ -50,6 +51,8 @@ def build(folder: Path) -> Path:
         made.write_text(linked_documents(made.read_text(encoding="utf-8").replace(WORKER, ours)), encoding="utf-8")
     for page in pages.rglob("*.md"):
         shutil.copy(page, site / page.relative_to(pages))
+    for page, made_for_readers in SOURCES.items():
+        (site / page).write_text(made_for_readers(), encoding="utf-8")
     return site / "index.html"
 
 

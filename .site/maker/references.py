@@ -1,14 +1,19 @@
-"""Pages of reference that are made from the code when the site is built: verbs, library of effects, Python."""
+"""Pages of reference that are made from the code when the site is built: verbs, library of effects, Python.
+
+`python .site/maker/references.py` writes the table of verbs in runtime/guides/agents.md anew.
+"""
 
 from __future__ import annotations
 
 import ast
+import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
+from docstrings import as_markdown
 from gather import ROOT
 
 from runtime.cli import places
@@ -18,6 +23,7 @@ from runtime.workspace.source import effects_library
 
 KEYS = "../runtime/documents/KEYS.md"
 DOCUMENTS = re.findall(r"^## (\w+)$", (ROOT / "reference" / KEYS).resolve().read_text(encoding="utf-8"), re.MULTILINE)
+AGENTS = ROOT / "runtime" / "guides" / "agents.md"
 GALLERY = "../runtime/guides/gallery.md"
 
 
@@ -171,6 +177,28 @@ def python() -> str:
     return "\n".join(lines) + "\n"
 
 
+def python_as_text() -> str:
+    """The same as Markdown alone: signatures and docstrings, for those who read the pages' sources."""
+    lines = ["# Python", "", "The public names of the package `tendon`.", "", "```python", _usage(), "```"]
+    for title, names in public().items():
+        lines += ["", f"## {title}"]
+        for name, home in names:
+            module, _, own = home.rpartition(".")
+            found = getattr(import_module(module), own)
+            lines += ["", f"### tendon.{name}", "", *_described(own, found)]
+            if inspect.isclass(found):
+                members = [(n, m) for n, m in inspect.getmembers(found) if n[0] != "_" and inspect.getdoc(m)]
+                for member, value in members:
+                    lines += ["", f"#### {member}", "", *_described(member, value)]
+    return "\n".join(lines) + "\n"
+
+
+def _described(name: str, found: Any) -> list[str]:
+    """Signature of a function, and the docstring."""
+    call = [f"`{name}{inspect.signature(found)}`", ""] if inspect.isfunction(found) else []
+    return [*call, as_markdown(inspect.getdoc(found) or "")]
+
+
 def _usage() -> str:
     """The example in the docstring of the package."""
     text = import_module("tendon").__doc__ or ""
@@ -197,3 +225,15 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "reference/python.md": python,
 }
 """Page that stands in no file -> what makes it."""
+SOURCES = {"reference/python.md": python_as_text}
+"""Page whose source is of use to the builder alone -> what makes one for readers."""
+
+
+def with_table(agents: str) -> str:
+    """The page for agents with the table of the verbs as they are."""
+    made = "\n".join(table(("verb", "example", "writes"), agent_rows())[1:]) + "\n"
+    return re.sub(r"^\| verb \|.*\n(?:\|.*\n)+", lambda _: made, agents, flags=re.MULTILINE)
+
+
+if __name__ == "__main__":
+    AGENTS.write_text(with_table(AGENTS.read_text(encoding="utf-8")), encoding="utf-8")
