@@ -86,6 +86,13 @@ def experiment(
         typer.Option(metavar="FILE.toml", help="Floor, boxes, tool, margins and the links' radii."),
         READ,
     ] = None,
+    shapes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.urdf", help="Check the finished motion with this file's collision shapes, too (coal)."
+        ),
+        READ,
+    ] = None,
     chosen: FirstMotionSettings = FirstMotionSettings(),
     settings: ExperimentSettings = ExperimentSettings(),
     maps: Map = None,
@@ -98,7 +105,7 @@ def experiment(
 
     if between and (given or held_out):
         raise UsageError("--given and --held-out are for motions without --between")
-    asked = _Asked(start, joints, ranges, floor, boxes, scene)
+    asked = _Asked(start, joints, ranges, floor, boxes, scene, shapes)
     with terminal.working("looking for a motion") as say:
         said: ExperimentDocument | FirstMotionDocument
         if between:
@@ -126,6 +133,7 @@ class _Asked:
     floor: float | None
     boxes: list[str]
     scene: Path | None
+    shapes: Path | None
 
     def arm(self, source: Source, rivals: Sequence[Hidden] = (), at_hand: AtHand | None = None) -> ArmToMove:
         """The arm in its surroundings."""
@@ -135,17 +143,26 @@ class _Asked:
         from runtime.experiments.scene import Scene
 
         model, (likely, assumed) = source.compiled.model(), source.compiled.with_likely_numbers()
-        room = Clearance.of(likely.arm, Scene.of(self.floor, self.boxes, self.scene))
+        scene = Scene.of(self.floor, self.boxes, self.scene)
+        room = Clearance.of(likely.arm, scene)
+        unchecked, shapes = room.unchecked, None
+        if self.shapes is not None:
+            from runtime.experiments.solids import MeshClearance
+            from symbolic.model_file.exchange.shapes import collision_shapes
+
+            shapes = MeshClearance.of(likely.arm, scene, *collision_shapes(self.shapes, likely.arm))
+            unchecked = (*unchecked, *shapes.lacking, *shapes.unchecked)
         return ArmToMove(
             model,
             likely.model(),
             likely.arm,
             assumed,
             room,
-            room.unchecked,
+            tuple(dict.fromkeys(unchecked)),
             start=None if self.start is None else asking.parse_pose(self.start),
             moving=None if self.joints is None else asking.parse_joints(self.joints, model, rivals),
             ranges=asking.parse_ranges(self.ranges, model),
+            shapes=shapes,
             given=at_hand,
         )
 

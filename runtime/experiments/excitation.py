@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from runtime.experiments.fourier import FourierMotion
 from runtime.experiments.information import ArmInformation, InstantOutputs
+from runtime.experiments.margins import Nearest
 from runtime.experiments.settings import PENALTIES, SMALLER_BY, SMALLEST, SOFT, STEPS_A_PENALTY
 from runtime.progress import is_late, of_each, one_thread
 
@@ -28,6 +29,9 @@ class Room(Protocol):
     def least(self, q: Array) -> Array:
         """(N,) m; smallest distance less its margin along q (n, N)."""
 
+    def worst(self, q: Array) -> Nearest:
+        """Where q comes closest."""
+
     def penalty(self, q: Array, soft: float) -> tuple[float, Array]:
         """A penalty for distances below the margins and `soft` m above, and its gradient (n, N)."""
 
@@ -38,6 +42,10 @@ class NoRoom:
     def least(self, q: Array) -> Array:
         """(N,) m; infinite."""
         return np.full(q.shape[1], np.inf)
+
+    def worst(self, q: Array) -> Nearest:
+        """Infinitely far."""
+        return Nearest(float(self.least(q).min()), "nothing", 0)
 
     def penalty(self, q: Array, soft: float) -> tuple[float, Array]:  # noqa: ARG002
         """None."""

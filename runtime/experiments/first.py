@@ -110,10 +110,12 @@ def derivatives(path: Array) -> tuple[Array, Array, Array]:
 class FirstMotion:
     """A motion (n, N) at 1 kHz from rest at `start` and back, and what it consists of.
 
+    without_repeats   (n, N) the same with its Fourier part once
     parts   names and lengths in s      nats   information of its Fourier part
     """
 
     path: Array
+    without_repeats: Array
     parts: tuple[tuple[str, float], ...]
     nats: float
     start: Array
@@ -160,8 +162,9 @@ class MotionPlanner:
         times = max(LEAST_TIMES, round(left / series.period))
         once = series.shape(x, np.arange(round(series.period * RATE)) / RATE)[0]
         parts = [(f"a Fourier motion of {series.period:g} s, {times} times", np.tile(once, times)), *others]
-        path = self._joined([part for _, part in parts])
-        return FirstMotion(path, tuple((name, part.shape[1] / RATE) for name, part in parts), nats, self.start)
+        path, without_repeats = (self._joined(own) for own in ([p for _, p in parts], [once, *(p for _, p in others)]))
+        lengths = tuple((name, part.shape[1] / RATE) for name, part in parts)
+        return FirstMotion(path, without_repeats, lengths, nats, self.start)
 
     def _fourier(self, rng: np.random.Generator) -> tuple[FourierMotion, Array, float]:
         period = min(PERIOD, FOURIER_PART * self.seconds / LEAST_TIMES)

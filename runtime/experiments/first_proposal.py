@@ -29,8 +29,10 @@ from runtime.experiments.settings import (
     PERIOD,
     POSSIBLE_ARMS,
     SAMPLES_A_PERIOD,
+    SHAPES_EVERY,
     UNSTATED_TORQUE,
 )
+from runtime.experiments.solids import MeshClearance
 from runtime.identification.fit import Fit
 from runtime.identification.identify import identify
 from runtime.inspection.inspection import determined
@@ -57,6 +59,7 @@ class ArmToMove:
     start     (n,) rad (m), the pose from which it moves; None: the middle of the ranges
     moving    joints (0-based) that move; None: all      ranges   joint (0-based) -> (low, high), narrower ones
     room      keeps it clear of itself and of what stands around; unchecked: what nothing keeps it from, sentences
+    shapes    the arm's collision shapes, for a last check of the finished motion; None: none are stated
     given     what recordings at hand tell; None: there are none
     """
 
@@ -69,6 +72,7 @@ class ArmToMove:
     start: Array | None = None
     moving: Sequence[int] | None = None
     ranges: Mapping[int, tuple[float, float]] | None = None
+    shapes: MeshClearance | None = None
     given: AtHand | None = None
 
 
@@ -173,6 +177,11 @@ def propose_first(
         say("searching another motion for validation")
         with within(settings.time_limit / 2):
             other = replace(planner, seconds=chosen.seconds / 2).motion(settings.seed + 1, lambda _: None)
+    if to_move.shapes is not None:
+        say("checking the collision shapes along it")
+        for motion in (first, other):
+            if motion is not None:
+                _check_shapes(to_move.shapes, motion)
     say("predicting what a recording would tell")
     document = _document(to_move, ready, first, settings.seed)
     return FirstProposal(to_move, ready, first, other, document)
@@ -232,11 +241,20 @@ def _envelope(model: Model, i: int, start: float, chosen: bool, speed: float) ->
 
 
 def _check_start(limits: SafeLimits, start: Array) -> None:
-    clear = float(limits.room.least(start[:, None])[0])
-    if clear < 0:
+    nearest = limits.room.worst(start[:, None])
+    if nearest.distance < 0:
         raise ExperimentError(
-            f"at the start pose the arm is {-clear:.3g} m closer to itself or its surroundings than the margins allow; "
-            "give another one with --start Q1,Q2,..."
+            f"at the start pose {nearest.between} are {-nearest.distance:.3g} m closer than the margins allow; give "
+            "another one with --start Q1,Q2,..."
+        )
+
+
+def _check_shapes(shapes: MeshClearance, motion: FirstMotion) -> None:
+    nearest = shapes.worst(motion.without_repeats[:, ::SHAPES_EVERY])
+    if nearest.distance < 0:
+        raise ExperimentError(
+            f"by their collision shapes {nearest.between} come {-nearest.distance:.3g} m closer than the margins "
+            "allow; state larger radii of links in a scene file, or narrow the ranges"
         )
 
 

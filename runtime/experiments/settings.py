@@ -68,6 +68,9 @@ turns; a choice."""
 POSSIBLE_ARMS: Final = 200
 """number of arms; drawn for a motion; a choice."""
 
+SHAPES_EVERY: Final = 40
+"""samples; at 1 kHz between two checks of collision shapes: a tip moves by 60 mm; time."""
+
 LEAST_TORQUE: Final = 1e-9
 """N m, N; of a joint in the noise: one that rests has none; double precision; by construction."""
 

@@ -233,7 +233,7 @@ def test_the_arm_keeps_clear_of_the_floor_and_of_itself(tmp_path: Path) -> None:
         (["--start", "nan"], "--start nan: expected finite numbers"),
         (["--scene", "nowhere.toml"], "nowhere.toml"),
         (["--noise", "0"], "give a noise above 0"),
-        (["--between", "stribeck@1", "--speed", "0.5"], "are for motions without --between"),
+        (["--between", "stribeck@1", "--held-out", "check.csv"], "are for motions without --between"),
     ],
 )
 def test_what_is_no_motion_is_one_line(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -295,3 +295,36 @@ def test_rivals_that_a_recording_leaves_open_are_told_apart(tmp_path: Path) -> N
     rivals = {r["effect"] for r in found["rivals"]}
     assert {"linear_spring"} < rivals
     assert any(part["name"].startswith("what tells ") for part in found["parts"])
+
+
+TWO_LINKS = """
+<robot name="two">
+  <link name="base"><collision><origin xyz="0 0 0"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>
+  <link name="upper"><inertial><mass value="2"/><origin xyz="0 0 0.2"/>
+    <inertia ixx="0.03" iyy="0.03" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0.2"/><geometry><box size="0.05 0.05 0.2"/></geometry></collision></link>
+  <link name="lower"><inertial><mass value="1"/><origin xyz="0 0 0.2"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0.15"/><geometry><box size="0.05 0.05 LONG"/></geometry></collision></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <origin xyz="0 0 0.1"/><limit lower="-1" upper="1" effort="60" velocity="2"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/>
+    <origin xyz="0 0 0.4"/><limit lower="-2.6" upper="2.6" effort="30" velocity="2"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize(("long", "status"), [("0.1", 0), ("2.0", 2)])
+def test_the_finished_motion_is_checked_with_the_collision_shapes(
+    long: str, status: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A bar of a metre on the lower link, which no capsule holds, would sweep through the floor."""
+    pytest.importorskip("coal", reason="collision shapes are judged by coal")
+    described, model, motion = tmp_path / "two.urdf", tmp_path / "two.toml", tmp_path / "motion.csv"
+    described.write_text(TWO_LINKS.replace("LONG", long))
+    assert output.run(app, ["import", str(described), "--out", str(model)]) == 0
+    asked = ["--shapes", str(described), "--floor", "0", "--seconds", "30", "--time-limit", "4"]
+    assert output.run(app, ["experiment", str(model), *asked, "--out", str(motion)]) == status
+    assert motion.exists() == (status == 0)
+    if status:
+        assert "by their collision shapes" in capsys.readouterr().err
