@@ -31,6 +31,7 @@ from runtime.hardware import canopen_arm
 from runtime.hardware.link import LinkError
 from symbolic.effects import DECLARED
 from symbolic.effects.declaration import Effect
+from symbolic.model_file.drive_laws import GAIN_KEYS, LAWS
 
 tendon = pytest.importorskip("tendon", reason="the package is not installed (pip install -e .)")
 
@@ -307,7 +308,21 @@ def test_the_example_of_a_model_file_has_every_key() -> None:
 
     (bench,) = (block for block in blocks(ROOT / "symbolic" / "README.md") if block.file == "bench.toml")
     listed_keys = {row[0].strip("`") for row in table("symbolic/README.md", "The model file")}
-    assert keys(tomllib.loads(bench.text)) == listed_keys - {"inertial.NAME"}
+    of_a_law = {f"joint.drive.{gain.key}" for gain in GAIN_KEYS}
+    assert keys(tomllib.loads(bench.text)) == listed_keys - {"inertial.NAME"} - of_a_law
+
+
+def test_every_law_of_a_drive_has_its_line() -> None:
+    shared = {gain.key for gain in GAIN_KEYS if all(gain in law.gains for law in LAWS.values())}
+    assert table("symbolic/README.md", "The model file", "`law`") == [
+        [
+            f"`{law.name}`",
+            law.equation,
+            ", ".join([*(f"`{c}`" for c in law.reads), *(f"`{c}` (optional)" for c in law.also)]),
+            ", ".join(f"`{gain.key}`" for gain in law.gains if gain.key not in shared),
+        ]
+        for law in LAWS.values()
+    ]
 
 
 def test_every_verb_has_its_line() -> None:

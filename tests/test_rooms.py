@@ -70,13 +70,14 @@ PLAIN = {
         "described",
         "model_file.arm",
         "model_file.checks",
+        "model_file.drive_laws",
         "model_file.fields",
         "model_file.frames",
         "model_file.likely",
     )
 }
-"""How a user's file is read and checked and what an error says, and what a declaration says without equations: for
-every package, and without SymPy."""
+"""How a user's file is read and checked and what an error says, what a declaration says without equations, and the
+arithmetic of a drive's law: for every package, and without SymPy."""
 
 
 def room(module: str) -> str | None:

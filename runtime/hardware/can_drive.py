@@ -294,6 +294,7 @@ class CanDrive:
         import canopen
 
         assert info.drive is not None
+        assert info.drive.node is not None
         self.joint, self.info, self._keys = joint, info, info.drive
         self.node = info.drive.node
         self.name = f"joint {joint}: the drive (node {self.node})"

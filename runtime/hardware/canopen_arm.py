@@ -179,7 +179,7 @@ _BUS_OFF = 0x40
 
 def check_arm(model: Model, address: CanAddress, rate: float) -> None:
     """Checks a model and an address before the bus is opened. rate: of the control step, Hz. Raises LinkError."""
-    without = [str(i) for i, joint in enumerate(model.joints, 1) if joint.drive is None]
+    without = [str(i) for i, joint in enumerate(model.joints, 1) if joint.drive is None or joint.drive.node is None]
     if without:
         where = f'the model file of "{model.name}"'
         raise LinkError(f"{where} names no drive at joint {', '.join(without)}; add [joint.drive] with node")

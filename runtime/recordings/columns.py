@@ -12,6 +12,7 @@ from typing import NoReturn
 from runtime.recordings.contents import some
 from symbolic.model_file.arm import DescribedJoint, Torque
 from symbolic.model_file.checks import quote
+from symbolic.model_file.drive_laws import COMMANDS, LAWS, parted
 
 _DEGREE = pi / 180
 _ANGLES = {"rad": 1.0, "radians": 1.0, "mrad": 1e-3, "urad": 1e-6, "rev": 2 * pi, "turn": 2 * pi}
@@ -30,6 +31,8 @@ _FACTORS = {
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6},
     "temperature": {"degC": 1.0, "°C": 1.0, "C": 1.0, "K": 1.0, "degF": 5 / 9, "°F": 5 / 9},
+    "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
+    "ratio": {"1": 1.0, "%": 1e-2},
 }
 _ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9}
 UNITS = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
@@ -45,6 +48,8 @@ OFFERED = {
     "force": ("N", "mN"),
     "current": ("A", "mA"),
     "temperature": ("degC", "K"),
+    "voltage": ("V", "mV"),
+    "ratio": ("1", "%"),
 }
 """Usual units of each dimension, the one of SI first."""
 
@@ -100,18 +105,20 @@ Fail = Callable[[str], NoReturn]
 
 _ROTARY = {"position": "angle", "rate": "angular rate", "force": "torque"}
 _LINEAR = {"position": "length", "rate": "speed", "force": "force"}
-_JOINT_COLUMN = re.compile(r"(q|qd|dq|tau|temperature)(\d{1,3})((?:_desired|_link|_rigid)?)", re.ASCII)
+JOINT_SIGNALS = "q|qd|dq|tau|temperature|duty|voltage|bus_voltage|current"
+"""Stems of a joint's signals, as a pattern."""
+_JOINT_COLUMN = re.compile(rf"({JOINT_SIGNALS})(\d{{1,3}})((?:_desired|_link|_rigid)?)", re.ASCII)
 _KINDS = {
     ("q", ""): "position",
-    ("q", "_desired"): "position",
     ("q", "_link"): "position",
     ("qd", ""): "rate",
     ("tau", ""): "force",
     ("tau", "_link"): "force",
     ("tau", "_rigid"): "force",
     ("temperature", ""): "temperature",
+    **{parted(command.name): command.kind for command in COMMANDS.values()},
 }
-_SIGNED = ("position", "rate", "force")
+_SIGNED = ("position", "rate", "force", "ratio", "voltage", "current")
 """Kinds of signals whose sign `--map` may turn."""
 _PLAIN = {"t": "time", "run": "run"}
 IN_PLANE = {"fx": "force", "fy": "force"}
@@ -197,9 +204,10 @@ def columns(
         name = raw_name.strip().replace("dq", "qd", 1) if raw_name.strip().startswith("dq") else raw_name.strip()
         if _kind(name, len(joints)) is None:
             last, acting = f" to q{len(joints)}" * (len(joints) > 1), ", ".join(IN_SPACE if space else IN_PLANE)
+            commands = ", ".join(name.format(1) for name in map(numbered_signal, COMMANDS) if name != "q{}_desired")
             fail(
                 f"--map {name}: no such signal; known are t, q1{last}, tau1, qd1, q1_desired, q1_link, tau1_link, "
-                f"tau1_rigid, temperature1, {acting}, run"
+                f"tau1_rigid, temperature1, {commands}, {acting}, run"
             )
         index, unit, sign = _mapped(wanted, header, split, name=name, fail=fail)
         if any(column.index == index for column in found.values()):
@@ -207,7 +215,7 @@ def columns(
         column = _column(name, index, unit, joints=joints, fail=fail)
         column = replace(column, cell=wanted.strip(), unit=unit or None)
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
-            fail(f"--map {name}: {quote(wanted)} has a minus; only positions, rates and torques can change sign")
+            fail(f"--map {name}: {quote(wanted)} has a minus; only positions, rates, torques and commands have one")
         found[name] = replace(column, factor=sign * column.factor)
     taken = {column.index for column in found.values()}
     mapped = set(found)
@@ -222,11 +230,35 @@ def columns(
         found[name] = replace(_column(name, index, unit, joints=joints, fail=fail), cell=cell, unit=unit or None)
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
-        if name not in found:
+        if name not in found and not _is_made(name, joints, found, fail):
             taken = {column.index for column in found.values()}
             free = [cell.strip() for i, cell in enumerate(header) if i not in taken]
             fail(_missing(name, header, free, len(joints)))
     return found
+
+
+def numbered_signal(signal: str) -> str:
+    """A joint's signal with a place for the joint's number: q_desired as q{}_desired."""
+    return "{}".join(parted(signal))
+
+
+def _is_made(name: str, joints: Sequence[DescribedJoint], found: Mapping[str, Column], fail: Fail) -> bool:
+    """Whether it is a torque that the law of a drive makes from columns; one of these that is missing is an error."""
+    drive = joints[int(name[3:]) - 1].drive if name.startswith("tau") else None
+    law = LAWS.get(drive.law or "") if drive is not None else None
+    if law is None or drive is None:
+        return False
+    number = name[3:]
+    there = {signal for signal in COMMANDS if numbered_signal(signal).format(number) in found}
+    for signal in law.reads:
+        if law.source(signal, there, drive.gains) is None:
+            column = numbered_signal(signal).format(number)
+            key = f", or state {law.instead[signal][1]} under [joint.drive]" if signal in law.instead else ""
+            fail(
+                f"no column {name}, and no column {column}, from which the law {law.name} of the drive of joint "
+                f'{number} makes the torque; name it with --map {column}="Header [unit]"{key}'
+            )
+    return True
 
 
 def _split(cell: str) -> tuple[str, str | None]:
@@ -340,6 +372,16 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[DescribedJ
     return Column(name, index, factor, offset)
 
 
+def _laws_of(header: Sequence[str], number: str) -> list[str]:
+    """Laws of a drive all of whose columns a file has for a joint, but for those that a key may state."""
+    there = {_split(cell)[0] for cell in header}
+    return [
+        law.name
+        for law in LAWS.values()
+        if all(numbered_signal(s).format(number) in there for s in law.reads if s not in law.instead)
+    ]
+
+
 def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> str:
     """The message for a missing column, with the option to type. free: fields that are not read."""
     if header[0] == NUMBERED.format(1):
@@ -347,6 +389,9 @@ def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> s
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"
+    if name.startswith("tau") and (laws := _laws_of(header, name[3:])):
+        law = " or ".join(f'law = "{law}"' for law in laws)
+        joints += f"; its columns are those of a drive: add [joint.drive] with {law} to joint {name[3:]}"
     by_name = {_split(cell)[0]: cell for cell in free}
     close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)
     example = by_name[close[0]] if close else "Header [unit]"

@@ -13,9 +13,10 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.recordings.columns import IN_SPACE
+from runtime.recordings.columns import IN_SPACE, numbered_signal
 from runtime.recordings.contents import Array, RecordedField, Refusal, Samples
-from runtime.recordings.recording import Recording, measured
+from runtime.recordings.recording import Recording, header_cell, measured
+from symbolic.model_file.drive_laws import COMMANDS
 
 _SINGLE = ("t", "run")
 """Signals of the whole arm; all others but the force have a column for each joint."""
@@ -76,7 +77,7 @@ def of_arrays(signals: Mapping[str, ArrayLike], units: Mapping[str, str], refuse
     Raises RecordingError.
     """
     for name in ("t", "q", "tau"):
-        if name not in signals:
+        if name not in signals and not (name == "tau" and COMMANDS.keys() & signals.keys()):
             refuse(f"no {name}; expected t (N,), q (N, n) and tau (N, n)")
     for name in units:
         if name not in signals:
@@ -115,8 +116,7 @@ def _names(signal: str, columns: int, joints: int, refuse: Refusal) -> Sequence[
         refuse(f"{signal} has {columns} columns; expected {expected}" + ", as q" * (signal not in _SINGLE))
     if signal in _SINGLE:
         return [signal]
-    stem, _, side = signal.partition("_")
-    return [f"{stem}{k}{'_' * bool(side)}{side}" for k in range(1, joints + 1)]
+    return [numbered_signal(signal).format(k) for k in range(1, joints + 1)]
 
 
 def of_frame(frame: Any, mapping: Mapping[str, str], refuse: Refusal) -> ArraysInMemory:
@@ -145,6 +145,6 @@ def of_frame(frame: Any, mapping: Mapping[str, str], refuse: Refusal) -> ArraysI
 def of_recording(recording: Recording) -> ArraysInMemory:
     """A recording as contents again, in SI."""
     signals = list(measured(recording))
-    fields = [RecordedField("t [s]"), *(RecordedField(f"{name} [{unit}]") for name, unit, _ in signals)]
+    fields = [RecordedField("t [s]"), *(RecordedField(header_cell(name, unit)) for name, unit, _ in signals)]
     values = [recording.t, *(array for *_, array in signals)]
     return ArraysInMemory("arrays in memory", fields, values, "sample", Refusal(str(recording.path)))

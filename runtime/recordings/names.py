@@ -7,14 +7,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from runtime.recordings.columns import NUMBERED, Fail, fields_meant, unnamed
+from runtime.recordings.columns import JOINT_SIGNALS, NUMBERED, Fail, fields_meant, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
 from symbolic.model_file.arm import LINK_TORQUE, MOTOR_TORQUE, DescribedJoint, Torque
 
 FAMILY = re.compile(r"(.*?)[_.(\[]?(\d{1,3})[)\]]?", re.DOTALL)
 """A name and its number: actual_q_0, q[0], tau1."""
-_OURS = re.compile(r"(?:q|qd|dq|tau|temperature)\d{1,3}(?:_desired|_link|_rigid)?|t|run|[fm][xyz]", re.ASCII)
-_WHOLE = re.compile(r"(q|qd|dq|tau|temperature)((?:_desired|_link|_rigid)?)", re.ASCII)
+_OURS = re.compile(rf"(?:{JOINT_SIGNALS})\d{{1,3}}(?:_desired|_link|_rigid)?|t|run|[fm][xyz]", re.ASCII)
+_WHOLE = re.compile(rf"({JOINT_SIGNALS})((?:_desired|_link|_rigid)?)", re.ASCII)
 """A signal without a joint's number: `--map` then maps it for all joints."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from runtime import files
 from runtime.recordings import array_files, clocks, names, ros_logs, text
 from runtime.recordings.clocks import BroughtClock
-from runtime.recordings.columns import IN_PLANE, IN_SPACE, UNITS, RecordedArm, columns, normal_unit
+from runtime.recordings.columns import (
+    IN_PLANE,
+    IN_SPACE,
+    OFFERED,
+    UNITS,
+    RecordedArm,
+    columns,
+    normal_unit,
+    numbered_signal,
+)
 from runtime.recordings.contents import (
     Array,
     Contents,
@@ -31,10 +40,12 @@ from runtime.recordings.contents import (
     run_numbers,
 )
 from runtime.recordings.contents import RecordingError as RecordingError
+from runtime.recordings.driven import DrivenJoint, driven_joints, driven_notes
 from runtime.recordings.settings import MAX_BYTES
 from runtime.recordings.text import check_file
 from symbolic.model_file.arm import TORQUES, Torque
 from symbolic.model_file.checks import nearest, quote
+from symbolic.model_file.drive_laws import COMMANDS
 
 EXPECTED = "CSV, plain or gzip, or MCAP, a ROS 2 bag, MATLAB, HDF5, Parquet or NumPy"
 _HEAD = 1024
@@ -110,6 +121,8 @@ class Recording:
     qd, q_desired, q_link, tau_link, tau_rigid
                   (n, N), or None if the file has none; a joint without the signal has a row of NaN
     tau_rigid     the user's own prediction of tau without friction, with rotors and contact
+    commands      further signals that a drive's law reads, "duty" and the like, as qd: name -> (n, N)
+    driven        of each joint whose torque a law makes: the law and its columns; None: tau is recorded
     temperature   (N,) °C or None for each joint
     force         force on the arm at the tip in base axes, or None: (2, N) N along x and y; of a spatial arm (6, N),
                   N along x, y, z and N m about them
@@ -138,6 +151,8 @@ class Recording:
     tau_link: Array | None = None
     tau_rigid: Array | None = None
     force: Array | None = None
+    commands: Mapping[str, Array] = field(default_factory=dict)
+    driven: tuple[DrivenJoint | None, ...] = ()
     cells: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     torque: Torque | None = None
@@ -220,7 +235,7 @@ def checked(
     units = {name: column.unit for name, column in used.items() if column.unit}
     in_ampere = {name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current"}
     currents = frozenset(in_ampere if arm.keeps_currents else ())
-    notes = (*understood.notes, *map(str, apart))
+    notes = (*understood.notes, *map(str, apart), *driven_notes(made.driven))
     made = replace(made, units=units, currents=currents, clocks=apart, notes=notes)
     log = understood.log
     said = (stated, "--map"), (contents.torque, "the file"), (log and log.torque, log and log.name)
@@ -256,10 +271,16 @@ def _recording(
             return None
         return np.ascontiguousarray([signals.get(name, np.full(len(t), np.nan)) for name in names])
 
-    q, tau = rows("q{}"), rows("tau{}")
+    q = rows("q{}")
     assert q is not None
+    driven = driven_joints(arm.joints, signals, t, run)
+    for i, joint in enumerate(driven, 1):
+        if joint is not None:
+            signals[f"tau{i}"] = joint.torque
+    tau = rows("tau{}")
     assert tau is not None
     check_moving(q, tau, refuse)
+    sent = {name: rows(numbered_signal(name)) for name in COMMANDS if name != "q_desired"}
     rigid = rows("tau{}_rigid")
     for i in range(n):
         if rigid is not None and f"tau{i + 1}_rigid" not in signals:
@@ -280,10 +301,31 @@ def _recording(
         tau_rigid=rigid,
         temperature=tuple(signals.get(f"temperature{i}") for i in range(1, n + 1)),
         force=force,
+        commands={name: found for name, found in sent.items() if found is not None},
+        driven=driven,
         segments=segments,
         types=tuple(joint.type for joint in arm.joints),
         cells=cells,
     )
+
+
+def _recorded_torque(recording: Recording) -> Array:
+    """tau (n, N) where it is recorded; NaN at a joint where a law makes it."""
+    made = [joint is not None for joint in recording.driven] or [False]
+    return np.where(np.array(made)[:, None], np.nan, recording.tau) if any(made) else recording.tau
+
+
+def _units(command: str, position: Sequence[str]) -> list[str]:
+    """SI units of a drive's command at every joint; that of a ratio is empty."""
+    kind = COMMANDS[command].kind
+    if kind == "rate":
+        return [f"{unit}/s" for unit in position]
+    return ["" if kind == "ratio" else OFFERED[kind][0]] * len(position)
+
+
+def header_cell(name: str, unit: str) -> str:
+    """A column's name with its unit, if it has one."""
+    return f"{name} [{unit}]" if unit else name
 
 
 def measured(recording: Recording) -> Iterator[tuple[str, str, Array]]:
@@ -293,8 +335,9 @@ def measured(recording: Recording) -> Iterator[tuple[str, str, Array]]:
     groups = (
         ("q{}", recording.q, position),
         ("qd{}", recording.qd, [f"{unit}/s" for unit in position]),
-        ("tau{}", recording.tau, force),
+        ("tau{}", _recorded_torque(recording), force),
         ("q{}_desired", recording.q_desired, position),
+        *((numbered_signal(name), rows, _units(name, position)) for name, rows in recording.commands.items()),
         ("q{}_link", recording.q_link, position),
         ("tau{}_link", recording.tau_link, force),
         ("tau{}_rigid", recording.tau_rigid, force),
@@ -324,7 +367,7 @@ def write(path: Path | str, recording: Recording) -> None:
     if len(np.unique(recording.run)) > 1:
         cells.append(("run", recording.run.astype(float)))
     cells.append(("t [s]", recording.t))
-    cells += [(f"{name} [{unit}]", values) for name, unit, values in measured(recording)]
+    cells += [(header_cell(name, unit), values) for name, unit, values in measured(recording)]
     row = ",".join(["%.12g"] * len(cells))
     lines = [*head, ",".join(name for name, _ in cells)]
     lines += [row % values for values in zip(*(column.tolist() for _, column in cells), strict=True)]

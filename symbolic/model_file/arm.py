@@ -108,11 +108,16 @@ class Control:
 
 @dataclass(frozen=True)
 class Drive:
-    """The servo drive of a joint on a CAN bus; keys.DRIVE describes its data."""
+    """The servo drive of a joint; keys.DRIVE describes its data.
 
-    node: int
+    node    on a CAN bus, or None     law   how it makes torque, or None     gains   of the law, those that are known
+    """
+
+    node: int | None = None
     direction: int = 1
     rated_torque: float | None = None
+    law: str | None = None
+    gains: Values = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from symbolic.model_file.arm import TORQUES
 from symbolic.model_file.checks import Place, found
+from symbolic.model_file.drive_laws import GAIN_KEYS, LAW
 from symbolic.model_file.fields import (
     Choice,
     Field,
@@ -151,6 +152,7 @@ DRIVE = (
         low=1,
         high=MAX_NODE,
         expected=f"the drive's CANopen node id, a whole number from 1 to {MAX_NODE}",
+        default=None,
     ),
     Choice(
         "direction",
@@ -166,6 +168,8 @@ DRIVE = (
         positive=True,
         default=None,
     ),
+    LAW,
+    *GAIN_KEYS,
 )
 EFFECTS = "an active effect with its parameters; an empty table: its values are unknown (tendon effects)"
 
@@ -199,7 +203,7 @@ def _joint(*body: Field) -> tuple[Field, ...]:
         Inner("limits", "what motions keep", LIMITS, default={}),
         Inner("controller", "gains of the joint's controller", GAINS, default=None),
         Inner("encoder", "of the motor", ENCODER, default=None),
-        Inner("drive", "servo drive on a CAN bus", DRIVE, default=None),
+        Inner("drive", "servo drive: on a CAN bus, and the law of its torque", DRIVE, default=None),
     )
 
 

@@ -41,6 +41,7 @@ from symbolic.model_file.checks import (
     table_at,
     unknown,
 )
+from symbolic.model_file.drive_laws import GAIN_KEYS, LAWS, DriveLaw
 from symbolic.model_file.frames import (
     IDENTITY,
     ROUNDED,
@@ -175,12 +176,40 @@ def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffec
         gains=said["controller"] and Gains(**said["controller"]),
         encoder_counts=encoder["counts"],
         encoder_zero=encoder["zero"],
-        drive=said["drive"] and Drive(**said["drive"]),
+        drive=said["drive"] and _drive(place.inside("drive"), said["drive"], said["torque_constant"]),
         name=said["name"],
         axis=said["axis"] if spatial else (0.0, 0.0, 1.0),
         origin=Frame(**said["origin"]) if spatial else Frame(),
         link=Link(**link) if spatial else planar_link(link["mass"], link["com"], link["inertia"]),
     )
+
+
+def _drive(place: Place, said: Mapping[str, Any], torque_constant: float | None) -> Drive:
+    """The drive as stated; a torque constant of the joint is its law's, too."""
+    gains = {gain.key: said[gain.key] for gain in GAIN_KEYS if said[gain.key] is not None}
+    of_bus = {key: said[key] for key in ("node", "direction", "rated_torque")}
+    if said["law"] is None:
+        if gains:
+            homes = " or ".join(f'"{name}"' for name, law in LAWS.items() if _has(law, next(iter(gains))))
+            place.fail(f"{next(iter(gains))} is a gain of a law, and none is named; add law = {homes}")
+        if said["node"] is None:
+            place.fail('missing key "node" or "law"; expected the CANopen id, or how the drive makes torque')
+        return Drive(**of_bus)
+    law = LAWS[said["law"]]
+    for key in gains:
+        if not _has(law, key):
+            unknown(place, f"key of {law.name}", key, tuple(gain.key for gain in law.gains))
+    if torque_constant is not None and _has(law, "torque_constant"):
+        stated = gains.setdefault("torque_constant", torque_constant)
+        if stated != torque_constant:
+            place.fail(f"torque_constant is {stated:g} and that of the joint {torque_constant:g}; state one of the two")
+    if "torque_per_volt" in gains and "resistance" in gains:
+        place.fail("torque_per_volt is torque_constant over resistance; state it, or resistance")
+    return Drive(**of_bus, law=law.name, gains=gains)
+
+
+def _has(law: DriveLaw, key: str) -> bool:
+    return any(gain.key == key for gain in law.gains)
 
 
 # --- effects ---
@@ -243,10 +272,9 @@ def check_distinct(top: Place, joints: Sequence[Joint]) -> None:
     names: dict[str, int] = {}
     for i, joint in enumerate(joints, 1):
         place = top.inside(f"joint {i}")
-        if joint.drive is not None and (first := nodes.setdefault(joint.drive.node, i)) != i:
-            place.inside("drive").fail(
-                f"node {joint.drive.node} is already the drive of joint {first}; expected another id"
-            )
+        node = None if joint.drive is None else joint.drive.node
+        if node is not None and (first := nodes.setdefault(node, i)) != i:
+            place.inside("drive").fail(f"node {node} is already the drive of joint {first}; expected another id")
         if joint.name is not None and (first := names.setdefault(joint.name, i)) != i:
             place.fail(f'name "{joint.name}" is already that of joint {first}; expected another name')
 

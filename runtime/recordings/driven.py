@@ -1,0 +1,146 @@
+"""Torques that nobody recorded: what the law of a drive makes of its command.
+
+Signals that a law needs and a file lacks follow from others: rates from positions by differences, as a servo takes
+them itself, and the integral of its error from the start of each run. A command that acts later is read so much
+earlier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symbolic.model_file.arm import DescribedJoint
+from symbolic.model_file.drive_laws import COMMANDS, DELAY, INTEGRAL, LAWS, DriveLaw, parted
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenJoint:
+    """A joint whose torque a law makes.
+
+    gains      those of the model file
+    signals    what the law reads, (N,) each
+    told       coefficients of the law that were identified, by their names
+    supply     the column of the supply's voltage, if it is not the usual one
+    """
+
+    law: DriveLaw
+    gains: Mapping[str, float]
+    signals: Mapping[str, Array]
+    told: Mapping[str, float] = field(default_factory=dict)
+    supply: str = ""
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of the law's coefficients that the model file leaves open."""
+        return tuple(t.name for t, c in zip(self.law.terms, self._stated, strict=True) if c is None)
+
+    @cached_property
+    def columns(self) -> dict[str, Array]:
+        """Each coefficient's part of the torque, (N,) per unit of it."""
+        made = self.law.columns(self.signals, self.gains, _ramp)
+        return {term.name: np.asarray(x, dtype=np.float64) for term, x in zip(self.law.terms, made, strict=True)}
+
+    @property
+    def known(self) -> Array:
+        """(N,) the part of the torque whose coefficients the model file states, without the drive's limit."""
+        columns = self.columns.values()
+        parts = (c * x for c, x in zip(self._stated, columns, strict=True) if c)
+        return np.asarray(sum(parts, start=np.zeros(len(next(iter(columns))))))
+
+    @property
+    def torque(self) -> Array:
+        """(N,) of stated and identified coefficients. One that is unknown counts for 1 at the command, as if the torque
+        were in the command's unit, and for nothing elsewhere."""
+        neutral = {name: float(name == self.law.terms[0].name) for name in self.unknown}
+        open_part = sum(c * self.columns[name] for name, c in (neutral | dict(self.told)).items())
+        return np.asarray(self.law.limited(self.known + open_part, self.gains, _ramp))
+
+    @property
+    def scale(self) -> float:
+        """Torque per unit of the command; 1 where it is unknown."""
+        name = self.law.terms[0].name
+        return self._stated[0] if self._stated[0] is not None else self.told.get(name, 1.0)
+
+    def with_told(self, told: Mapping[str, float]) -> DrivenJoint:
+        """The same with coefficients that were identified."""
+        return replace(self, told=dict(told))
+
+    @property
+    def _stated(self) -> tuple[float | None, ...]:
+        return self.law.coefficients(self.gains)
+
+
+def _ramp(x: Array) -> Array:
+    return np.maximum(x, 0.0)
+
+
+def driven_joints(
+    joints: Sequence[DescribedJoint], signals: Mapping[str, Array], t: Array, run: NDArray[np.int64]
+) -> tuple[DrivenJoint | None, ...]:
+    """Of each joint whose torque is not among the signals and whose drive has a law; `columns` has found what it needs.
+
+    t, run   (N,) as in a Recording
+    """
+    made: list[DrivenJoint | None] = []
+    for number, joint in enumerate(joints, 1):
+        law = LAWS.get(joint.drive.law or "") if joint.drive is not None else None
+        if law is None or joint.drive is None or f"tau{number}" in signals:
+            made.append(None)
+            continue
+        own = {name: signals[key] for name in ("q", "qd", *COMMANDS) if (key := _numbered(name, number)) in signals}
+        read = _complete(law, joint.drive.gains, own, t, run)
+        supply = next((law.source(s, own, joint.drive.gains) or "" for s in law.instead if s not in own), "")
+        made.append(DrivenJoint(law, joint.drive.gains, read, supply=supply if supply in own else ""))
+    return tuple(made)
+
+
+def driven_notes(driven: Sequence[DrivenJoint | None]) -> list[str]:
+    """What users should know about how torques were made."""
+    alike: dict[str, list[str]] = {}
+    for number, joint in enumerate(driven, 1):
+        if joint is not None:
+            supply = f"; the column {joint.supply} is taken for the supply's voltage" * bool(joint.supply)
+            unknown = f"; {' and '.join(joint.unknown)} unknown" * bool(joint.unknown)
+            said = f"by the drive's law {joint.law.name}: {joint.law.equation}{supply}{unknown}"
+            alike.setdefault(said, []).append(f"tau{number}")
+    return [f"made {said}: {', '.join(torques)}" for said, torques in alike.items()]
+
+
+def _numbered(signal: str, number: int) -> str:
+    stem, ending = parted(signal)
+    return f"{stem}{number}{ending}"
+
+
+def _complete(
+    law: DriveLaw, gains: Mapping[str, float], own: Mapping[str, Array], t: Array, run: NDArray[np.int64]
+) -> dict[str, Array]:
+    """Signals of a law: those of a file, and what follows from them."""
+    found, starts = dict(own), np.flatnonzero(np.diff(run, prepend=run[0] - 1))
+    runs = [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(t)], strict=True)]
+    for signal, (column, gain) in law.instead.items():
+        if signal not in found:
+            found[signal] = found[column] if column in found else np.full(len(t), gains[gain])
+    if "qd" not in found:
+        found["qd"] = _rate(found["q"], t, runs)
+    if law.command == "q_desired" and "qd_desired" not in found:
+        found["qd_desired"] = _rate(found["q_desired"], t, runs)
+    if late := gains.get(DELAY, 0.0):
+        for name in {law.command, "qd_desired"} & found.keys():
+            found[name] = np.concatenate([np.interp(t[r] - late, t[r], found[name][r]) for r in runs])
+    if law.command == "q_desired":
+        error = found["q_desired"] - found["q"]
+        step = np.concatenate([np.append(0.0, np.diff(t[r])) for r in runs])
+        found[INTEGRAL] = np.concatenate([np.cumsum((error * step)[r]) for r in runs])
+    return found
+
+
+def _rate(x: Array, t: Array, runs: Sequence[slice]) -> Array:
+    """(N,) rate by differences within each run."""
+    return np.concatenate([np.gradient(x[r], t[r]) if r.stop - r.start > 1 else np.zeros(1) for r in runs])

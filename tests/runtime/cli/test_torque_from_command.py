@@ -1,0 +1,163 @@
+"""Recordings without a torque: the law of the drive makes it from the command's columns."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import servos
+
+from tests.conftest import ARMS
+from tests.first_hour import REAL
+
+Run = Callable[..., tuple[int, str, str]]
+DRIVE = (ARMS / "drive.toml").read_text(encoding="utf-8")
+PENDULUM = """name = "xl330"
+gravity = [9.81, 0.0]
+[[joint]]
+type = "revolute"
+rotor_inertia = 0.0018
+gear_ratio = 288
+[joint.link]
+length = 0.10
+mass = 0.49
+com = [0.10, 0.0]
+inertia = 0.0001
+[joint.effects.coulomb]
+[joint.effects.viscous]
+[joint.effects.offset]
+"""
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def found(tendon: Run, verb: str, model: Path, *recordings: Path) -> dict[str, Any]:
+    """What --json says, without what it was made from."""
+    status, out, err = tendon(verb, model, *recordings, "--json", "-")
+    assert status in (0, 1), err
+    document: dict[str, Any] = json.loads(out)
+    document.pop("provenance", None)
+    return document
+
+
+@pytest.fixture(scope="module")
+def logs() -> dict[str, servos.ServoLog]:
+    return {"position_servo": servos.servo("stribeck", 1), "pwm": servos.bridge("stribeck", 1)}
+
+
+@pytest.mark.parametrize(("law", "gains"), [("position_servo", servos.SERVO), ("pwm", servos.BRIDGE)])
+def test_torque_from_the_command_is_the_torque_of_the_equations(
+    tendon: Run, here: Path, logs: dict[str, servos.ServoLog], law: str, gains: str
+) -> None:
+    plain, driven = written(here / "plain.toml", DRIVE), written(here / "driven.toml", servos.model(gains, DRIVE))
+    torque, command = logs[law].write(here / "torque.csv", torque=True), logs[law].write(here / "command.csv")
+    for verb in ("identify", "compare"):
+        assert _near(found(tendon, verb, driven, command), found(tendon, verb, plain, torque))
+
+
+def _near(one: Any, other: Any) -> bool:
+    """Whether two documents say the same, numbers but for the twelve digits of the files."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(_near(one[k], other[k]) for k in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(_near, one, other))
+    if isinstance(one, float):
+        return bool(np.isclose(one, other, rtol=1e-5, atol=1e-9))
+    return bool(one == other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "gains"), [("position_servo", servos.SERVO), ("pwm", servos.BRIDGE)])
+def test_the_hidden_effect_is_named_first_without_a_torque_signal(
+    tendon: Run, here: Path, logs: dict[str, servos.ServoLog], law: str, gains: str
+) -> None:
+    driven, command = written(here / "driven.toml", servos.model(gains, DRIVE)), logs[law].write(here / "command.csv")
+    document = found(tendon, "diagnose", driven, command)
+    assert document["verdict"] == "effect"
+    assert document["findings"][0]["effect"] == "stribeck"
+
+
+def test_a_missing_column_or_law_is_named(tendon: Run, here: Path) -> None:
+    t = np.arange(400) / 100
+    rows = np.column_stack([t, np.sin(t), np.cos(t)])
+    np.savetxt("run.csv", rows, delimiter=",", header="t,q1,duty1", comments="")
+    plain, driven = (
+        written(here / "plain.toml", DRIVE),
+        written(here / "driven.toml", servos.model(servos.BRIDGE, DRIVE)),
+    )
+    status, _, err = tendon("compare", plain, "run.csv")
+    assert status == 2
+    assert 'add [joint.drive] with law = "pwm" to joint 1' in err
+    status, _, err = tendon("compare", driven, "run.csv")
+    assert status == 2
+    assert "no column bus_voltage1" in err
+    assert "state bus_voltage under [joint.drive]" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("drive", "said"),
+    [
+        ('law = "position_servo"\nkq = 1.0\n', 'the closest known one is "kp"'),
+        ('law = "servo"\n', '"position_servo"'),
+        ("kp = 1.0\n", 'add law = "position_servo"'),
+        ('law = "current"\nkp = 1.0\n', 'unknown key of current "kp"'),
+        ('law = "position_servo"\nkp = -1.0\n', "kp is -1"),
+        ("direction = 1\n", '"node" or "law"'),
+        ('law = "voltage"\nresistance = 1.0\ntorque_per_volt = 2.0\n', "torque_constant over resistance"),
+    ],
+)
+def test_a_wrong_drive_is_an_error_in_one_line(tendon: Run, here: Path, drive: str, said: str) -> None:
+    model = written(here / "arm.toml", servos.model(drive, DRIVE))
+    status, _, err = tendon("generate", model, "--out", "made")
+    assert status == 2
+    assert said in err
+    assert err.startswith(f"{model}: joint 1: drive")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.skipif(not (REAL / "xl330").is_dir(), reason="no real recordings beside the project")
+def test_a_real_bridge_tells_what_its_torque_tells(tendon: Run, here: Path) -> None:
+    gains = 'law = "pwm"\ntorque_constant = 0.387\nresistance = 4.02\nback_emf = 0.0\n'
+    plain, driven = written(here / "plain.toml", PENDULUM), written(here / "driven.toml", servos.model(gains, PENDULUM))
+    log = REAL / "xl330"
+    with_torque, without = (
+        found(tendon, "compare", model, log / name)
+        for model, name in ((plain, "fit.csv.gz"), (driven, "command_fit.csv.gz"))
+    )
+    assert without["joints"][0]["relative"] == pytest.approx(with_torque["joints"][0]["relative"], rel=1e-4)
+
+
+@pytest.mark.skipif(not (REAL / "go2").is_dir(), reason="no real recordings beside the project")
+def test_real_position_servos_tell_what_their_torques_tell(tendon: Run, here: Path) -> None:
+    log = REAL / "go2"
+    assert tendon("import", log / "go2.urdf", "--base", "base", "--tip", "FL_foot", "--out", "leg.toml")[0] == 0
+    head, *joints = Path("leg.toml").read_text(encoding="utf-8").split("[[joint]]")
+    gains = [(20.0, 1.0), (20.0, 1.0), (40.0, 2.0)]
+    each = [
+        servos.model(f'law = "position_servo"\nkp = {kp}\nkd = {kd}\n', joint)
+        for (kp, kd), joint in zip(gains, joints, strict=True)
+    ]
+    driven = written(here / "driven.toml", "[[joint]]".join([head, *each]))
+    with gzip.open(log / "command_fit.csv.gz") as file:
+        assert b"tau" not in file.readline()
+    with_torque, without = (
+        found(tendon, "compare", model, log / name)
+        for model, name in ((Path("leg.toml"), "fit.csv.gz"), (driven, "command_fit.csv.gz"))
+    )
+    for one, other in zip(without["joints"], with_torque["joints"], strict=True):
+        assert one["relative"] == pytest.approx(other["relative"], rel=1e-4)

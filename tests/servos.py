@@ -1,0 +1,100 @@
+"""Recordings of a one-joint servo without a torque signal, from equations written apart from the library's.
+
+The joint is that of plants.py, with the same hidden effects. A position servo makes its torque from the error of
+position and rate alone; a bridge puts a part of a sagging supply on a motor with back-EMF.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import plants
+from numpy.typing import NDArray
+
+from runtime.simulation import demo
+
+Array = NDArray[np.float64]
+
+KP, KD = 300.0, 15.0  # N m/rad, N m s/rad
+KT, OHM = 6.0, 3.0  # N m/A, ohm, at the joint's output
+SUPPLY = 48.0  # V, without load
+SERVO = f'law = "position_servo"\nkp = {KP}\nkd = {KD}\n'
+BRIDGE = f'law = "pwm"\ntorque_constant = {KT}\nresistance = {OHM}\n'
+
+
+@dataclass(frozen=True)
+class ServoLog:
+    """Columns by header cell, (N,) each, and the torque tau (N,) N m of the equations at these samples."""
+
+    columns: Mapping[str, Array]
+    tau: Array
+
+    def write(self, path: Path, torque: bool = False) -> Path:
+        """As CSV: the command's columns, or q and the torque."""
+        kept = {
+            cell: x for cell, x in self.columns.items() if not torque or cell in ("t [s]", "q1 [rad]", "qd1 [rad/s]")
+        }
+        kept |= {"tau1 [N m]": self.tau} if torque else {}
+        rows = np.column_stack(list(kept.values()))
+        np.savetxt(path, rows, fmt="%.12g", delimiter=",", header=",".join(kept), comments="")
+        return path
+
+
+def _loop(hidden: str | None, seed: int, torque: Callable[[Array, float, float, float], float]) -> tuple[Array, ...]:
+    """Time (N,), desired (3, N), counted angle and its rate (N,), under torque(desired, seen, rate, time)."""
+    rng = np.random.default_rng(seed)
+    t, desired = demo.motion(rng, 2)
+    amount = 0.0 if hidden is None else plants.SIZES[hidden]
+    advance = plants._advance(hidden, amount, t[-1] / 3, rng)
+    state, angles, rates = [0.0] * 4, [], []
+    for k, wanted in enumerate(desired.T):
+        seen, rate = round(state[0] / demo.COUNT) * demo.COUNT, state[1]
+        angles.append(seen)
+        rates.append(rate)
+        advance(state, torque(wanted, seen, rate, float(t[k])), float(t[k]))
+    return t, desired, np.array(angles), np.array(rates)
+
+
+def servo(hidden: str | None, seed: int) -> ServoLog:
+    """A position servo, told position and rate, that measures its rate."""
+    t, wanted, q, qd = _loop(
+        hidden, seed, lambda want, seen, rate, _: float(KP * (want[0] - seen) + KD * (want[1] - rate))
+    )
+    columns = {
+        "t [s]": t,
+        "q1 [rad]": q,
+        "qd1 [rad/s]": qd,
+        "q1_desired [rad]": wanted[0],
+        "qd1_desired [rad/s]": wanted[1],
+    }
+    return ServoLog(columns, KP * (wanted[0] - q) + KD * (wanted[1] - qd))
+
+
+def _supply(t: float) -> float:
+    return float(SUPPLY - 3.0 * np.sin(0.7 * t) ** 2)
+
+
+def _duty(want: Array, seen: float, rate: float, t: float) -> float:
+    asked = KP * (want[0] - seen) + KD * (want[1] - rate)
+    return float(np.clip((asked * OHM / KT + KT * rate) / _supply(t), -1.0, 1.0))
+
+
+def bridge(hidden: str | None, seed: int) -> ServoLog:
+    """A motor on a bridge, whose duty a controller sets."""
+
+    def torque(want: Array, seen: float, rate: float, t: float) -> float:
+        return KT / OHM * (_duty(want, seen, rate, t) * _supply(t) - KT * rate)
+
+    t, wanted, q, qd = _loop(hidden, seed, torque)
+    supply = np.array([_supply(float(x)) for x in t])
+    duty = np.array([_duty(*x) for x in zip(wanted.T, q, qd, t, strict=True)])
+    columns = {"t [s]": t, "q1 [rad]": q, "qd1 [rad/s]": qd, "duty1": duty, "bus_voltage1 [V]": supply}
+    return ServoLog(columns, KT / OHM * (duty * supply - KT * qd))
+
+
+def model(drive: str, text: str) -> str:
+    """A model file's text with a drive at its first joint."""
+    return text.replace("[joint.link]", f"[joint.drive]\n{drive}[joint.link]", 1)
