@@ -10,7 +10,7 @@ import msgspec
 import typer
 
 from runtime.cli import completion
-from runtime.cli.inputs import check_hidden, opened
+from runtime.cli.inputs import check_hidden, made_from, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, Report, with_settings
 from runtime.cli.output import NO, draw, emit
 from runtime.cli.places import READ, WRITTEN
@@ -84,6 +84,7 @@ def execute(
         loaded, controller = source.compiled.model(), source.compiled.controller(targets.build_of(on))
     targets.check(on, loaded)
     plan = read(trajectory, loaded)
+    provenance = made_from("execute", model, source, further=[trajectory], effects=effects)
     order = targets.Order(
         loaded,
         controller,
@@ -106,6 +107,7 @@ def execute(
     same = model_out or (model if text == source.text else None)
     said = msgspec.structs.replace(
         document,
+        provenance=provenance,
         recording=None if out is None else str(out),
         model_out=None if model_out is None else str(model_out),
         next=_next(same, out, effects),

@@ -77,14 +77,13 @@ class TypedInputs:
 
     def provenance(self, verb: str, source: Source, budget: float | None = None) -> Provenance:
         """What a result of a verb is made from, before it is made. Raises OSError."""
-        return Provenance.of(
+        return made_from(
             verb,
-            InputFile.of(self.model, arm_path(self.model)),
-            source.text,
-            map(InputFile.of, self.recordings),
-            map(InputFile.of, self.held_out),
-            command=command_line(),
-            effects=None if self.effects is None else InputFile.of(self.effects),
+            self.model,
+            source,
+            self.recordings,
+            self.held_out,
+            effects=self.effects,
             maps=self.maps or (),
             allow_gaps=self.allow_gaps,
             budget=budget,
@@ -107,6 +106,40 @@ class TypedInputs:
             like=str(self.model) if named else None,
             provenance=provenance,
         )
+
+
+def made_from(
+    verb: str,
+    model: Path | None,
+    source: Source | None,
+    recordings: Sequence[Path] = (),
+    held_out: Sequence[Path] = (),
+    *,
+    further: Sequence[Path] = (),
+    effects: Path | None = None,
+    maps: Sequence[str] = (),
+    allow_gaps: bool = False,
+    budget: float | None = None,
+) -> Provenance:
+    """What a result of the command that runs is made from, before it is made.
+
+    model     as it was typed     source   as it was read; None, both: there is none
+    further   a scenario, a trajectory or a motion
+    Raises OSError.
+    """
+    return Provenance.of(
+        verb,
+        None if model is None else InputFile.of(model, arm_path(model)),
+        None if source is None else source.text,
+        map(InputFile.of, recordings),
+        map(InputFile.of, held_out),
+        command=command_line(),
+        effects=None if effects is None else InputFile.of(effects),
+        maps=maps,
+        allow_gaps=allow_gaps,
+        budget=budget,
+        further=map(InputFile.of, further),
+    )
 
 
 def check_hidden(source: Source, option: str, texts: Sequence[str]) -> None:

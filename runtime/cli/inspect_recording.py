@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec.structs import replace
 
+from runtime.cli.inputs import made_from, opened
 from runtime.cli.options import AllowGaps, EffectsFile, Json, Map
 from runtime.cli.output import NO, emit
 from runtime.cli.places import DRAWN, READ
@@ -44,16 +46,17 @@ def inspect(
     columns = column_mapping(maps)
     source = None
     if model is not None:
-        from runtime.cli.inputs import opened
-
         source = opened(model, effects)
+    provenance = made_from(
+        "inspect", model, source, [recording], effects=effects, maps=maps or (), allow_gaps=allow_gaps
+    )
     found = inspected(recording, source.recorded_arm() if source else None, columns, allow_gaps)
     if source is not None and found.recording is not None:
         with terminal.working("deriving and compiling the model"):
             loaded = source.compiled.model()
         with terminal.working("fitting"):
             found = with_model(found, loaded)
-    emit(json, diagnosed.inspected(found), terminal.printer(recordings.inspection))
+    emit(json, replace(diagnosed.inspected(found), provenance=provenance), terminal.printer(recordings.inspection))
     if picture is not None and found.recording is not None:
         from runtime.inspection.signals import complete_signals
         from runtime.report.plots.motion_plots import signals_over_time

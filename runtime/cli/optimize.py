@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from msgspec import structs
 
-from runtime.cli.inputs import print_notes
+from runtime.cli.inputs import made_from, print_notes
 from runtime.cli.options import EffectsFile, Json, Report, ScenarioFile, with_settings
 from runtime.cli.output import NO, costs_itself, draw, emit
 from runtime.cli.places import DRAWN, WRITTEN
@@ -68,6 +69,7 @@ def optimize(
     source = scenario_source(asked.model, scenario, effects)
     keep([source.path], [Path(path) for path in (json, out, model_out, plot) if path])
     print_notes(source)
+    provenance = made_from("optimize", source.path, source, further=[scenario], effects=effects)
     with terminal.working("deriving and compiling the model"):
         model = source.compiled.model()
     case = scenario_file.fitted(asked, model, str(scenario))
@@ -85,9 +87,10 @@ def optimize(
         with terminal.working(f"optimizing {case.name} without springs, to compare"):
             without = optimizer.cost_without_springs(model, case, settings)
     except optimizer.Infeasible as error:
-        emit(json, results.refusal(model, case, error), terminal.printer(motions.plan))
+        refusal = structs.replace(results.refusal(model, case, error), provenance=provenance)
+        emit(json, refusal, terminal.printer(motions.plan))
         raise typer.Exit(NO) from error
-    document = results.document(model, plan, without)
+    document = structs.replace(results.document(model, plan, without), provenance=provenance)
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:

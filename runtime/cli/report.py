@@ -37,6 +37,9 @@ _KINDS: dict[str, type[LoopDocument | IdentifyDocument]] = {
 _SAME = 1e-3
 """Part by which a residual may differ where the same is computed again: sums in another order, on another machine."""
 
+_OF_OTHERS = {"optimize": " --report DIR", "execute": " --report DIR", "simulate": "", "inspect": ""}
+"""Verbs whose results are not made again here, and the option by which they make a page."""
+
 app = typer.Typer()
 
 
@@ -56,7 +59,8 @@ def report_again(
     json: Json = None,
 ) -> None:
     """The result is computed again and the page has its plots, if the recordings are where they were and have not
-    changed; otherwise the page has the words and tables of the JSON."""
+    changed; otherwise the page has the words and tables of the JSON, and the reason is said. Plans, executions,
+    simulations and inspections are not made again from JSON: it says the command that makes them."""
     from runtime.report.page import reports, words_alone
     from runtime.report.terminal import say
 
@@ -75,7 +79,8 @@ def report_again(
     made = words_alone.of_document(document) if summary is None else reports.report(summary)
     path = made.write(out)
     again = ReportDocument(page=str(path), plots=summary is not None, why_not=why_not)
-    emit(json, again, lambda _: say(f"Report: {path}"))
+    how = "computed again from the same files" if again.plots else "words and tables of the JSON, no plots"
+    emit(json, again, lambda _: say(f"Report: {path} ({how})"))
 
 
 def read_result(path: Path) -> LoopDocument | IdentifyDocument:
@@ -83,6 +88,8 @@ def read_result(path: Path) -> LoopDocument | IdentifyDocument:
     kinds = "compare, diagnose, improve, identify or demo"
     try:
         found = loads(path.read_bytes())
+        if (instead := _instead(found)) is not None:
+            raise UsageError(f"{path}: {instead}")
         kind = next((kind for key, kind in _KINDS.items() if key in found), None) if isinstance(found, dict) else None
         if kind is not None:
             return msgspec.convert(found, kind)
@@ -91,12 +98,26 @@ def read_result(path: Path) -> LoopDocument | IdentifyDocument:
     raise UsageError(f"{path}: not the result of {kinds}; expected the file that its --json wrote")
 
 
+def _instead(found: object) -> str | None:
+    """What to do about a result whose page this verb does not make again; None if it does, or the JSON does not say."""
+    provenance = found.get("provenance") if isinstance(found, dict) else None
+    verb = provenance.get("verb") if isinstance(provenance, dict) else None
+    if not isinstance(provenance, dict) or verb not in _OF_OTHERS:
+        return None
+    command = provenance.get("command")
+    again = f": {command}{_OF_OTHERS[verb]}" if isinstance(command, str) else ""
+    page = "" if _OF_OTHERS[verb] else ", and it has no page"
+    return f"a result of {verb} is not made again from its JSON{page}; run the verb again{again}"
+
+
 def _changed(document: LoopDocument | IdentifyDocument, effects: Path | None) -> Iterator[str]:
     """Why a result cannot be computed again, a sentence each."""
     provenance = given(document.provenance)
     if provenance is None:
         yield "the JSON does not say what it was made from"
         return
+    if provenance.model is None or provenance.model_text is None:
+        yield "the JSON does not hold the model file"
     for file in (*provenance.recordings, *provenance.held_out):
         yield from _differs(file, Path(file.path))
     if provenance.effects is not None and effects is None:
@@ -123,6 +144,8 @@ def _computed_again(document: LoopDocument, effects: Path | None) -> ResultSumma
 
     provenance = given(document.provenance)
     assert provenance is not None
+    assert provenance.model is not None
+    assert provenance.model_text is not None
     text, budget = provenance.model_text, provenance.budget or math.inf
     own = None if effects is None else effects_library(effects, reader.is_spatial(text))
     source = Source(Path(provenance.model.path), text, own)

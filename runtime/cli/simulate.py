@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from runtime.cli import completion
-from runtime.cli.inputs import check_hidden, opened
+from runtime.cli.inputs import check_hidden, made_from, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
@@ -45,6 +45,7 @@ def simulate(
 
     source = opened(model, effects)
     check_hidden(source, "--hide", hide or ())
+    provenance = made_from("simulate", model, source, further=[motion] if motion else [], effects=effects)
     with terminal.working("deriving and compiling the model"):
         arm, assumed = source.compiled.with_likely_numbers()
         loaded = arm.model()
@@ -79,5 +80,6 @@ def simulate(
         seed=settings.seed,
         effects=present,
         assumed=[AssumedNumber(**vars(number)) for number in assumed],
+        provenance=provenance,
     )
     emit(json, document, terminal.printer(recordings.simulation))

@@ -15,6 +15,7 @@ from runtime.documents.parts import (
     JointNumber,
     key,
 )
+from runtime.documents.provenance import Origin
 
 ArmName = Annotated[str, key("name of the arm's model")]
 ScenarioName = Annotated[str, key("name of the scenario")]
@@ -183,6 +184,7 @@ class OptimizeDocument(MotionDocument, frozen=True, kw_only=True):
     solver: Annotated[SolverEntry, key("the search")]
     left_out: Annotated[dict[str, str], key("effects that a plan cannot hold, and why")]
     warnings: Annotated[list[str], key("what to know before the plan is used")]
+    provenance: Origin = UNSET
 
 
 class InfeasibleDocument(Document, frozen=True, kw_only=True):
@@ -194,6 +196,7 @@ class InfeasibleDocument(Document, frozen=True, kw_only=True):
     reason: Annotated[str, key("why there is no plan")]
     missed: Annotated[ViolationEntry, key("what the best attempt violates")]
     solver: Annotated[FailedSearchEntry, key("the search")]
+    provenance: Origin = UNSET
 
 
 # --- execute ---
@@ -360,6 +363,7 @@ class ExecuteDocument(Document, frozen=True, kw_only=True):
     """An executed motion: `tendon execute --json`. Keys of the target are absent where they do not apply."""
 
     on: Annotated[str | UnsetType, key("the target of --on")] = UNSET
+    provenance: Origin = UNSET
     arm: ArmName
     period: Annotated[float, key("time between records, by the model file", "s")]
     period_measured: Annotated[float | None, key("the same by the board's clock; null without records", "s")]

@@ -10,7 +10,7 @@ from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Annotated
 
-from msgspec import UnsetType
+from msgspec import UnsetType, field
 
 from runtime.documents.parts import Document, key
 from runtime.version import VERSION
@@ -38,22 +38,25 @@ class Provenance(Document, frozen=True, kw_only=True):
     folder: Annotated[str, key("the working directory")]
     date: Annotated[str, key("when, UTC, ISO 8601; SOURCE_DATE_EPOCH in its place if the environment sets it")]
     version: Annotated[str, key("version of Tendon")]
-    model: Annotated[InputFile, key("model file")]
-    model_text: Annotated[str, key("its text")]
-    recordings: Annotated[list[InputFile], key("fitted recordings")]
+    model: Annotated[InputFile | None, key("model file; null if there was none")]
+    model_text: Annotated[str | None, key("its text")]
+    recordings: Annotated[list[InputFile], key("recordings that were fitted or inspected")]
     held_out: Annotated[list[InputFile], key("recordings that were held out")]
     effects: Annotated[InputFile | None, key("file of the user's own effects; null without one")]
     maps: Annotated[list[str], key("entries of --map and --columns")]
     allow_gaps: Annotated[bool, key("whether recordings were split at gaps")]
     budget: Annotated[float | None, key("time that it might take; null for a verb without a budget", "s")]
+    further: Annotated[list[InputFile], key("a scenario, a trajectory or a motion that was read")] = field(
+        default_factory=list
+    )
 
     @classmethod
     def of(
         cls,
         verb: str,
-        model: InputFile,
-        text: str,
-        recordings: Iterable[InputFile],
+        model: InputFile | None,
+        text: str | None,
+        recordings: Iterable[InputFile] = (),
         held_out: Iterable[InputFile] = (),
         *,
         command: str | None = None,
@@ -61,6 +64,7 @@ class Provenance(Document, frozen=True, kw_only=True):
         maps: Iterable[str] = (),
         allow_gaps: bool = False,
         budget: float | None = None,
+        further: Iterable[InputFile] = (),
     ) -> Provenance:
         """Of a result of this version that is made now in the working directory."""
         return cls(
@@ -77,14 +81,17 @@ class Provenance(Document, frozen=True, kw_only=True):
             maps=list(maps),
             allow_gaps=allow_gaps,
             budget=budget,
+            further=list(further),
         )
 
     @property
     def files(self) -> Iterator[tuple[str, InputFile]]:
         """Every file with its part in the result."""
-        yield "model", self.model
+        if self.model is not None:
+            yield "model", self.model
         yield from (("fitted", file) for file in self.recordings)
         yield from (("held out", file) for file in self.held_out)
+        yield from (("also read", file) for file in self.further)
         if self.effects is not None:
             yield "effects", self.effects
 

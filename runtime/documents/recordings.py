@@ -20,6 +20,7 @@ from runtime.documents.parts import (
     Unit,
     key,
 )
+from runtime.documents.provenance import Origin
 
 
 class FieldEntry(Document, frozen=True, kw_only=True):
@@ -167,6 +168,7 @@ class InspectDocument(Document, frozen=True, kw_only=True):
     torque: Annotated[TorqueEntry | None, key("what the torques are taken for; null where the file cannot be read")]
     suspicions: Annotated[list[SuspicionEntry], key("what looks wrong")]
     cures: Annotated[list[str], key("all options that put it right")]
+    provenance: Origin = UNSET
 
 
 class SimulatedEffect(Document, frozen=True, kw_only=True):
@@ -199,6 +201,7 @@ class SimulateDocument(Document, frozen=True, kw_only=True):
     seed: Annotated[int, key("seed of the noise")]
     effects: Annotated[list[SimulatedEffect], key("effects of the simulated arm")]
     assumed: Annotated[list[AssumedNumber], key("inertias that the model file leaves out")]
+    provenance: Origin = UNSET
 
 
 class ValuedEffect(EffectAt, frozen=True, kw_only=True):

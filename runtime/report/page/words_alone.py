@@ -21,7 +21,7 @@ def of_document(document: LoopDocument | IdentifyDocument) -> ReportPage:
     provenance = given(document.provenance)
     answer = _verdict_of(document)
     shown = fits.identification(document) if isinstance(document, IdentifyDocument) else loop.sections(document)
-    name = "" if provenance is None else Path(provenance.model.typed).stem
+    name = "" if provenance is None or provenance.model is None else Path(provenance.model.typed).stem
     headline, further = headline_of(answer.sentence)
     return ReportPage(
         title=f"{name}: {answer.tag}".removeprefix(": "),

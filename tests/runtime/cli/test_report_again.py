@@ -78,6 +78,40 @@ def test_every_verb_of_a_fit_says_it(made: Path, here: Path, tendon: Run, verb: 
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", said["date"])
 
 
+def test_every_verb_of_a_motion_says_it_and_how_it_is_made_again(made: Path, here: Path, tendon: Run) -> None:
+    """With names and hashes of all that was read; report refuses in one line, with the command to run again."""
+    (here / "arm.toml").write_text((made / "arm.toml").read_text())
+    run, command = str(made / "run.csv.gz"), {}
+    lines = {
+        "inspect": ("inspect", run, "arm.toml"),
+        "simulate": ("simulate", "arm.toml", "--out", "new.csv", "--seconds", "6"),
+        "optimize": ("optimize", "scenario1", "--out", "plan.json"),
+        "execute": ("execute", "vishard4", "plan.json", "--on", "simulation", "--trials", "1"),
+    }
+    read = {"inspect": [], "simulate": [], "optimize": ["scenario1.toml"], "execute": ["plan.json"]}
+    for verb, line in lines.items():
+        assert tendon(*line, "--json", f"{verb}.json")[0] == 0
+        found = json.loads((here / f"{verb}.json").read_text())
+        said = found["provenance"]
+        command[verb] = f"tendon {' '.join(line)} --json {verb}.json"
+        assert (said["verb"], said["version"], said["command"]) == (verb, VERSION, command[verb])
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", said["date"])
+        files = [said["model"], *said["recordings"], *said["further"]]
+        assert [Path(file["path"]).name for file in said["further"]] == read[verb]
+        for file in files:
+            assert file["sha256"] == hashlib.sha256(Path(file["path"]).read_bytes()).hexdigest()
+        assert Path(said["model"]["path"]).read_text() == said["model_text"]
+        status, out, err = tendon("report", f"{verb}.json", "--out", "again")
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        assert f"a result of {verb} is not made again from its JSON" in err
+        assert command[verb] in err
+        assert ("--report DIR" in err) == (verb in ("optimize", "execute"))
+        assert not (here / "again").exists()
+    assert tendon("inspect", run, "--json", "alone.json")[0] == 0
+    alone = json.loads((here / "alone.json").read_text())["provenance"]
+    assert (alone["model"], alone["model_text"]) == (None, None)
+
+
 @pytest.mark.parametrize("wrong", ["", "soon", "²", "9" * 40])
 def test_another_epoch_is_no_date(monkeypatch: pytest.MonkeyPatch, wrong: str) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", wrong)
@@ -103,7 +137,11 @@ def test_the_same_report_is_made_again(made: Path, here: Path, tendon: Run) -> N
         status, out, err = tendon("report", made / "result.json", "--out", "again", "--json", "said.json")
     finally:
         (made / "arm.toml").write_bytes(before)
-    assert (status, out, err.count("no plots")) == (0, "Report: again/report.html\n", 0)
+    assert (status, out, err.count("no plots")) == (
+        0,
+        "Report: again/report.html (computed again from the same files)\n",
+        0,
+    )
     assert json.loads((here / "said.json").read_text()) == {"page": "again/report.html", "plots": True, "why_not": []}
     assert (here / "again" / "report.html").read_bytes() == (made / "report" / "report.html").read_bytes()
 
@@ -117,7 +155,7 @@ def test_without_its_recordings_a_report_has_the_words(made: Path, here: Path, t
 
     with_other(made, here / "other.json", changed)
     status, out, err = tendon("report", "other.json", "--out", "again")
-    assert (status, out) == (0, "Report: again/report.html\n")
+    assert (status, out) == (0, "Report: again/report.html (words and tables of the JSON, no plots)\n")
     assert err.splitlines() == [
         f"other.json: no plots: {made / 'run.csv.gz'} is not the file that was read: its SHA-256 differs",
         f"other.json: no plots: {here / 'gone.csv'} is not there",

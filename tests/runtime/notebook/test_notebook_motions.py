@@ -29,6 +29,7 @@ def test_an_inspection_is_that_of_the_command_line(tendon: Run, tmp_path: Path) 
     made.save(path)
     document = json.loads(tendon("inspect", str(path), "drive", "--json", "-")[1])
     result = inspect(path, arm)
+    assert document.pop("provenance")["verb"] == "inspect"
     assert result.to_dict() == document
     assert (result.problem, result.suspicions) == (None, [])
     assert {p.told for p in result.parameters} == {"well"}
