@@ -135,7 +135,7 @@ def _signal_in_name(name: str) -> str | None:
 
 def _family(best: RecordedField, fields: Sequence[RecordedField]) -> tuple[str, bool]:
     """The name of a field without its joint's number, and whether there are others of this name."""
-    if best.joint is not None:
+    if best.joint is not None and best.name.endswith(f".{best.joint}"):
         return best.name.removesuffix(f".{best.joint}"), True
     match = FAMILY.fullmatch(bare(best.name))
     if match is None:

@@ -270,7 +270,7 @@ class Inspection:
             fields=[FieldEntry(name=f.name, clock=f.clock) for f in self.contents.fields],
             problem=self.problem,
             suggested=map_options(self.contents.fields) if unnamed else [],
-            notes=list(recording.notes) if recording else [],
+            notes=list(recording.notes if recording else self.contents.notes),
             clock=clock_entry(recording) if recording else None,
             clocks=[
                 OtherClock(

@@ -77,9 +77,10 @@ class ArrayContents:
     refuse: Refusal
     header: str = ""
     torque: str = ""
+    notes: Sequence[str] = ()
 
     @cached_property
-    def _columns(self) -> list[tuple[Variable, int, str]]:
+    def columns(self) -> list[tuple[Variable, int, str]]:
         """Variable, column and name of each field."""
         found = []
         for variable in self.variables:
@@ -119,18 +120,18 @@ class ArrayContents:
 
     @cached_property
     def fields(self) -> tuple[RecordedField, ...]:
-        return tuple(RecordedField(name, self._clock(v), v.place) for v, _, name in self._columns)
+        return tuple(RecordedField(name, self._clock(v), v.place) for v, _, name in self.columns)
 
     @cached_property
     def times(self) -> Mapping[str, int]:
-        places = {name: index for index, (_, _, name) in enumerate(self._columns)}
+        places = {name: index for index, (_, _, name) in enumerate(self.columns)}
         return {time.name: places[time.name] for time in self._timed.values()}
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         read: dict[str, Array] = {}
         signals: dict[str, Array] = {}
         for name, index in wanted.items():
-            variable, column, _ = self._columns[index]
+            variable, column, _ = self.columns[index]
             if variable.name not in read:
                 read[variable.name] = self._read(variable, sum(x.nbytes for x in read.values()))
             signals[name] = np.ascontiguousarray(read[variable.name][column])
@@ -345,8 +346,6 @@ def _load_numpy(path: Path, name: str | None, refuse: Refusal) -> NDArray[Any]:
 
 
 PARQUET = b"PAR1"
-_LEROBOT = frozenset(("observation.state", "episode_index", "frame_index"))
-_TORQUE = re.compile(r"torque|effort|current|tau", re.IGNORECASE)
 
 
 def open_parquet(path: Path, refuse: Refusal) -> ArrayContents:
@@ -360,7 +359,6 @@ def open_parquet(path: Path, refuse: Refusal) -> ArrayContents:
         parquet.ParquetFile(path) as file,
     ):
         schema, rows = file.schema_arrow, file.metadata.num_rows
-        refuse_without_torque(schema.names, refuse)
         if len(schema) > MOST_FIELDS:
             refuse(f"has {len(schema)} columns; expected at most {MOST_FIELDS}")
         widths = [_width(file, entry) for entry in schema]
@@ -371,15 +369,6 @@ def open_parquet(path: Path, refuse: Refusal) -> ArrayContents:
         if width != 0
     ]
     return ArrayContents("Parquet", variables, refuse, torque=stated)
-
-
-def refuse_without_torque(names: Sequence[str], refuse: Refusal) -> None:
-    """Refuses a LeRobot data set, which is for imitation learning, if it has no torques."""
-    if set(names) >= _LEROBOT and not any(_TORQUE.search(name) for name in names):
-        refuse(
-            "is a LeRobot data set: it has positions (observation.state) and actions, but neither torque nor current; "
-            "record the motors' torque or current as well, which a comparison with a model needs"
-        )
 
 
 def _width(file: Any, entry: Any) -> int | None:

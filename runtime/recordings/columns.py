@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
-from typing import NoReturn
+from typing import Final, NoReturn
 
 from runtime.recordings.contents import some
 from symbolic.model_file.arm import DescribedJoint, Torque
 from symbolic.model_file.checks import quote
-from symbolic.model_file.drive_laws import COMMANDS, LAWS, parted
+from symbolic.model_file.drive_laws import COMMANDS, LAWS, DriveLaw, parted
 
 _DEGREE = pi / 180
 _ANGLES = {"rad": 1.0, "radians": 1.0, "mrad": 1e-3, "urad": 1e-6, "rev": 2 * pi, "turn": 2 * pi}
 _ANGLES |= dict.fromkeys(("deg", "degrees", "Grad", "°"), _DEGREE)
 _ANGLES |= {"mdeg": _DEGREE / 1e3, "arcmin": _DEGREE / 60, "arcsec": _DEGREE / 3600}
+_TICKS = {"tick4096": 2 * pi / 4096, "tick1024": 300 * _DEGREE / 1024}
+"""Steps of a servo's register of positions: a turn, or 300 degrees of the smaller models."""
+_ANGLES |= _TICKS
 _TORQUES = {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "N mm": 1e-3, "kN m": 1e3}
-_PER_SECOND = ("rad", "mrad", "deg", "Grad", "°", "rev", "turn")
+_PER_SECOND = ("rad", "mrad", "deg", "Grad", "°", "rev", "turn", *_TICKS)
 _PER_MINUTE = dict.fromkeys(("rpm", "U/min", "rev/min", "1/min"), pi / 30)
 _FACTORS = {
     "time": {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
@@ -34,8 +37,31 @@ _FACTORS = {
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "ratio": {"1": 1.0, "%": 1e-2},
 }
-_ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9}
-UNITS = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
+_ZERO = {"K": -273.15, "degF": -160 / 9, "°F": -160 / 9} | {u: -int(u[4:]) / 2 * size for u, size in _TICKS.items()}
+"""Offset in SI; servos have their zero in the middle of the register, 2048 of 4096."""
+
+
+class _Units(Mapping[str, tuple[str, float, float]]):
+    """Units by name, and their multiples, such as 2.69 mA for the step of a register."""
+
+    _named: Final = {u: (kind, f, _ZERO.get(u, 0.0)) for kind, factors in _FACTORS.items() for u, f in factors.items()}
+    _multiple: Final = re.compile(r"(\d{1,6}(?:\.\d{1,9})?) ?(\D.*)", re.ASCII)
+
+    def __getitem__(self, unit: str) -> tuple[str, float, float]:
+        if unit not in self._named and (match := self._multiple.fullmatch(unit)):
+            kind, factor, zero = self._named[match[2]]
+            if float(match[1]) and not zero:
+                return kind, float(match[1]) * factor, 0.0
+        return self._named[unit]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._named)
+
+    def __len__(self) -> int:
+        return len(self._named)
+
+
+UNITS: Final = _Units()
 """unit -> (dimension, factor to SI, offset in SI); temperatures are in °C."""
 
 OFFERED = {
@@ -57,13 +83,22 @@ OFFERED = {
 def normal_unit(unit: str) -> str:
     """A unit as it is spelled in UNITS."""
     unit = unit.replace("µ", "u").replace("μ", "u")
-    return " ".join(re.sub(r"[·⋅*.]", " ", unit).split())
+    return " ".join(re.sub(r"[·⋅*]|(?<!\d)\.|\.(?!\d)", " ", unit).split())
+
+
+UNTOLD = "deg or normalised"
+"""Unit of positions that are in degrees, or in percent of a range that their file does not state."""
 
 
 def unit_hint(unit: str) -> str:
     """What to do about an unknown unit."""
+    if unit == UNTOLD:
+        return (
+            'the file does not say which of the two; if degrees, pass --map q="observation.state [deg]" '
+            '--map q_desired="action [deg]"; normalised positions need the range of each joint: record in degrees'
+        )
     if unit.lower() in ("counts", "count", "cts", "inc", "increments", "ticks", "lsb", "qc"):
-        return "convert it with the encoder's resolution first"
+        return "state how much one is, such as [tick4096] of a servo or [0.01 deg]"
     by_lower = {known.lower(): known for known in UNITS}
     close = difflib.get_close_matches(normal_unit(unit).lower()[:40], by_lower, n=1, cutoff=0.5)
     return f'did you mean "{by_lower[close[0]]}"?' if close else "write it in SI, without a unit"
@@ -216,7 +251,7 @@ def columns(
         column = replace(column, cell=wanted.strip(), unit=unit or None)
         if sign < 0 and _kind(name, len(joints)) not in _SIGNED:
             fail(f"--map {name}: {quote(wanted)} has a minus; only positions, rates, torques and commands have one")
-        found[name] = replace(column, factor=sign * column.factor)
+        found[name] = replace(column, factor=sign * column.factor, offset=sign * column.offset)
     taken = {column.index for column in found.values()}
     mapped = set(found)
     for index, (cell, unit) in enumerate(own):
@@ -233,7 +268,7 @@ def columns(
         if name not in found and not _is_made(name, joints, found, fail):
             taken = {column.index for column in found.values()}
             free = [cell.strip() for i, cell in enumerate(header) if i not in taken]
-            fail(_missing(name, header, free, len(joints)))
+            fail(_missing(name, header, free, len(joints), found))
     return found
 
 
@@ -372,25 +407,24 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[DescribedJ
     return Column(name, index, factor, offset)
 
 
-def _laws_of(header: Sequence[str], number: str) -> list[str]:
-    """Laws of a drive all of whose columns a file has for a joint, but for those that a key may state."""
-    there = {_split(cell)[0] for cell in header}
+def laws_of(signals: Collection[str], joint: int) -> list[DriveLaw]:
+    """Laws of a drive all of whose columns are among these signals of a joint, but for those that a key may state."""
     return [
-        law.name
+        law
         for law in LAWS.values()
-        if all(numbered_signal(s).format(number) in there for s in law.reads if s not in law.instead)
+        if all(numbered_signal(s).format(joint) in signals for s in law.reads if s not in law.instead)
     ]
 
 
-def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int) -> str:
-    """The message for a missing column, with the option to type. free: fields that are not read."""
+def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int, read: Collection[str]) -> str:
+    """The message for a missing column, with the option to type. free: fields that are not read; read: signals."""
     if header[0] == NUMBERED.format(1):
         return unnamed(len(header), n)
     joints = "" if name == "t" else f" (the model has {n} joint{'s' if n > 1 else ''})"
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"
-    if name.startswith("tau") and (laws := _laws_of(header, name[3:])):
-        law = " or ".join(f'law = "{law}"' for law in laws)
+    if name.startswith("tau") and (laws := laws_of(read, int(name[3:]))):
+        law = " or ".join(f'law = "{law.name}"' for law in laws)
         joints += f"; its columns are those of a drive: add [joint.drive] with {law} to joint {name[3:]}"
     by_name = {_split(cell)[0]: cell for cell in free}
     close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)

@@ -83,7 +83,7 @@ class RecordedField:
     name     as in the file, with `[unit]` where the file states a unit
     clock    fields that are sampled together share a clock: a topic, a group, a struct; "" if the file has only one
     place    precedes a sample's number in messages: "line", "/joint_states message", "rec.q column"
-    signal   "t", "q", "qd" or "tau" where the format defines it; None: it does not
+    signal   "t", "run", "q", "qd", "tau", "q_desired" … where the format defines it; None: it does not
     joint    the joint's name, where the format names joints
     """
 
@@ -125,6 +125,7 @@ class Contents(Protocol):
     fields   in the file's order
     times    clock -> index of the field with its time; clocks without a time are left out
     torque   what the file itself says that its torques are, unchecked; "" if nothing
+    notes    what users should know about the file, a line each
     """
 
     @property
@@ -141,6 +142,9 @@ class Contents(Protocol):
 
     @property
     def torque(self) -> str: ...
+
+    @property
+    def notes(self) -> Sequence[str]: ...
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         """Fields of one clock, in the file's units. wanted: signal -> index of the field. Raises RecordingError."""

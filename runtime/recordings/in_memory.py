@@ -48,6 +48,7 @@ class ArraysInMemory:
     refuse: Refusal
     header: str = ""
     torque: str = ""
+    notes: Sequence[str] = ()
 
     @property
     def times(self) -> Mapping[str, int]:

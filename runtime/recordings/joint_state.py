@@ -248,6 +248,7 @@ class JointStateContents:
     streams: tuple[JointStream, ...]
     header: str = ""
     torque: str = ""
+    notes: Sequence[str] = ()
 
     @cached_property
     def _index(self) -> list[tuple[JointStream, str, int]]:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from runtime.recordings.columns import JOINT_SIGNALS, NUMBERED, Fail, fields_meant, unnamed
+from runtime.recordings.columns import JOINT_SIGNALS, NUMBERED, Fail, fields_meant, numbered_signal, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
 from symbolic.model_file.arm import LINK_TORQUE, MOTOR_TORQUE, DescribedJoint, Torque
 
@@ -144,7 +144,7 @@ def _spread(
                 f"--map {name}: {len(members)} columns are called {bare(wanted)} with a number; expected one for each "
                 f"of {len(joints)} joints; the file has {some([f.name for f in fields])}"
             )
-        ordered = _named(members, joints) or members
+        ordered = _named(members, [joint.name for joint in joints]) or members
         for number, member in enumerate(ordered[: len(joints)], 1):
             found[f"{whole[1]}{number}{whole[2]}"] = f"{sign}{member.name if not unit else bare(member.name) + unit}"
     return found | {name: wanted for name, wanted in mapping.items() if not _WHOLE.fullmatch(name.strip())}
@@ -163,7 +163,7 @@ def members(base: str, fields: Sequence[RecordedField]) -> list[RecordedField]:
     numbered: list[tuple[int, RecordedField]] = []
     for place, field in enumerate(fields):
         name = bare(field.name)
-        if field.joint is not None and field.signal != "t":
+        if field.joint is not None and name.endswith(f".{field.joint}") and field.signal != "t":
             stem, number = name.removesuffix(f".{field.joint}"), place
         elif match := FAMILY.fullmatch(name):
             stem, number = match[1], int(match[2])
@@ -185,25 +185,30 @@ def _by_joint(
     known, notes = [field.name for field in fields], []
     chosen = fields_meant(mapping["q1"], known) if "q1" in mapping else []
     home = fields[chosen[0]].clock if chosen else _clock_of("q", fields, joints, fail)
-    for signal in ("q", "qd", "tau"):
-        if f"{signal}1" in mapping:
+    order = _joints_mapped(fields, known, mapping, len(joints))
+    for signal in dict.fromkeys(field.signal for field in fields if field.signal not in (None, "t", "run")):
+        name = numbered_signal(signal)
+        if name.format(1) in mapping:
             continue
         clocks = {field.clock for field in fields if field.signal == signal}
         clock = home if home in clocks or signal != "tau" else _clock_of(signal, fields, joints, fail)
         members = [field for field in fields if field.signal == signal and field.clock == clock]
-        ordered = _named(members, joints)
+        ordered = _named(members, [joint.name for joint in joints]) or _named(members, order)
         if ordered is None:
             ordered = members
             if len(members) > len(joints):
                 fail(
                     f"has {len(members)} joints, {some([str(m.joint) for m in members])}, and the model {len(joints)} "
-                    f'with other names; name them in the model file, or the fields with --map q1="{members[0].name}"'
+                    "with other names; name them in the model file, or the fields with "
+                    f'--map {name.format(1)}="{members[0].name}"'
                 )
             if signal == "q" and len(members) > 1:
                 listed = ", ".join(f"{k} {member.joint}" for k, member in enumerate(members, 1))
                 notes.append(f"joints in the order of the file: {listed}")
         for number, member in enumerate(ordered, 1):
-            known[fields.index(member)] = f"{signal}{number}"
+            index = fields.index(member)
+            known[index] = name.format(number) + known[index].removeprefix(bare(known[index]))
+    known = ["run" if field.signal == "run" else ours for field, ours in zip(fields, known, strict=True)]
     if home is not None and mapping.get("t") is None and home in contents.times:
         known[contents.times[home]] = "t [s]"
     return tuple(known), tuple(notes)
@@ -215,7 +220,9 @@ def _clock_of(signal: str, fields: Sequence[RecordedField], joints: Sequence[Des
     for field in fields:
         if field.signal == signal:
             there.setdefault(field.clock, []).append(field)
-    clocks = [clock for clock, members in there.items() if joints and _named(members, joints)] or list(there)
+    clocks = [
+        clock for clock, members in there.items() if joints and _named(members, [j.name for j in joints])
+    ] or list(there)
     both = [clock for clock in clocks if any(f.signal == "tau" and f.clock == clock for f in fields)]
     choice = both or clocks
     if len(choice) > 1:
@@ -225,12 +232,20 @@ def _clock_of(signal: str, fields: Sequence[RecordedField], joints: Sequence[Des
     return choice[0] if choice else None
 
 
-def _named(members: Sequence[RecordedField], joints: Sequence[DescribedJoint]) -> list[RecordedField] | None:
-    """The fields in the order of the model's joints, by name; None unless all names match."""
+def _named(members: Sequence[RecordedField], joints: Sequence[str | None]) -> list[RecordedField] | None:
+    """The fields in the order of these names of joints; None unless all match."""
     there = {field.joint: field for field in members if field.joint is not None}
-    ordered = [there.get(joint.name) if joint.name else None for joint in joints]
+    ordered = [there.get(name) if name else None for name in joints]
     known = [field for field in ordered if field is not None]
-    return known if len(known) == len(joints) else None
+    return known if known and len(known) == len(joints) else None
+
+
+def _joints_mapped(
+    fields: Sequence[RecordedField], names: Sequence[str], mapping: Mapping[str, str], n: int
+) -> list[str | None]:
+    """Names of the joints whose positions `--map` names, so that their other signals follow; empty if it names none."""
+    chosen = [fields_meant(mapping.get(f"q{k}", ""), names) for k in range(1, n + 1)]
+    return [fields[hits[0]].joint for hits in chosen] if all(chosen) else []
 
 
 # --- formats that do not ---

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.recordings import array_files, clocks, names, ros_logs, text
+from runtime.recordings import array_files, clocks, lerobot, names, ros_logs, text
 from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.columns import (
     IN_PLANE,
@@ -41,7 +40,6 @@ from runtime.recordings.contents import (
 )
 from runtime.recordings.contents import RecordingError as RecordingError
 from runtime.recordings.driven import DrivenJoint, driven_joints, driven_notes
-from runtime.recordings.settings import MAX_BYTES
 from runtime.recordings.text import check_file
 from symbolic.model_file.arm import TORQUES, Torque
 from symbolic.model_file.checks import nearest, quote
@@ -58,7 +56,7 @@ _BY_START: Mapping[bytes, Reader] = {
     array_files.MATLAB_5: array_files.open_matlab,
     array_files.MATLAB_7_3: array_files.open_hdf5,
     array_files.HDF5_SIGNATURE: array_files.open_hdf5,
-    array_files.PARQUET: array_files.open_parquet,
+    array_files.PARQUET: lerobot.open_any_parquet,
     array_files.NPY: array_files.open_numpy,
     array_files.ZIP: array_files.open_numpy,
 }
@@ -94,14 +92,8 @@ def opened(path: Path, refuse: Refusal) -> Contents:
 
 def _folder(path: Path, refuse: Refusal) -> Contents:
     """A ROS 2 bag or a LeRobot data set, which are folders."""
-    about = path / "meta" / "info.json"
-    if about.is_file() and about.stat().st_size < MAX_BYTES:
-        try:
-            features = list(json.loads(about.read_text(encoding="utf-8"))["features"])
-        except (ValueError, KeyError, TypeError, RecursionError):
-            features = []
-        array_files.refuse_without_torque(features, refuse)
-        refuse("is a folder of a LeRobot data set; pass one of the Parquet files in its folder data")
+    if lerobot.is_data_set(path):
+        return lerobot.open_data_set(path, refuse)
     bags = sorted([*path.glob("*.mcap"), *path.glob("*.db3")])
     if not bags:
         refuse(f"is a directory without a ROS 2 bag; expected a recording in {EXPECTED}")
@@ -235,7 +227,7 @@ def checked(
     units = {name: column.unit for name, column in used.items() if column.unit}
     in_ampere = {name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current"}
     currents = frozenset(in_ampere if arm.keeps_currents else ())
-    notes = (*understood.notes, *map(str, apart), *driven_notes(made.driven))
+    notes = (*contents.notes, *understood.notes, *map(str, apart), *driven_notes(made.driven))
     made = replace(made, units=units, currents=currents, clocks=apart, notes=notes)
     log = understood.log
     said = (stated, "--map"), (contents.torque, "the file"), (log and log.torque, log and log.name)

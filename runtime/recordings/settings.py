@@ -94,6 +94,16 @@ CLOCK_SHIFT_LEAST: Final = 1.5
 """samples of the slower clock; smaller offsets are left to the fit, which separates them from a controller's hold; a
 choice, above the one sample that a hold explains."""
 
+MOST_EPISODES: Final = 10_000
+"""number of files of a LeRobot data set; each is opened for its layout in some ms; a choice."""
+
+LARGEST_RADIANS: Final = 7.0
+"""rad; positions of a LeRobot data set that never exceed it are in rad: a turn is 6.28, and motions in degrees or in
+percent of a range are larger."""
+
+NORMALISED: Final = 101.0
+"""percent; LeRobot's normalised positions reach from -100 to 100, with rounding; what exceeds it is in degrees."""
+
 LEAST_SIGNAL: Final = 20
 """samples; a shorter variable is a setting of each joint, not a signal."""
 

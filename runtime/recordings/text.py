@@ -140,6 +140,7 @@ class TextContents:
     refuse: Refusal
     times: Mapping[str, int] = field(default_factory=dict)
     torque: str = ""
+    notes: Sequence[str] = ()
 
     @cached_property
     def fields(self) -> tuple[RecordedField, ...]:

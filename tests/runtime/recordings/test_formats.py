@@ -427,21 +427,6 @@ def test_logs_of_libfranka(tmp_path, prefix):
     assert "measured behind the gears" in r.notes[0]
 
 
-def test_lerobot_is_refused_with_the_reason(tmp_path):
-    state = pa.FixedSizeListArray.from_arrays(pa.array(np.zeros(1200)), 6)
-    columns = {"observation.state": state, "action": state, "timestamp": np.arange(200) / 30}
-    columns |= {"frame_index": np.arange(200), "episode_index": np.zeros(200, int)}
-    pq.write_table(pa.table(columns), tmp_path / "episode_000000.parquet")
-    expected = "is a LeRobot data set: it has positions (observation.state) and actions, but neither torque nor current"
-    assert expected in said(tmp_path / "episode_000000.parquet")
-    folder = tmp_path / "set"
-    (folder / "meta").mkdir(parents=True)
-    (folder / "meta" / "info.json").write_text(
-        '{"features": {"observation.state": {}, "episode_index": {}, "frame_index": {}, "action": {}}}'
-    )
-    assert expected in said(folder)
-
-
 def test_structs_as_a_maker_of_robots_has_them():
     """The original of a real recording against what was made of it by hand."""
     if not (KUKA / "recording_A.mat").is_file():

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from runtime.recordings import recording
-from runtime.recordings.columns import UNITS, RecordedArm
+from runtime.recordings.columns import UNITS, RecordedArm, normal_unit
 from runtime.recordings.recording import Recording, RecordingError, read
 from tests.runtime.recordings.formats import joint
 
@@ -99,6 +99,8 @@ WHOLE = {  # one whole of a unit that people know, and what it is in SI
         360e3: "mdeg",
         21_600: "arcmin",
         1_296_000: "arcsec",
+        2048 + 4096: "tick4096",
+        512 + 1024 * 360 / 300: "tick1024",
     },
     "length": {1: "m", 100: "cm", 1e3: "mm", 1e6: "um"},
     "angular rate": {
@@ -107,15 +109,20 @@ WHOLE = {  # one whole of a unit that people know, and what it is in SI
         360: "deg/s Grad/s °/s",
         60: "rpm U/min rev/min 1/min",
         1: "rev/s turn/s rps",
+        4096: "tick4096/s",
+        1024 * 360 / 300: "tick1024/s",
     },
     "speed": {1: "m/s", 100: "cm/s", 1e3: "mm/s", 1e6: "um/s", 60: "m/min", 60e3: "mm/min"},
     "torque": {1: "N m,Nm", 1e3: "mN m,mNm,N mm,Nmm", 100: "N cm,Ncm", 1e-3: "kN m,kNm", 1e6: "uNm"},
     "force": {1: "N", 1e3: "mN", 1e-3: "kN"},
     "current": {1: "A", 1e3: "mA", 1e6: "uA"},
+    "voltage": {1: "V", 1e3: "mV", 1e-3: "kV"},
+    "ratio": {1: "1", 100: "%"},
     "temperature": {100: "degC °C C", 373.15: "K", 212: "degF °F"},
 }
 """Number of units in a second, a full turn, a metre, a turn a second, a metre a second, a newton metre, a newton, an
-ampere; for temperatures the reading at which water boils."""
+ampere, a volt, a whole; for temperatures the reading at which water boils, and for registers of servos a turn beyond
+the middle."""
 IN_SI = {"angle": 2 * math.pi, "angular rate": 2 * math.pi, "temperature": 100.0}
 
 
@@ -127,10 +134,35 @@ def test_every_unit_is_what_people_take_it_for() -> None:
         for number, units in numbers.items()
         for unit in (units.split(",") if "," in units else [units] if units == "N m" else units.split())
     }
-    assert said.keys() == UNITS.keys()
+    assert said.keys() == set(UNITS)
     for unit, (dimension, number) in said.items():
         kind, factor, zero = UNITS[unit]
         assert (kind, number * factor + zero) == (dimension, pytest.approx(IN_SI.get(dimension, 1.0), rel=1e-12)), unit
+
+
+@given(
+    size=st.decimals("0.001", 9999, places=3).filter(lambda x: x > 0),
+    blank=st.sampled_from(("", " ")),
+    unit=st.sampled_from(sorted(set(UNITS) - {"K", "degF", "°F", "tick4096", "tick1024", "1", "1/min"})),
+)
+def test_a_number_before_a_unit_multiplies_it(size, blank, unit) -> None:
+    """As manuals of servos state the step of a register: 2.69 mA, 0.229 rpm."""
+    kind, factor, zero = UNITS[normal_unit(f"{size}{blank}{unit}")]
+    assert (kind, factor, zero) == (UNITS[unit][0], pytest.approx(float(size) * UNITS[unit][1]), 0.0)
+
+
+@pytest.mark.parametrize(
+    "unit", ["0 mA", "2 K", "2 tick4096", "2", "1e3 mA", "-1 mA", "2 3 mA", "2 mAh", "²mA", "2.69"]
+)
+def test_what_is_no_multiple_of_a_unit(unit) -> None:
+    assert normal_unit(unit) not in UNITS
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_register_of_positions_has_its_zero_in_the_middle(write, sign) -> None:
+    table = [[row[0], str(2048 + k), row[2]] for k, row in enumerate(rows())]
+    r = read(write(text("t,raw,tau1", table)), None, {"q1": f"{'-' * (sign < 0)}raw [tick4096]"})
+    assert r.q[0] == pytest.approx(sign * 2 * math.pi / 4096 * np.arange(N))
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("μs", 1e-6), ("s", 1.0)])
@@ -307,7 +339,7 @@ def cell(line: int, column: int, value: str) -> str:
         (text("t,q1,tau1 [N]"), "run3.csv line 1: tau1 is in [N]; expected a torque such as N m or mN m (joint 1"),
         (text("t [deg],q1,tau1"), "run3.csv line 1: t is in [deg]; expected a time such as s or ms"),
         (text("t,q1 [radd],tau1"), 'run3.csv line 1: q1 has the unknown unit "radd"; did you mean "rad"?'),
-        (text("t,q1 [counts],tau1"), "convert it with the encoder's resolution first"),
+        (text("t,q1 [counts],tau1"), "state how much one is, such as [tick4096] of a servo"),
         (text("t,q1,q1"), 'run3.csv line 1: two columns are q1: "q1" and "q1"; drop one'),
         (text("t,q1,q1 [deg]"), 'run3.csv line 1: two columns are q1: "q1" and "q1 [deg]"; drop one'),
         (text("t q1 tau1"), "expected names separated by commas"),
