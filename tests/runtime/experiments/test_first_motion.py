@@ -222,7 +222,8 @@ def test_the_arm_keeps_clear_of_the_floor_and_of_itself(tmp_path: Path) -> None:
     assert output.run(app, ["experiment", "ur10", "--floor", "0", *options, "--out", str(motion)]) == 0
     clear = Clearance.of(Source.shipped("ur10").arm(), Scene.of(floor=0.0))
     least = clear.least(read_motion(motion, 6)[:, ::10])
-    assert 0 <= least.min() < 0.02
+    assert least.min() >= 0
+    assert (np.ptp(read_motion(motion, 6), axis=1) > 0.3).all()
 
 
 @pytest.mark.parametrize(
