@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -109,12 +109,19 @@ def said_of(effect: Effect) -> str:
     return repr(said(effect))
 
 
-def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST, chosen: str | None = None) -> Path:
+def prepare_firmware(
+    arm: Arm,
+    library: Mapping[str, Effect],
+    target: str = HOST,
+    chosen: str | None = None,
+    macros: Sequence[str] = (),
+) -> Path:
     """The directory with the firmware's tree, controller.json, image.json (a report on the image), and
 
     lib.so                 the machine, for the target "host"
     NAME.elf, NAME.bin     the image for the emulated board, for a target of cross.TARGETS
     chosen                 the cross-compiler, "gcc" or "zig"; None: as cross.find chooses
+    macros                 NAME=VALUE of C
     Raises BuildError, also for an unknown target.
     """
     processor = None if target == HOST else cross.named_target(target)
@@ -124,7 +131,7 @@ def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST
             "or that of the environment variable CC: leave --toolchain out"
         )
     tools = None if processor is None else cross.find(chosen)
-    content = [repr(arm), *_active(arm, library), "" if tools is None else tools.identity]
+    content = [repr(arm), *_active(arm, library), "" if tools is None else tools.identity, *macros]
 
     def fill(directory: Path) -> None:
         from codegen import metadata
@@ -137,9 +144,9 @@ def prepare_firmware(arm: Arm, library: Mapping[str, Effect], target: str = HOST
         _put(directory, files)
         (directory / "controller.json").write_text(metadata.text(Controller.of(model, library).document()), "utf-8")
         if processor is None or tools is None:
-            report = source_tree.compile_host(directory, files)
+            report = source_tree.compile_host(directory, files, macros)
         else:
-            report = source_tree.compile_board(directory, arm.name, processor, tools)
+            report = source_tree.compile_board(directory, arm.name, processor, tools, macros)
         (directory / "image.json").write_text(metadata.text(report), "utf-8")
 
     return build.entry(f"firmware-{target}-{arm.name}-{build.key(_digest(UNUSED_BY_FIRMWARE), *content)}", fill)

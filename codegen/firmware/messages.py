@@ -10,6 +10,8 @@ from codegen.c.controller import COORDINATES, MAX_DEGREE, MIN_DEGREE, Record
 
 MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE = 16, 256, 8
 """Capacity of a board: phases, and control points of all phases; and control points in a message."""
+ROOMY = ("TENDON_MAX_PHASES=4096U", "TENDON_MAX_ROWS=32768U")
+"""Macros of a board with the memory of a computer: motions of a quarter of an hour, 2 MB for sixteen joints."""
 MOST_DAMPING = 40_000
 """Control periods: ten seconds at 4 kHz, in which any motion has come to rest."""
 LONGEST = 1000.0
@@ -30,7 +32,10 @@ Direction = Literal["command", "report"]
 
 @dataclass(frozen=True)
 class Item:
-    """A field of a message. count: of an array, None for a scalar; low, high: the accepted range, ends included."""
+    """A field of a message. count: of an array, None for a scalar; low, high: the accepted range, ends included.
+
+    capacity   the upper end in C where a board may be built with more
+    """
 
     name: str
     type: str
@@ -39,6 +44,7 @@ class Item:
     count: int | None = None
     low: float | None = None
     high: float | None = None
+    capacity: str = ""
 
     @property
     def size(self) -> int:
@@ -91,8 +97,9 @@ class Message:
 
 
 Row = tuple[Any, ...]
-"""Name, type, unit, meaning, and, where they are restricted, the least and the largest accepted value. A type ends with
-[n] for an array with a value a joint; a unit "rad|m" is rad for revolute joints and m for prismatic ones."""
+"""Name, type, unit, meaning, and, where they are restricted, the least and the largest accepted value, and the latter
+in C where a board may be built with more. A type ends with [n] for an array with a value a joint; a unit "rad|m" is rad
+for revolute joints and m for prismatic ones."""
 
 IDENTITY: tuple[Row, ...] = (
     ("version", "u8", "", "of the protocol"),
@@ -130,18 +137,21 @@ _SAFETY: tuple[Row, ...] = (
     ("damping", "u32", "periods", "of active damping after a stop", None, MOST_DAMPING),
 )
 _TRAJECTORY: tuple[Row, ...] = (
-    ("count", "u32", "", "of the phases", 1, MAX_PHASES),
+    ("count", "u32", "", "of the phases", 1, MAX_PHASES, "TENDON_MAX_PHASES"),
     ("periodic", "u32", "", "1: the first phase follows the last one; 0: the arm rests at the end", None, 1),
     ("elbow", "i32", "", "sign of sin q_2 in contact coordinates: 1 or -1", -1, 1),
-    ("rows", "u32", "", "control points of all phases", MIN_DEGREE + 1, MAX_ROWS),
+    ("rows", "u32", "", "control points of all phases", MIN_DEGREE + 1, MAX_ROWS, "TENDON_MAX_ROWS"),
 )
 _PHASE: tuple[Row, ...] = (
-    ("index", "u32", "", "from 0", None, MAX_PHASES - 1),
+    ("index", "u32", "", "from 0", None, MAX_PHASES - 1, "TENDON_MAX_PHASES - 1U"),
     ("degree", "u32", "", "of the polynomials", MIN_DEGREE, MAX_DEGREE),
     ("duration", "float", "s", "not less than a control period", 1e-6, LONGEST),
     ("touches", "u32", "", "1: the plate may be touched; 0: contact forces are not computed", None, 1),
-    ("first_row", "u32", "", "its first control point; it has degree + 1", None, MAX_ROWS - 1 - MIN_DEGREE),
-)
+    (
+        "first_row", "u32", "", "its first control point; it has degree + 1", None, MAX_ROWS - 1 - MIN_DEGREE,
+        f"TENDON_MAX_ROWS - {1 + MIN_DEGREE}U",
+    ),
+)  # fmt: skip
 _RUN: tuple[Row, ...] = (
     ("periods", "u32", "periods", "to drive; 0: until something stops the arm"),
     ("every", "u32", "periods", "from one telemetry record to the next", 1),
@@ -166,7 +176,7 @@ _TELEMETRY: tuple[Row, ...] = (
     ("counts", "i32[n]", "counts", "of the encoders, at the step"),
     ("torque", "float[n]", "N m|N", "output of the step, held until the next one"),
     ("q_desired", "float[n]", "rad|m", "by the trajectory; after a run, the last one"),
-    ("phase", "u8", "", "of the trajectory, from 0"),
+    ("phase", "u8", "", "of the trajectory, from 0; wraps"),
     ("status", "u8", "", "bits of the controller's status"),
     ("state", "u8", "", "after the step"),
     ("reason", "u8", "", "after the step"),
@@ -195,8 +205,12 @@ def _items(rows: Sequence[Row], types: Sequence[str]) -> tuple[Item, ...]:
     found = []
     for name, kind, unit, meaning, *ends in rows:
         count = len(types) if kind.endswith("[n]") else None
-        low, high = (*ends, None, None)[:2]
-        item = Item(name, kind.removesuffix("[n]"), _unit(unit, types), meaning, count=count, low=low, high=high)
+        given: tuple[Any, ...] = tuple(ends)
+        low, high, capacity = given + (None, None, "")[len(given) :]
+        item = Item(
+            name, kind.removesuffix("[n]"), _unit(unit, types), meaning,
+            count=count, low=low, high=high, capacity=capacity,
+        )  # fmt: skip
         found.append(item)
     return tuple(found)
 
@@ -224,7 +238,7 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
     coordinates = Item("coordinates", "u32", "", said, high=max(kinds.values()))
     values = f"{ROWS_A_MESSAGE} control points of {len(types)} coordinates; any beyond the trajectory's rows are unused"
     points = (
-        Item("first_row", "u32", "", "from 0", high=MAX_ROWS - 1),
+        Item("first_row", "u32", "", "from 0", high=MAX_ROWS - 1, capacity="TENDON_MAX_ROWS - 1U"),
         Item("values", "float", _unit("rad|m", types), values, count=ROWS_A_MESSAGE * len(types)),
     )
     checksum = Item("checksum", "u32", "", "CRC-32 of the payloads of trajectory, phase and points as they were sent")

@@ -134,6 +134,9 @@ def example(protocol: Protocol) -> tuple[bytes, bytes]:
     return plain, wire + b"\0"
 
 
+_OR_MORE = ", or as many as the board was built for"
+
+
 def said_range(item: Item) -> str:
     """The accepted range in words; empty if it is the whole range of the type."""
     low, high = item.range
@@ -144,7 +147,7 @@ def said_range(item: Item) -> str:
     least, most = WHOLE[item.type]
     if (low, high) == (least, most):
         return ""
-    return f"{low:.0f} or more" if high == most else f"{low:.0f} to {high:.0f}"
+    return f"{low:.0f} or more" if high == most else f"{low:.0f} to {high:.0f}{_OR_MORE if item.capacity else ''}"
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -318,7 +321,8 @@ def _tables(commands: Sequence[Message]) -> tuple[list[str], list[str]]:
             low, high = item.range
             kind = _KINDS[item.type]
             said = f"{message.name} from {item.name} on: {said_range(item) or 'any finite number'}"
-            keys = f"0x{ordered(item.type, low):08x}U, 0x{ordered(item.type, high):08x}U"
+            most = item.capacity or f"0x{ordered(item.type, high):08x}U"
+            keys = f"0x{ordered(item.type, low):08x}U, {most}"
             for part in range(0, count, _BYTE):
                 rules.append(f"{{{place + part}U, {min(_BYTE, count - part)}U, {kind}, {keys}}}, {comment(said)}")
         states = sum(1 << numbers[name] for name in message.states or numbers)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import shutil
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -169,8 +169,12 @@ def _is_hot(source: str) -> bool:
     return source.endswith(("_f32.c", "/tendon_step.c"))
 
 
-def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) -> dict[str, object]:
+def compile_board(
+    directory: Path, name: str, target: Target, tools: Toolchain, macros: Sequence[str] = ()
+) -> dict[str, object]:
     """Builds NAME.elf and NAME.bin from the tree in `directory` for the emulated board. Returns a report.
+
+    macros   NAME=VALUE of C
 
     fits: the stack is bounded and within the reserved memory, and no forbidden function is linked
     Raises BuildError.
@@ -180,18 +184,21 @@ def compile_board(directory: Path, name: str, target: Target, tools: Toolchain) 
     sources = [*_library(there), _MAIN, *(path for path in there if path.startswith(BOARD))]
     small = [path for path in sources if not _is_hot(path)]
     image = cross.compile_image(
-        directory, sources, f"{BOARD}/mps2.ld", target=target, toolchain=tools, output=name, small=small
+        directory, sources, f"{BOARD}/mps2.ld", target=target, toolchain=tools, output=name, small=small, macros=macros
     )
     shutil.rmtree(directory / "objects")
     fits = not image.stack.unknown and image.stack.worst <= STACK and not image.forbidden
     return {**image.to_json(), "outputs": [image.elf.name, image.binary.name], "stack_size": STACK, "fits": fits}
 
 
-def compile_host(directory: Path, files: Mapping[str, str]) -> dict[str, object]:
-    """Builds lib.so in `directory`, the machine without a board for this computer. Raises BuildError."""
+def compile_host(directory: Path, files: Mapping[str, str], macros: Sequence[str] = ()) -> dict[str, object]:
+    """Builds lib.so in `directory`, the machine without a board for this computer. macros: NAME=VALUE of C.
+
+    Raises BuildError.
+    """
     flat = {Path(path).name: files[path] for path in _library(files)}
     flat |= {Path(path).name: text for path, text in files.items() if path.startswith("src/") and path.endswith(".h")}
-    shutil.copyfile(build.shared_library(flat, "code"), directory / "lib.so")
+    shutil.copyfile(build.shared_library(flat, "code", macros=macros), directory / "lib.so")
     said = cross.said_version(build.compiler())
     tools = {"kind": "host", "version": said, "why": "the C compiler of this computer"}
     return {"target": HOST, "toolchain": tools, "outputs": ["lib.so"], "stack": None, "fits": True}

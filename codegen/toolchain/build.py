@@ -249,13 +249,24 @@ def run(command: Sequence[str], directory: Path, name: str) -> str:
     return result.stdout
 
 
-def compile_shared(directory: Path, sources: list[str], output: str, level: str) -> None:
-    """Compiles `sources` of `directory` into the shared library `output` there. level: LOOPS or STRAIGHT."""
-    command = [*compiler(), level, *FLAGS, *vector_flags(level), *sources, "-o", output, "-lm"]
+def compile_shared(directory: Path, sources: list[str], output: str, level: str, macros: Sequence[str] = ()) -> None:
+    """Compiles `sources` of `directory` into the shared library `output` there. level: LOOPS or STRAIGHT; macros:
+    NAME=VALUE."""
+    command = [
+        *compiler(),
+        level,
+        *(f"-D{macro}" for macro in macros),
+        *FLAGS,
+        *vector_flags(level),
+        *sources,
+        "-o",
+        output,
+        "-lm",
+    ]
     run(command, directory, f"the C compiler {' '.join(compiler())}")
 
 
-def shared_library(files: Mapping[str, str], name: str, level: str = LOOPS) -> Path:
+def shared_library(files: Mapping[str, str], name: str, level: str = LOOPS, macros: Sequence[str] = ()) -> Path:
     """The shared library of all `.c` files among `files`, from the cache or newly compiled."""
     parts = [part for item in sorted(files.items()) for part in item]
     sources = sorted(path for path in files if path.endswith(".c"))
@@ -263,6 +274,6 @@ def shared_library(files: Mapping[str, str], name: str, level: str = LOOPS) -> P
     def fill(directory: Path) -> None:
         for path, text in files.items():
             (directory / path).write_text(text, encoding="utf-8")
-        compile_shared(directory, sources, f"{name}.so", level)
+        compile_shared(directory, sources, f"{name}.so", level, macros)
 
-    return entry(f"{name}-{key(*parts, level)}", fill) / f"{name}.so"
+    return entry(f"{name}-{key(*parts, level, *macros)}", fill) / f"{name}.so"

@@ -234,6 +234,7 @@ def compile_image(
     output: str = "build/firmware",
     include: Sequence[str] = ("src",),
     small: Sequence[str] = (),
+    macros: Sequence[str] = (),
     optimisation: str | None = None,
 ) -> Image:
     """Compiles and links `sources` of `directory` into output.elf and output.bin there.
@@ -242,6 +243,7 @@ def compile_image(
     output         path without suffix; object files go beside it
     include        directories with headers
     small          sources that are compiled for size
+    macros         NAME=VALUE
     optimisation   for all sources, for example "-O0"
     Paths are relative to `directory`. Raises BuildError with the compiler's first error.
     """
@@ -249,7 +251,7 @@ def compile_image(
     objects = stem.parent / "objects"
     shutil.rmtree(objects, ignore_errors=True)
     objects.mkdir(parents=True)
-    others = [*WARNINGS, "-g", *(f"-I{path}" for path in include)]
+    others = [*WARNINGS, "-g", *(f"-I{path}" for path in include), *(f"-D{macro}" for macro in macros)]
     outputs = [str((objects / source.replace("/", "_")).with_suffix(".o").relative_to(directory)) for source in sources]
     for source, compiled in zip(sources, outputs, strict=True):
         flags = toolchain.flags(target, optimisation or (SMALL if source in small else FAST))

@@ -1,4 +1,4 @@
-"""The verb that runs planned motions on an arm: execute."""
+"""The verb that runs planned motions and motions from files on an arm: execute."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from runtime.cli.options import EffectsFile, Json, ModelFile, Report, with_setti
 from runtime.cli.output import NO, draw, emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.execution.options import ExecutionSettings
+from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
     from runtime.documents.diagnosis import CommandEntry
@@ -27,7 +28,11 @@ app = typer.Typer()
 def execute(
     model: ModelFile,
     trajectory: Annotated[
-        Path, typer.Argument(metavar="TRAJECTORY", help="File that tendon optimize --out wrote."), READ
+        Path,
+        typer.Argument(
+            metavar="TRAJECTORY|MOTION", help="File that tendon optimize or experiment wrote, or a CSV of t,q1,..."
+        ),
+        READ,
     ],
     on: Annotated[
         str,
@@ -68,10 +73,11 @@ def execute(
     json: Json = None,
 ) -> None:
     """Shows cost, tracking and contact beside those planned; exit
-    status 1 after a safe stop."""
+    status 1 after a safe stop. A motion of positions is executed
+    as a plan is."""
     from runtime import files
     from runtime.execution import targets
-    from runtime.planning.trajectory import read
+    from runtime.execution.motions import read_either
     from runtime.recordings import recording
     from runtime.report import motions, terminal
     from runtime.simulation.simulate import parse_hidden
@@ -81,9 +87,13 @@ def execute(
     check_hidden(source, "--hide", hide or ())
     check_hidden(source, "--set", change or ())
     with terminal.working("deriving and compiling the model and its controller"):
-        loaded, controller = source.compiled.model(), source.compiled.controller(targets.build_of(on))
+        loaded = source.compiled.model()
+        controller = source.compiled.controller(targets.build_of(on), roomy=targets.is_roomy(on))
     targets.check(on, loaded)
-    plan = read(trajectory, loaded)
+    plan, played = read_either(trajectory, loaded, settings.speed)
+    if played is not None and model_out is not None:
+        raise UsageError("--model-out is for trajectories of tendon optimize: a motion brings no springs")
+    warned = motions.unchecked([] if played is None else played.unchecked)
     provenance = made_from("execute", model, source, further=[trajectory], effects=effects)
     order = targets.Order(
         loaded,
@@ -93,11 +103,12 @@ def execute(
         hidden=[parse_hidden(item, loaded) for item in hide or ()],
         changed=[parse_hidden(item, loaded, "--set") for item in change or ()],
         moves=arm,
-        ready=lambda predicted: None if json == "-" else terminal.show(motions.prediction(predicted)),
+        ready=lambda predicted: None if json == "-" else terminal.show([*warned, *motions.prediction(predicted)]),
         working=terminal.working,
+        played=played,
     )
     result, document = order.run(on)
-    text = source.edits.mount(plan).text
+    text = source.text if played is not None else source.edits.mount(plan).text
     if result.recording is None or document.status == "refused":
         out = model_out = None
     elif out is not None:

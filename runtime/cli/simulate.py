@@ -52,9 +52,10 @@ def simulate(
     from runtime.model.terms import structure
     from runtime.recordings import recording
     from runtime.simulation import simulate as simulation
+    from runtime.simulation.motion_file import read_motion
 
     hidden = [simulation.parse_hidden(text, loaded) for text in hide or ()]
-    path = None if motion is None else simulation.read_motion(motion, loaded.n)
+    path = None if motion is None else read_motion(motion, loaded.n)
     with terminal.working("simulating"):
         made, values = simulation.simulate(loaded, hidden, settings, path)
     # The motors': to be read so where the model file's recordings have other torques.

@@ -359,12 +359,25 @@ class DrivesEntry(Document, frozen=True, kw_only=True):
     real_time: Annotated[bool, key("whether this process has real-time priority")]
 
 
+class PlayedEntry(Document, frozen=True, kw_only=True):
+    """A motion's file as it was executed."""
+
+    samples: Annotated[int, key("number of samples", "1")]
+    rate: Annotated[float, key("rate of the samples as they were played", "Hz")]
+    controller_rate: Annotated[float, key("rate of the controller", "Hz")]
+    seconds: Annotated[float, key("length as it was played", "s")]
+    phases: Annotated[int, key("polynomials a joint", "1")]
+
+
 class ExecuteDocument(Document, frozen=True, kw_only=True):
     """An executed motion: `tendon execute --json`. Keys of the target are absent where they do not apply."""
 
     on: Annotated[str | UnsetType, key("the target of --on")] = UNSET
     provenance: Origin = UNSET
     arm: ArmName
+    speed: Annotated[float, key("pace at which the motion was executed; 1: as planned", "1")] = 1.0
+    unchecked: Annotated[list[str], key("motion file: what nothing keeps the arm from, sentences")] = []  # noqa: RUF012
+    played: Annotated[PlayedEntry | UnsetType, key("motion file: its samples and the polynomials through them")] = UNSET
     period: Annotated[float, key("time between records, by the model file", "s")]
     period_measured: Annotated[float | None, key("the same by the board's clock; null without records", "s")]
     friction_compensation: Annotated[bool, key("whether the controller compensates friction")]

@@ -41,6 +41,9 @@ class ExecutionSettings(Checked):
     tracking_limit: Annotated[
         float | None, Setting("Tracking error that causes a safe stop; default: 0.5 rad, 0.1 m.", low=0.0)
     ] = None
+    speed: Annotated[
+        float, Setting("Pace: 0.2 plays the motion five times as slowly; limits are checked again.", 0.01, 2.0)
+    ] = 1.0
     approach: Annotated[bool, Setting("First move a real arm slowly to the start of the trajectory.")] = False
 
     def compensates(self, trajectory: Trajectory, controller: Mapping[str, float] | None) -> bool:

@@ -43,19 +43,23 @@ class ArmLine:
 
     parse   an address of --on
     check   whether the model fits, before anything is opened
+    on_this_computer   whether the controller runs here, with room for long motions
     open    with the directory of the arm's firmware for this computer
     """
 
     parse: Callable[[str], object]
     check: Callable[[str, Model], object]
     open: Callable[[str, Model, Path], BoardLink]
+    on_this_computer: bool = False
 
 
 LINES: dict[str, ArmLine] = {
     link.SERIAL_SCHEME: ArmLine(
         link.serial_address, lambda _url, _model: None, lambda url, _model, _directory: SerialLink.of(url)
     ),
-    canopen_arm.CAN_SCHEME: ArmLine(canopen_arm.parse_can_address, canopen_arm.check_link, CanopenLink),
+    canopen_arm.CAN_SCHEME: ArmLine(
+        canopen_arm.parse_can_address, canopen_arm.check_link, CanopenLink, on_this_computer=True
+    ),
 }
 """By the scheme of their address."""
 

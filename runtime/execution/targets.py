@@ -14,6 +14,7 @@ from runtime.documents.generated import BuildEntry
 from runtime.documents.plans import BoardEntry, ExecuteDocument, ImageEntry, PredictionEntry
 from runtime.execution import real
 from runtime.execution.execute import SIMULATED, Execution, execute
+from runtime.execution.motions import PlayedMotion
 from runtime.execution.options import ExecutionSettings
 from runtime.execution.real import ArmLine, Setup
 from runtime.hardware.link import BoardLink, LinkError, LinkLost
@@ -51,6 +52,12 @@ def build_of(on: str) -> str:
     return SIMULATED[on if on in SIMULATED else "simulation"].build
 
 
+def is_roomy(on: str) -> bool:
+    """Whether the controller there has this computer's memory, and with it room for long motions."""
+    line = line_of(on)
+    return line is None or line.on_this_computer
+
+
 def check(on: str, model: Model) -> None:
     """Raise ControllerError or LinkError if the model does not suffice for the target; nothing is opened."""
     if (line := line_of(on)) is not None:
@@ -67,6 +74,7 @@ class Order:
     moves            whether a real arm may move; without it the motion is only predicted
     ready            called with the prediction, before a real arm moves
     working          shows what is done as long as it is done
+    played           the motion's file that the trajectory was made of
     """
 
     model: Model
@@ -78,22 +86,33 @@ class Order:
     moves: bool = False
     ready: Callable[[PredictionEntry], None] = lambda _: None
     working: Callable[[str], AbstractContextManager[Any]] = lambda _: nullcontext()
+    played: PlayedMotion | None = None
 
     def run(self, on: str) -> tuple[Execution, ExecuteDocument]:
         """The execution on this target, and every figure of it.
 
         Raises ControllerError, ModelError, PlantError, SimulationError, LinkError, LinkLost.
         """
-        line = line_of(on)
-        if line is not None:
-            done, document = self._real(line, on)
-            return done, structs.replace(document, on=on)
-        done = self._simulated(self.settings, SIMULATED[on].board)
+        done, document = self._run(on)
+        document = structs.replace(document, on=on, speed=self.settings.speed)
+        if (played := self.played) is not None:
+            document = structs.replace(document, unchecked=played.unchecked, played=played.document(self.plan))
+        return done, document
+
+    def _run(self, on: str) -> tuple[Execution, ExecuteDocument]:
+        if (line := line_of(on)) is not None:
+            return self._real(line, on)
+        done = self._simulated(self._asked, SIMULATED[on].board)
         build = json.decode((self.controller / "image.json").read_bytes(), type=BuildEntry)
         image = None  # a board of this computer has none
         if not isinstance(build.text, UnsetType):
             image = ImageEntry(target=build.target, compiler=build.toolchain.version, text=build.text)
-        return done, structs.replace(done.document(), on=on, image=image)
+        return done, structs.replace(done.document(), image=image)
+
+    @property
+    def _asked(self) -> ExecutionSettings:
+        """A motion's file is played once where nobody asks for more: it has repeats of its own."""
+        return self.settings if self.played is None else replace(self.settings, trials=self.settings.trials or 1)
 
     def _simulated(self, settings: ExecutionSettings, board: Callable[[Path, str, int], Board]) -> Execution:
         with self.working(f"executing {self.plan.scenario} on the simulated arm"):

@@ -187,11 +187,6 @@ class Session(Conversation):
                 "the board's firmware was generated from other equations or by another version of Tendon (build "
                 f"{found['build']:08x}; expected {own['build']:08x}); rebuild it (tendon firmware) and load it"
             )
-        if (found["max_phases"], found["max_rows"]) != (own["max_phases"], own["max_rows"]):
-            raise Refused(
-                f"the board states room for {found['max_phases']} phases and {found['max_rows']} control points; its "
-                f"firmware has {own['max_phases']} and {own['max_rows']}; rebuild it (tendon firmware) and load it"
-            )
         if self._names["states"][found["state"]] != "idle":
             self._rest()
         return found
@@ -199,12 +194,7 @@ class Session(Conversation):
     def upload(self, settings: Settings) -> None:
         """Uploads all that a run needs. Raises Refused, also for lower ceilings of the board; LinkLost, Untrusted."""
         page = self.codec.document
-        for what, count, most in (
-            ("phases", len(settings.phases), page["max_phases"]),
-            ("control points", len(settings.points), page["max_rows"]),
-        ):
-            if count > most:
-                raise Refused(f"the trajectory has {count} {what}; the board has room for {most}")
+        self._check_room(len(settings.phases), len(settings.points))
         self._dt = settings.dt
         self._silence = settings.safety["silence"] * settings.dt
         self._damping = settings.safety["damping"] * settings.dt
@@ -221,6 +211,19 @@ class Session(Conversation):
                     "built with tighter limits: rebuild it (tendon firmware) and load it, or tighten the model file"
                 )
         self._command("commit", {"checksum": checksum})
+
+    def _check_room(self, phases: int, rows: int) -> None:
+        """Raises Refused if the board cannot hold a trajectory; nothing is sent in pieces while it moves."""
+        assert self._identity is not None
+        room = self._identity.values
+        if phases > room["max_phases"] or rows > room["max_rows"]:
+            size = 4 * self.codec.document["joints"] * rows / 1024
+            raise Refused(
+                f"the trajectory has {phases} phases with {rows} control points; the board has room for "
+                f"{room['max_phases']} and {room['max_rows']}; play a shorter motion, or build its firmware with room "
+                f"for this one (make MACROS='-DTENDON_MAX_PHASES={phases}U -DTENDON_MAX_ROWS={rows}U'), which takes "
+                f"{size:.0f} KB of its memory"
+            )
 
     def counts(self) -> tuple[int, ...]:
         """Encoder counts (n,) now. Raises Refused, LinkLost, Untrusted."""

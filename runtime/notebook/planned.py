@@ -17,6 +17,7 @@ from runtime.documents.plans import ExecuteDocument, OptimizeDocument, Predictio
 from runtime.documents.recordings import ExperimentDocument
 from runtime.execution import targets
 from runtime.execution.execute import Execution
+from runtime.execution.motions import read_either, slower
 from runtime.execution.options import ExecutionSettings
 from runtime.experiments import asking, design
 from runtime.experiments.options import ExperimentSettings
@@ -25,7 +26,6 @@ from runtime.notebook.figures import ResultFigures
 from runtime.notebook.results import MadeResult, VerbResult
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
-from runtime.planning import trajectory as trajectories
 from runtime.planning.optimize import Plan
 from runtime.planning.results import document as plan_document
 from runtime.planning.settings import PlanningSettings
@@ -217,10 +217,11 @@ def execute(
     tracking_limit: float | None = ExecutionSettings.tracking_limit,
     move: bool = False,
     approach: bool = ExecutionSettings.approach,
+    speed: float = ExecutionSettings.speed,
 ) -> ExecutionResult:
     """Execute a plan with the arm's compiled controller; `result.recording` has all trials.
 
-    plan      of `optimize`, or a file that it saved
+    plan      of `optimize`, or a file that it saved, or a motion: a CSV of t,q1,...; speed: its pace, 1 as planned
     on        "simulation", an emulated processor: "unicorn", "qemu", or a real arm: "serial:///dev/ttyACM0",
               "canopen://can0"
     hide      effects of the simulated arm that the model lacks     change: values that differ from the model's
@@ -233,7 +234,10 @@ def execute(
     """
     targets.check_options(on, moves=move, approach=approach, hidden=hide, changed=change)
     model = arm.model
-    trajectory = plan.plan.trajectory if isinstance(plan, PlanResult) else trajectories.read(Path(plan), model)
+    if isinstance(plan, PlanResult):
+        trajectory, played = slower(plan.plan.trajectory, speed), None
+    else:
+        trajectory, played = read_either(Path(plan), model, speed)
     targets.check(on, model)
     settings = ExecutionSettings(
         trials=trials,
@@ -243,15 +247,17 @@ def execute(
         friction_compensation=friction_compensation,
         tracking_limit=tracking_limit,
         approach=approach,
+        speed=speed,
     )
     order = targets.Order(
         model,
-        arm.source.compiled.controller(targets.build_of(on)),
+        arm.source.compiled.controller(targets.build_of(on), roomy=targets.is_roomy(on)),
         trajectory,
         settings,
         hidden=[parse_hidden(text, model) for text in _several(hide)],
         changed=[parse_hidden(text, model, "--set") for text in _several(change)],
         moves=move,
+        played=played,
         ready=lambda predicted: terminal.show(motions.prediction(predicted)),
     )
     done, document = order.run(on)

@@ -100,9 +100,10 @@ def simulate(
     signals   further ones that are recorded: q_link, tau_link, temperature
     """
     from runtime.simulation import simulate as simulation  # CasADi
+    from runtime.simulation.motion_file import read_motion
 
     hidden = [simulation.parse_hidden(text, arm.model) for text in ([hide] if isinstance(hide, str) else hide)]
-    path = simulation.read_motion(Path(motion), arm.model.n) if isinstance(motion, str | PathLike) else motion
+    path = read_motion(Path(motion), arm.model.n) if isinstance(motion, str | PathLike) else motion
     if path is not None and path.shape[-1:] == (arm.n,):
         path = np.ascontiguousarray(path.T)
     settings = SimulationSettings(seed, seconds, repeats, noise=noise, signals=signals)

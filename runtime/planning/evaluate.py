@@ -26,6 +26,8 @@ NODES = 200
 """Gauss-Legendre nodes in each phase: the integrand has kinks where friction and springs switch."""
 RATE = 4000.0
 """Hz, at which limits are checked."""
+_MOST_INSTANTS = 1_000_000
+"""Largest number of instants at which limits are checked: of longer motions, at a lower rate."""
 _LEAST: dict[Limited, float] = {
     "position": LEAST_POSITION_EXCESS,
     "speed": LEAST_SPEED_EXCESS,
@@ -153,7 +155,7 @@ class Along:
 
 def every_instant(model: Model, trajectory: Trajectory, friction: bool | None = None) -> Effort:
     """Torques of one cycle at RATE, ends included; friction: None for that of the plan."""
-    t = np.linspace(0.0, trajectory.duration, round(trajectory.duration * RATE) + 1)
+    t = np.linspace(0.0, trajectory.duration, min(round(trajectory.duration * RATE) + 1, _MOST_INSTANTS))
     # Just before the end, because the end of a periodic motion is its beginning.
     t[-1] = np.nextafter(t[-1], 0.0)
     return at_times(model, trajectory, t, friction=friction)

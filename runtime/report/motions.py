@@ -191,18 +191,26 @@ _SAME_RATE = 0.01
 
 def execution(document: ExecuteDocument) -> list[Section]:
     """What ran, cost and tracking beside the plan's, the plate, why it stopped, and what to type next."""
+    warned = unchecked(document.unchecked)
     if document.status == "refused" and document.reason and not document.exceeded:
         foreseen, board = given(document.prediction), given(document.board)
         return [
+            *warned,
             *(prediction(foreseen) if foreseen else []),
             *(_board(board) if board else []),
             Paragraph(f"REFUSED, nothing has moved: {document.reason}."),
         ]
     return [
-        *texts([execution_headline(document), *_conditions(document)]),
+        *warned,
+        *texts([execution_headline(document), *_played(document), *_conditions(document)]),
         *execution_results(document),
         *_end(document),
     ]
+
+
+def unchecked(sentences: Sequence[str]) -> list[Section]:
+    """What nothing keeps the arm from."""
+    return [Paragraph("NOT CHECKED:"), Bullets(tuple(sentences))] if sentences else []
 
 
 def execution_headline(document: ExecuteDocument) -> str:
@@ -213,6 +221,18 @@ def execution_headline(document: ExecuteDocument) -> str:
     friction = "compensated" if document.friction_compensation else "not compensated"
     trials = f"{count} trial{'' if count == 1 else 's'}{cycles}"
     return f"{plan.scenario} on {document.on}: {trials}; friction {friction}."
+
+
+def _played(document: ExecuteDocument) -> list[str]:
+    """The pace, and how the samples of a motion's file became a trajectory."""
+    pace = "" if document.speed == 1.0 else f"Played at {number(document.speed)} of its pace. "
+    if (played := given(document.played)) is None:
+        return [pace.strip()] if pace else []
+    return [
+        f"{pace}{played.samples} samples at {quantity(played.rate, 'Hz')}, {quantity(played.seconds, 's')}; the "
+        f"controller runs at {quantity(played.controller_rate, 'Hz')} and follows {played.phases} polynomials through "
+        "them."
+    ]
 
 
 def execution_results(document: ExecuteDocument) -> list[Section]:

@@ -6,8 +6,7 @@ noise are added. No controller is simulated, and dry friction is zero at rest. S
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -24,16 +23,13 @@ from runtime.motion.band import Band
 from runtime.motion.filters import Smoother, differentiator, low_pass
 from runtime.motion.motion import BandView, Motion
 from runtime.motion.piece import Piece
-from runtime.recordings.contents import RecordingError, Refusal
 from runtime.recordings.recording import Recording
-from runtime.recordings.settings import LARGEST, MIN_SAMPLES, MOST_SAMPLES
-from runtime.recordings.text import blocks, check_file
+from runtime.recordings.settings import LARGEST, MIN_SAMPLES
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.plant import PlantError
 from runtime.simulation.settings import (
     AT_REST,
     COUNT,
-    LONGEST,
     MARGIN,
     OWN_FRICTION,
     RANGE,
@@ -388,50 +384,6 @@ def _fast(rng: np.random.Generator, count: int, speed: float, reach: float) -> A
     fade = np.clip(np.minimum(t, t[::-1]) / 1.0, 0, 1)
     wave *= fade**3 * (10 - 15 * fade + 6 * fade**2)
     return wave * min(speed / np.abs(np.gradient(wave, t)).max(), reach / np.abs(wave).max())
-
-
-def read_motion(path: Path, n: int) -> Array:
-    """Positions (n, N) at 1 kHz from a CSV with the header t,q1,... in s and rad or m, smooth as a planned motion.
-
-    Lines before the header that begin with # are comments. Raises SimulationError with the file and the line.
-    """
-    names = ["t", *(f"q{i}" for i in range(1, n + 1))]
-    lines = _lines(path, f"a motion: a CSV of {','.join(names)}")
-    first, title = next(((k, line) for k, line in enumerate(lines, 1) if not line.startswith("#")), (1, ""))
-    header = [cell.partition("[")[0].strip() for cell in next(csv.reader([title]), [])]
-    missing = [name for name in names if name not in header]
-    if missing:
-        raise SimulationError(
-            f"{path} line {first}: no column {missing[0]}; expected {','.join(names)} in s and rad or m"
-        )
-    rows: list[list[float]] = []
-    for number, cells in enumerate(csv.reader(lines), first + 1):
-        try:
-            rows.append([float(cells[header.index(name)]) for name in names])
-        except (ValueError, IndexError) as error:
-            raise SimulationError(f"{path} line {number}: expected {len(header)} numbers, one a column") from error
-        if not np.isfinite(rows[-1]).all() or (len(rows) > 1 and rows[-1][0] <= rows[-2][0]):
-            raise SimulationError(f"{path} line {number}: expected finite numbers and a time that increases")
-        if len(rows) > MOST_SAMPLES:
-            raise SimulationError(f"{path}: has more than {MOST_SAMPLES} samples; reduce its rate")
-    if len(rows) < 6:
-        raise SimulationError(f"{path}: only {len(rows)} samples; a motion needs at least 6")
-    table = np.array(rows)
-    if (length := float(table[-1, 0] - table[0, 0])) > LONGEST:
-        raise SimulationError(f"{path}: lasts {length:.4g} s; expected at most {LONGEST:g} s; is its time in seconds?")
-    t = np.arange(table[0, 0], table[-1, 0], 1 / RATE)
-    return np.ascontiguousarray(make_interp_spline(table[:, 0], table[:, 1:], k=5)(t).T)
-
-
-def _lines(path: Path, expected: str) -> Iterator[str]:
-    """The lines of a text, read block by block. Raises SimulationError."""
-    refuse = Refusal(str(path))
-    try:
-        check_file(path, expected, refuse)
-        for text, _ in blocks(path, refuse):
-            yield from text.splitlines()
-    except RecordingError as error:
-        raise SimulationError(str(error)) from error
 
 
 def _recording(model: Model, piece: Piece, tau: Array, count: Array) -> Recording:

@@ -159,11 +159,13 @@ class CompiledArm:
         wider = self.with_guesses()
         return wider.model(), wider.library.keys() - self.library.keys()
 
-    def controller(self, target: str = "host", toolchain: str | None = None) -> Path:
-        """The directory of the arm's firmware, built for a target of `tendon firmware`."""
+    def controller(self, target: str = "host", toolchain: str | None = None, roomy: bool = False) -> Path:
+        """The directory of the arm's firmware, built for a target of `tendon firmware`; roomy: for a board with the
+        memory of this computer, which holds long motions."""
+        from codegen.firmware.messages import ROOMY
         from codegen.prepare import prepare_firmware
 
-        return prepare_firmware(self.arm, self.library, target, toolchain)
+        return prepare_firmware(self.arm, self.library, target, toolchain, ROOMY if roomy else ())
 
     def firmware_tree(self, directory: Path) -> FirmwareTree:
         """The source files of the arm's firmware, to be written into a directory."""

@@ -24,9 +24,10 @@ from runtime.experiments.selection import Freedom, Repertoire, TorqueLimit, peak
 from runtime.experiments.separation import MotionPieces, TrialArm, narrowed, stated
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
+from runtime.simulation.motion_file import read_motion
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
-from runtime.simulation.simulate import SimulationError, read_motion, simulate
+from runtime.simulation.simulate import SimulationError, simulate
 from runtime.workspace.source import Source
 from tests.kept import kept
 

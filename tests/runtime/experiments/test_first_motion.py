@@ -24,7 +24,8 @@ from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.possible_arms import PossibleArms
 from runtime.experiments.scene import Scene
-from runtime.simulation.simulate import read_motion, torque_along
+from runtime.simulation.motion_file import read_motion
+from runtime.simulation.simulate import torque_along
 from runtime.workspace.source import Source
 
 pytestmark = pytest.mark.xdist_group("first motion")

@@ -405,6 +405,35 @@ def test_a_port_that_goes_away_is_a_lost_link() -> None:
     link.close()
 
 
+def swing(path: Path, seconds: float, start: float = 0.0) -> Path:
+    """A motion's file: a smooth swing of the joint from `start` and back."""
+    t = np.arange(0.0, seconds, 0.001)
+    q = start - 0.3 * (1 - np.cos(2 * np.pi * t / seconds)) ** 2
+    path.write_text("t [s],q1 [rad]\n" + "".join(f"{a:.3f},{b:.10f}\n" for a, b in zip(t, q, strict=True)))
+    return path
+
+
+def test_a_motions_file_is_played_where_the_board_has_room_and_the_arm_stands_at_its_start(
+    bench: Bench, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def played(path: Path) -> Outcome:
+        on = ("--on", f"serial://{bench.device}", "--arm", "--out", "run.csv")
+        return output.run(app, ["execute", "bench.toml", str(path), *on]), *capsys.readouterr()
+
+    status, _, err = played(swing(here / "long.csv", 12.0))
+    assert status == 2
+    assert "phases with 384 control points; the board has room for 16 and 256; play a shorter motion, or build" in err
+    status, _, err = played(swing(here / "elsewhere.csv", 4.0, start=-0.4))
+    assert status == 2
+    assert "joint 1 stands at 0.0" in err
+    assert "the trajectory starts at -0.400" in err
+    assert not (here / "run.csv").exists()
+    status, out, _ = played(swing(here / "swing.csv", 4.0))
+    assert status == 0
+    assert out.startswith("NOT CHECKED:")
+    assert recording.read(here / "run.csv", None).q.min() == pytest.approx(-1.2, abs=0.05)
+
+
 def test_firmware_of_another_arm(bench: Bench, called: Any, here: Path) -> None:
     """The same joint with another effect to compensate: other settings, so another layout."""
     (here / "bench.toml").write_text(SLOW + "[joint.effects.offset]\ntorque = 0.1\n")
@@ -423,7 +452,7 @@ def test_emulators_that_are_missing_say_what_to_install(called: Any, monkeypatch
     which = shutil.which
     monkeypatch.setattr(shutil, "which", lambda name: None if name == "qemu-system-arm" else which(name))
     status, _, err = called("--on", "qemu")
-    assert (status, err.count("\n")) == (2, 1)
-    assert "apt install qemu-system-arm" in err
+    assert status == 2
+    assert "apt install qemu-system-arm" in err.splitlines()[-1]
     monkeypatch.setitem(__import__("sys").modules, "unicorn", None)
     assert "--on unicorn needs the emulator: pip install unicorn" in called("--on", "unicorn")[2]

@@ -17,9 +17,10 @@ from runtime.model.terms import Term
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
 from runtime.simulation import demo
+from runtime.simulation.motion_file import read_motion
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import NOISE
-from runtime.simulation.simulate import SimulationError, parse_hidden, read_motion, simulate
+from runtime.simulation.simulate import SimulationError, parse_hidden, simulate
 from symbolic.model_file import reader
 from tests import plants
 from tests.spatial_arms import drawn

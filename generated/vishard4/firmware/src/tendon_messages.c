@@ -20,18 +20,18 @@ const tendon_rule tendon_rules[TENDON_RULES] = {
     {29U, 1U, TENDON_KIND_COUNT, 0x00000001U, 0x7fffffffU}, /* safety from silence on: 1 to 2147483647 */
     {32U, 1U, TENDON_KIND_COUNT, 0x00000001U, 0xffffffffU}, /* safety from late on: 1 or more */
     {33U, 1U, TENDON_KIND_COUNT, 0x00000000U, 0x00009c40U}, /* safety from damping on: 0 to 40000 */
-    {0U, 1U, TENDON_KIND_COUNT, 0x00000001U, 0x00000010U}, /* trajectory from count on: 1 to 16 */
+    {0U, 1U, TENDON_KIND_COUNT, 0x00000001U, TENDON_MAX_PHASES}, /* trajectory from count on: 1 to 16, or as many as the board was built for */
     {1U, 1U, TENDON_KIND_COUNT, 0x00000000U, 0x00000001U}, /* trajectory from periodic on: 0 to 1 */
     {2U, 1U, TENDON_KIND_SIGNED, 0x7fffffffU, 0x80000001U}, /* trajectory from elbow on: -1 to 1 */
-    {3U, 1U, TENDON_KIND_COUNT, 0x00000005U, 0x00000100U}, /* trajectory from rows on: 5 to 256 */
+    {3U, 1U, TENDON_KIND_COUNT, 0x00000005U, TENDON_MAX_ROWS}, /* trajectory from rows on: 5 to 256, or as many as the board was built for */
     {4U, 17U, TENDON_KIND_REAL, 0x00800000U, 0xff7fffffU}, /* trajectory from spring_joint_stiffness on: any finite number */
-    {0U, 1U, TENDON_KIND_COUNT, 0x00000000U, 0x0000000fU}, /* phase from index on: 0 to 15 */
+    {0U, 1U, TENDON_KIND_COUNT, 0x00000000U, TENDON_MAX_PHASES - 1U}, /* phase from index on: 0 to 15, or as many as the board was built for */
     {1U, 1U, TENDON_KIND_COUNT, 0x00000000U, 0x00000001U}, /* phase from coordinates on: 0 to 1 */
     {2U, 1U, TENDON_KIND_COUNT, 0x00000004U, 0x0000001dU}, /* phase from degree on: 4 to 29 */
     {3U, 1U, TENDON_KIND_REAL, 0xb58637bdU, 0xc47a0000U}, /* phase from duration on: 1e-06 to 1000 */
     {4U, 1U, TENDON_KIND_COUNT, 0x00000000U, 0x00000001U}, /* phase from touches on: 0 to 1 */
-    {5U, 1U, TENDON_KIND_COUNT, 0x00000000U, 0x000000fbU}, /* phase from first_row on: 0 to 251 */
-    {0U, 1U, TENDON_KIND_COUNT, 0x00000000U, 0x000000ffU}, /* points from first_row on: 0 to 255 */
+    {5U, 1U, TENDON_KIND_COUNT, 0x00000000U, TENDON_MAX_ROWS - 5U}, /* phase from first_row on: 0 to 251, or as many as the board was built for */
+    {0U, 1U, TENDON_KIND_COUNT, 0x00000000U, TENDON_MAX_ROWS - 1U}, /* points from first_row on: 0 to 255, or as many as the board was built for */
     {1U, 32U, TENDON_KIND_REAL, 0x00800000U, 0xff7fffffU}, /* points from values on: any finite number */
     {1U, 1U, TENDON_KIND_COUNT, 0x00000001U, 0xffffffffU}, /* run from every on: 1 or more */
 };

@@ -14,11 +14,18 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0x5f6f1007U
+#define TENDON_BUILD 0x60dd99deU
 
-/* Capacity for a trajectory, and control points in a message. */
+/* Capacity for a trajectory. A board with more memory may be built with more, up to 65535 each: a control point takes
+ * 4 bytes a joint, and `tendon execute` needs 32 of them for a second of a motion, and 2 phases. */
+#ifndef TENDON_MAX_PHASES
 #define TENDON_MAX_PHASES 16U
+#endif
+#ifndef TENDON_MAX_ROWS
 #define TENDON_MAX_ROWS 256U
+#endif
+
+/* Control points in a message. */
 #define TENDON_ROWS_A_MESSAGE 8U
 
 /* Bytes of header, checksum and longest payloads. */
@@ -243,7 +250,7 @@ typedef struct {
     int32_t counts[4]; /* counts: of the encoders, at the step */
     float torque[4]; /* N m: output of the step, held until the next one */
     float q_desired[4]; /* rad: by the trajectory; after a run, the last one */
-    uint8_t phase; /* of the trajectory, from 0 */
+    uint8_t phase; /* of the trajectory, from 0; wraps */
     uint8_t status; /* bits of the controller's status */
     uint8_t state; /* after the step */
     uint8_t reason; /* after the step */
