@@ -99,7 +99,7 @@ def jump(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDArray[np.flo
 @pytest.mark.parametrize(
     ("made", "digits", "words"),
     [
-        (jump(*swings(2.0)), 10, "line 1003: q1 steps by 0.0138 rad in 1 ms, 13.8 rad/s; the joint's limit is 5"),
+        (jump(*swings(2.0)), 10, "line 1003: q1 steps by 0.0138 rad in 1 ms, 13.8 rad/s; the joint's limit is 5\n"),
         (swings(2.0), 3, "from one sample to the next"),
         (tuple(np.delete(x, slice(400, 500)) for x in swings(2.0)), 10, "line 402: 0.101 s after the sample before it"),
         (tuple(x[:700] for x in swings(2.0)), 10, "line 701: the motion ends while q1 moves at"),
@@ -112,8 +112,7 @@ def test_what_a_controller_cannot_play_is_refused_by_line(
     write(*made, digits=digits)
     status, out, err = played("--out", "run.csv")
     assert (status, out) == (2, "")
-    assert words in err.splitlines()[-1]
-    assert "--speed" not in err
+    assert words in err
     assert not Path("run.csv").exists()
 
 
