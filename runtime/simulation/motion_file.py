@@ -15,13 +15,10 @@ from scipy.interpolate import BSpline, make_interp_spline
 from runtime.recordings.contents import RecordingError, Refusal
 from runtime.recordings.settings import MOST_SAMPLES
 from runtime.recordings.text import blocks, check_file
-from runtime.simulation.settings import LONGEST, RATE
+from runtime.simulation.settings import LONGEST, PATH_DEGREE, RATE
 from runtime.simulation.simulate import SimulationError
 
 Array = NDArray[np.float64]
-
-_DEGREE = 5
-"""Of the spline through the samples: its acceleration is smooth."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +44,7 @@ class MotionFile:
     @cached_property
     def spline(self) -> BSpline:
         """Through all samples: (n,) positions over the time since the first one."""
-        return make_interp_spline(self.t - self.t[0], self.q.T, k=_DEGREE)
+        return make_interp_spline(self.t - self.t[0], self.q.T, k=PATH_DEGREE)
 
 
 def is_motion(path: Path) -> bool:
@@ -86,8 +83,8 @@ def read_motion_file(path: Path, n: int) -> MotionFile:
             raise SimulationError(f"{path} line {number}: expected finite numbers and a time that increases")
         if len(rows) > MOST_SAMPLES:
             raise SimulationError(f"{path}: has more than {MOST_SAMPLES} samples; reduce its rate")
-    if len(rows) <= _DEGREE:
-        raise SimulationError(f"{path}: only {len(rows)} samples; a motion needs at least {_DEGREE + 1}")
+    if len(rows) <= PATH_DEGREE:
+        raise SimulationError(f"{path}: only {len(rows)} samples; a motion needs at least {PATH_DEGREE + 1}")
     table = np.array(rows)
     found = MotionFile(path, tuple(comments), first + 1, table[:, 0], np.ascontiguousarray(table[:, 1:].T))
     if found.seconds > LONGEST:

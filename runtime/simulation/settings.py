@@ -22,6 +22,9 @@ NOISE: Final = 0.03
 LONGEST: Final = 3600.0
 """s; an hour; a longer motion has its time in milliseconds, most likely; a choice."""
 
+PATH_DEGREE: Final = 5
+"""power of the polynomials of the spline through a motion; its acceleration is smooth; standard practice."""
+
 SHARE: Final = 0.2
 """part of each joint's torque, RMS; size of a hidden effect without stated values: moderate and well visible; a
 choice."""

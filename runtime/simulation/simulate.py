@@ -32,6 +32,7 @@ from runtime.simulation.settings import (
     COUNT,
     MARGIN,
     OWN_FRICTION,
+    PATH_DEGREE,
     RANGE,
     RATE,
     RISE,
@@ -271,7 +272,7 @@ def _all_terms(model: Model, hidden: Sequence[Hidden]) -> Structure:
 def _piece(library: Library, path: Array, warm: bool) -> Piece:
     """A motion with derivatives, from a quintic spline through the positions. warm: with rising temperatures."""
     t = np.arange(path.shape[1]) / RATE
-    spline = make_interp_spline(t, path, k=5, axis=1)
+    spline = make_interp_spline(t, path, k=PATH_DEGREE, axis=1)
     q, qd, qdd = (np.ascontiguousarray(spline(t, nu)) for nu in range(3))
     return _prescribed(library, q, qd, qdd=qdd, rate=RATE, warm=warm)
 
