@@ -306,6 +306,11 @@ def _split(cell: str) -> tuple[str, str | None]:
     return cell, None
 
 
+def stated_unit(cell: str) -> str | None:
+    """The unit of a cell `name [unit]` or `name (unit)`; None if it states none."""
+    return _split(cell)[1]
+
+
 def _kind(name: str, n: int) -> str | None:
     if name in _PLAIN or name in IN_SPACE:
         return (_PLAIN | IN_SPACE)[name]

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from runtime.recordings import servo_logs
 from runtime.recordings.columns import JOINT_SIGNALS, NUMBERED, Fail, fields_meant, numbered_signal, unnamed
 from runtime.recordings.contents import Contents, RecordedField, some
 from symbolic.model_file.arm import LINK_TORQUE, MOTOR_TORQUE, DescribedJoint, Torque
@@ -101,6 +102,8 @@ def understood(
             return Understood(_translated(contents.fields, log), spread)
         notes = (f"read as {log.name}: {log.note}",)
         return Understood(_translated(contents.fields, log), spread, notes, log)
+    if servos := servo_logs.translated(contents, fail):
+        return Understood(servos[0], spread, servos[1:])
     return Understood(_last_parts(contents.fields), spread)
 
 
@@ -115,7 +118,8 @@ def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> 
         clock = _clock_of("q", contents.fields, (), fail)
         return max(1, sum(field.signal == "q" and field.clock == clock for field in contents.fields))
     log = _known_log(contents.fields)
-    known = _translated(contents.fields, log) if log else _last_parts(contents.fields)
+    servos = None if log else servo_logs.translated(contents, fail)
+    known = _translated(contents.fields, log) if log else servos[0] if servos else _last_parts(contents.fields)
     named = {cell.split("[")[0].strip().lower() for cell in known} | set(mapping)
     numbers = itertools.takewhile(lambda k: {f"q{k}", f"tau{k}"} & named, itertools.count(1))
     return max(1, sum(1 for _ in numbers))
@@ -123,7 +127,7 @@ def count_joints(contents: Contents, mapping: Mapping[str, str], fail: Fail) -> 
 
 def bare(name: str) -> str:
     """A field's name without its unit."""
-    return re.sub(r"\s*\[\D[^\[\]]*\]\s*$", "", name.strip())
+    return re.sub(r"\s*\[(?!\d+\])[^\[\]]*\]\s*$", "", name.strip())
 
 
 # --- one entry of --map for all joints ---

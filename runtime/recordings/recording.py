@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.recordings import array_files, clocks, lerobot, names, ros_logs, text
+from runtime.recordings import array_files, bam_logs, clocks, lerobot, names, ros_logs, text
 from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.columns import (
     IN_PLANE,
@@ -59,6 +59,7 @@ _BY_START: Mapping[bytes, Reader] = {
     array_files.PARQUET: lerobot.open_any_parquet,
     array_files.NPY: array_files.open_numpy,
     array_files.ZIP: array_files.open_numpy,
+    bam_logs.JSON: bam_logs.open_bam,
 }
 """First bytes of a file -> the reader of its format."""
 

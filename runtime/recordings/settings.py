@@ -94,6 +94,9 @@ CLOCK_SHIFT_LEAST: Final = 1.5
 """samples of the slower clock; smaller offsets are left to the fit, which separates them from a controller's hold; a
 choice, above the one sample that a hold explains."""
 
+MOST_JSON: Final = 200_000_000
+"""length in bytes; a log in JSON is read whole and takes some ten times its length in memory; a choice."""
+
 MOST_EPISODES: Final = 10_000
 """number of files of a LeRobot data set; each is opened for its layout in some ms; a choice."""
 
