@@ -80,6 +80,25 @@ def heard_afterwards() -> Iterator[None]:
         own(signal.SIGINT, None)
 
 
+@contextmanager
+def first_heard_by(listener: Callable[[], object]) -> Iterator[None]:
+    """The first Ctrl-C within calls the listener, and the next one interrupts."""
+    before = _own()
+
+    def heard(*_: object) -> None:
+        signal.signal(signal.SIGINT, before)
+        listener()
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    kept = signal.signal(signal.SIGINT, heard)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, kept)
+
+
 def _own() -> Handler:
     """The present handler of Ctrl-C."""
     found = signal.getsignal(signal.SIGINT)

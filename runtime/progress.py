@@ -18,11 +18,12 @@ from dataclasses import dataclass
 from math import inf, isinf
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from threading import Event
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from runtime.interruption import heard_afterwards
+from runtime.interruption import first_heard_by, heard_afterwards
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -50,6 +51,7 @@ class Progress:
 Listener = Callable[[Progress], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 _cores: ContextVar[int | None] = ContextVar("cores", default=None)
+_cut: ContextVar[Event | None] = ContextVar("cut", default=None)
 _until: ContextVar[float] = ContextVar("until", default=inf)
 
 
@@ -77,14 +79,28 @@ def within(seconds: float) -> AbstractContextManager[None]:
     return _with(_until, min(_until.get(), time.monotonic() + seconds))
 
 
+@contextmanager
+def cut_short_by_interrupt(tell: Callable[[str], object]) -> Iterator[None]:
+    """Within, the first Ctrl-C makes work late at once, here and in processes that it forked; the next interrupts."""
+    cut = Event()
+
+    def heard() -> None:
+        cut.set()
+        tell("ending with the best so far; Ctrl-C again stops")
+
+    with _with(_cut, cut), first_heard_by(heard):
+        yield
+
+
 def seconds_left() -> float:
     """s; of the time that work was given, in a forked process, too; inf if it was given none."""
-    return _until.get() - time.monotonic()
+    cut = _cut.get()
+    return 0.0 if cut is not None and cut.is_set() else _until.get() - time.monotonic()
 
 
 def is_late() -> bool:
     """Whether the time that work was given has passed."""
-    return seconds_left() < 0
+    return seconds_left() <= 0
 
 
 def cores() -> int:
@@ -214,7 +230,8 @@ def _forked(
 
 def _work(function: Callable[[T], Any], parts: Sequence[T], parent: Connection, own: Connection) -> None:
     """The loop of a forked process: parts by the indices that it receives, until its parent is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    cut = _cut.get()
+    signal.signal(signal.SIGINT, signal.SIG_DFL if cut is None else lambda *_: cut.set())
     parent.close()
     _listener.set(None)
     _cores.set(1)

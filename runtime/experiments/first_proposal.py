@@ -38,7 +38,7 @@ from runtime.identification.identify import identify
 from runtime.inspection.inspection import determined
 from runtime.model.loader import Model
 from runtime.model.terms import structure
-from runtime.progress import within
+from runtime.progress import cut_short_by_interrupt, within
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
@@ -168,7 +168,7 @@ def propose_first(
     if settings.noise <= 0:
         raise ExperimentError("without noise everything would be told; give a noise above 0")
     say(f"a motion of about {chosen.seconds:g} s; the search takes at most {settings.time_limit:g} s")
-    with within(settings.time_limit / (2 if check else 1)):
+    with cut_short_by_interrupt(say), within(settings.time_limit / (2 if check else 1)):
         ready = ReadyArm.of(to_move, settings, chosen)
         planner = MotionPlanner(ready.limits, ready.moving, ready.start, chosen.seconds)
         first = planner.motion(settings.seed, say, _between_rivals(to_move, ready, settings, say))

@@ -24,6 +24,7 @@ from runtime.interruption import heard_afterwards, heard_in_casadi
 from runtime.model.loader import Library
 from runtime.planning import optimize
 from runtime.planning.interior_point import Bounded, Manner
+from runtime.simulation.simulate import read_motion
 from tests.runtime.planning import planning_cases
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no signals there")
@@ -118,6 +119,20 @@ def test_control_c_ends_a_verb(arguments: Sequence[str], recorded: Path) -> None
     kept = {"demo-report", "table.csv.journal"}
     assert [p for p in sorted(recorded.iterdir()) if p not in before and p.name not in kept] == []
     assert list(recorded.rglob(".*")) == []
+
+
+def test_a_search_for_a_motion_ends_with_the_best_so_far(tmp_path: Path) -> None:
+    """At the first Ctrl-C, which every process of the search hears."""
+    with started(["experiment", "ur10", "--seconds", "40", "--out", "motion.csv"], tmp_path) as process:
+        assert process.stderr is not None
+        said = iter(process.stderr.readline, "")
+        assert any(line.startswith("searching the Fourier motion") for line in said)
+        time.sleep(0.3)
+        os.killpg(process.pid, signal.SIGINT)
+        rest = "".join(said)
+        assert process.wait(timeout=120) == 0, rest
+    assert "ending with the best so far" in rest
+    assert read_motion(tmp_path / "motion.csv", 6).shape[1] > 20_000
 
 
 def casadi_is_asked() -> None:
