@@ -1,6 +1,6 @@
 """Recordings of a one-joint servo without a torque signal, from equations written apart from the library's.
 
-The joint is that of plants.py, with the same hidden effects. A position servo makes its torque from the error of
+The joint is that of plants.py, with two of its hidden effects. A position servo makes its torque from the error of
 position and rate alone; a bridge puts a part of a sagging supply on a motor with back-EMF.
 """
 
@@ -43,12 +43,9 @@ class ServoLog:
         return path
 
 
-def _loop(hidden: str | None, seed: int, torque: Callable[[Array, float, float, float], float]) -> tuple[Array, ...]:
+def _loop(seed: int, advance: demo.Advance, torque: Callable[[Array, float, float, float], float]) -> tuple[Array, ...]:
     """Time (N,), desired (3, N), counted angle and its rate (N,), under torque(desired, seen, rate, time)."""
-    rng = np.random.default_rng(seed)
-    t, desired = demo.motion(rng, 2)
-    amount = 0.0 if hidden is None else plants.SIZES[hidden]
-    advance = plants._advance(hidden, amount, t[-1] / 3, rng)
+    t, desired = demo.motion(np.random.default_rng(seed), 2)
     state, angles, rates = [0.0] * 4, [], []
     for k, wanted in enumerate(desired.T):
         seen, rate = round(state[0] / demo.COUNT) * demo.COUNT, state[1]
@@ -58,10 +55,21 @@ def _loop(hidden: str | None, seed: int, torque: Callable[[Array, float, float, 
     return t, desired, np.array(angles), np.array(rates)
 
 
+def _joint(hidden: str | None, brake: float = 0.0) -> demo.Advance:
+    """The rigid joint of plants.py; brake: N m s/rad of a motor's back-EMF, which acts at every instant."""
+
+    def opposing(speed: float, side: int, _time: float) -> float:
+        creep = plants.SIZES["stribeck"] * np.exp(-((speed / 0.15) ** 2)) if hidden == "stribeck" else 0.0
+        return demo.friction(speed, side, hidden=False) + float(creep) + brake * speed
+
+    size = plants.SIZES["linear_spring"]
+    return demo.stick_slip(opposing, (lambda q, _t: size * (q - 0.3)) if hidden == "linear_spring" else None)
+
+
 def servo(hidden: str | None, seed: int) -> ServoLog:
     """A position servo, told position and rate, that measures its rate."""
     t, wanted, q, qd = _loop(
-        hidden, seed, lambda want, seen, rate, _: float(KP * (want[0] - seen) + KD * (want[1] - rate))
+        seed, _joint(hidden), lambda want, seen, rate, _: float(KP * (want[0] - seen) + KD * (want[1] - rate))
     )
     columns = {
         "t [s]": t,
@@ -85,10 +93,7 @@ def _duty(want: Array, seen: float, rate: float, t: float) -> float:
 def bridge(hidden: str | None, seed: int) -> ServoLog:
     """A motor on a bridge, whose duty a controller sets."""
 
-    def torque(want: Array, seen: float, rate: float, t: float) -> float:
-        return KT / OHM * (_duty(want, seen, rate, t) * _supply(t) - KT * rate)
-
-    t, wanted, q, qd = _loop(hidden, seed, torque)
+    t, wanted, q, qd = _loop(seed, _joint(hidden, KT**2 / OHM), lambda *at: KT / OHM * _duty(*at) * _supply(at[-1]))
     supply = np.array([_supply(float(x)) for x in t])
     duty = np.array([_duty(*x) for x in zip(wanted.T, q, qd, t, strict=True)])
     columns = {"t [s]": t, "q1 [rad]": q, "qd1 [rad/s]": qd, "duty1": duty, "bus_voltage1 [V]": supply}

@@ -55,8 +55,9 @@ def identify(
         document = diagnosed.judged(found)
     written = []
     if write and found.verdict == "fitted":
-        source.edits.set(document).write()
-        written = _written(document)
+        gains = {i: joint.to_write for i, joint in enumerate(data[0].driven, 1) if joint is not None}
+        source.edits.set(document).set_drive_gains(gains).write()
+        written = [*_written(document), *(f"{name}@{i}" for i, own in gains.items() for name in own)]
     origin = replace(document.skew, given=skew is not None)
     whole = document.as_part_of(IdentifyDocument, skew=origin, written=written, provenance=provenance)
     emit(json, whole, terminal.printer(fits.identification))

@@ -60,13 +60,35 @@ class TypedInputs:
             for note in (*recording.notes, *map(str, by_signals(recording))):
                 print(f"{recording.path}: {note}", file=sys.stderr)
         with working("deriving and compiling the model"):
-            return source, data, source.compiled.model()
+            model = source.compiled.model()
+        return source, self._with_gains(model, data), model
+
+    def _with_gains(self, model: Model, data: list[Recording]) -> list[Recording]:
+        """Recordings with torques of identified drives; what is told of them goes to standard error."""
+        if not any(recording.gains_open for recording in data):
+            return data
+        from runtime.identification.drive_gains import with_gains
+        from runtime.recordings.driven import told_notes
+        from runtime.report.terminal import working
+
+        with working("identifying the drives"):
+            found = with_gains(model, data, len(self.recordings))
+        for note in told_notes(found[0].driven):
+            print(f"{found[0].path}: {note}", file=sys.stderr)
+        return found
 
     def check_side(self, source: Source, data: Sequence[Recording]) -> None:
-        """Refuse to write what torques at the link say into a model file of the motors', or the other way round:
-        friction and rotors are in one of them. Raises UsageError."""
+        """Refuse to write what torques without a scale say, or what torques at the link say into a model file of the
+        motors', or the other way round: friction and rotors are in one of them. Raises UsageError."""
         of_file = source.arm().torque == LINK_TORQUE
         for recording in data:
+            for number, joint in enumerate(recording.driven, 1):
+                if joint is not None and joint.without_scale:
+                    raise UsageError(
+                        f"{recording.path}: nothing known gives the scale of joint {number}'s torque: nothing is "
+                        f"written; state {joint.without_scale} under its [joint.drive], or the inertia or weight that "
+                        "it moves"
+                    )
             if (recording.torque == LINK_TORQUE) != of_file:
                 where, other = ("the motor", "the link") if of_file else ("the link", "the motor")
                 stated = "leave the torque out of" if of_file else f'state torque = "{LINK_TORQUE}" in'

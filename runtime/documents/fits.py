@@ -97,6 +97,15 @@ class StructureShare(Document, frozen=True, kw_only=True):
     share: Annotated[float, key("share of the residual's power that a curve over the signal explains, 0 to 1", "1")]
 
 
+class DriveEntry(Document, frozen=True, kw_only=True):
+    """A drive whose law makes the joint's torque from its command."""
+
+    law: Annotated[str, key("name of the law in the model file")]
+    rms: Annotated[float, key("the joint's residual in the unit of the command", "`unit`")]
+    unit: Annotated[str, key("unit of the command")]
+    gains: Annotated[dict[str, EstimateEntry], key("identified gains by name; empty where the model file states all")]
+
+
 class JointEntry(Document, frozen=True, kw_only=True):
     """Residual torque of a joint, measured less predicted, in the band."""
 
@@ -110,6 +119,7 @@ class JointEntry(Document, frozen=True, kw_only=True):
     repeatable: Annotated[
         bool | None, key("whether the residual repeats with the motion; null where no motion was repeated")
     ]
+    drive: Annotated[DriveEntry | UnsetType, key("what makes the torque; absent where it was recorded")] = UNSET
 
 
 class WrittenError(Document, frozen=True, kw_only=True):

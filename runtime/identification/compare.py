@@ -11,7 +11,8 @@ import numpy as np
 from msgspec import UNSET
 from numpy.typing import NDArray
 
-from runtime.documents.fits import ComparedJoint, CompareDocument, JointEntry, StructureShare, WrittenError
+from runtime.documents.fits import ComparedJoint, CompareDocument, DriveEntry, JointEntry, StructureShare, WrittenError
+from runtime.documents.parts import EstimateEntry
 from runtime.identification.fit import Fit
 from runtime.identification.identify import identify
 from runtime.identification.problem import Problem, least_inertia
@@ -23,6 +24,7 @@ from runtime.motion import repeats
 from runtime.motion.band import apparent_inertia
 from runtime.motion.motion import Motion
 from runtime.motion.repeats import Floor, floor
+from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -35,6 +37,7 @@ _BINS: Final = 24
 class JointSeries:
     """A joint's (1-based) torque and prediction in its band, on the rows that count; each array (M,).
 
+    driven   what makes the torque; None: it was recorded
     load     torque that the joint transmits to its link
     warmth   rise of the temperature, K; None where it was not recorded
     """
@@ -53,6 +56,7 @@ class JointSeries:
     predicted: Array
     floor: Floor
     name: str | None = None
+    driven: DrivenJoint | None = None
 
     @property
     def residual(self) -> Array:
@@ -86,7 +90,17 @@ class JointSeries:
             floor=self.floor.value,
             floor_source=self.floor.source,
             repeatable=self.floor.repeatable(self.rms),
+            drive=UNSET if self.driven is None else self._drive(self.driven),
         )
+
+    def _drive(self, driven: DrivenJoint) -> DriveEntry:
+        gains = {
+            gain.name: EstimateEntry(value=gain.value, unit=gain.unit, interval=gain.interval)
+            for gain in driven.told.values()
+            if not gain.imitated
+        }
+        unit = driven.law.unit[driven.prismatic]
+        return DriveEntry(law=driven.law.name, rms=self.rms / driven.scale, unit=unit, gains=gains)
 
 
 @dataclass(frozen=True)
@@ -152,6 +166,7 @@ def series_on(fit: Fit, problem: Problem, residuals: Sequence[Array]) -> tuple[J
                 predicted=(tau - residual)[use],
                 floor=floor(motion, repeated[i], i, residual, read=read),
                 name=joint.name,
+                driven=motion.driven[i] if motion.driven else None,
             )
         )
     return tuple(found)

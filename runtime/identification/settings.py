@@ -129,6 +129,10 @@ TOLD_APART: Final = 0.1
 """part of a stated torque's size; so much of it no open value may imitate before its part in a recorded torque counts:
 less is told by what the model lacks; simulated arms with open inertias."""
 
+SCALE_TOLD: Final = 0.3
+"""part of a drive's gain; half of its interval may be so wide before the torques are scaled by it: a model that is off
+by as much still tells ratios, and a scale would be a guess; simulated servos."""
+
 FAR_FROM_CHANCE: Final = 3.0
 """ratio of a part to its spread; from there on a stated torque is in the recorded one, however small the part:
 residuals of a tenth of the torque leave ten; simulated and real recordings of whole arms."""

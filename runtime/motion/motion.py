@@ -18,6 +18,7 @@ from runtime.motion.piece import Piece, measured_in_all, read_sensors
 from runtime.motion.rests import dry_friction
 from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
 from runtime.recordings.contents import unpowered
+from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording, RecordingError
 from symbolic.model_file.arm import MOTOR_TORQUE
 
@@ -67,6 +68,7 @@ class Motion:
     standstill  (n,) rates below which a joint is at rest, infinite for one that is held
     quiet       (n,) torque noise in the band over dry friction
     left_out    a joint, (M,) further rows that do not count; empty where all do
+    driven      of each joint whose torque the law of its drive makes, in the first recording; empty: all are recorded
     cells       field of each signal in the first recording, as `--map` takes it; units: those that were stated
     """
 
@@ -77,6 +79,7 @@ class Motion:
     cells: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     left_out: tuple[Mask, ...] = ()
+    driven: tuple[DrivenJoint | None, ...] = ()
 
     @property
     def n(self) -> int:
@@ -280,14 +283,27 @@ def prepare(recordings: Sequence[Recording], band: Band, model: Model) -> Motion
     views = tuple(_view(recordings, band, cutoff, narrowest=cutoffs[0], model=model) for cutoff in cutoffs)
     if not views[0].pieces:
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
-    motion = Motion(band, views, np.zeros(n), quiet=np.zeros(n), cells=recordings[0].cells, units=recordings[0].units)
-    motion = motion.resting(_standstill(motion, recordings), np.zeros(n))
+    first = recordings[0]
+    motion = Motion(band, views, np.zeros(n), quiet=np.zeros(n), cells=first.cells, units=first.units)
+    motion = replace(motion, driven=first.driven).resting(_standstill(motion, recordings), np.zeros(n))
     if not any(motion.moving(i).any() for i in range(n)):
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     friction = np.maximum(_dry_friction(motion, model), 1e-300)
     with np.errstate(over="ignore"):  # noise over no friction
         quiet = band.torque_floor()[:n] / friction
     return motion.resting(motion.standstill, quiet)
+
+
+def with_torques_of(motion: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
+    """The motion with other torques: those of recordings of the same motion."""
+    cutoffs = sorted({float(f) for f in motion.band.cutoffs})
+    others = [_view(recordings, motion.band, cutoff, narrowest=cutoffs[0], model=model) for cutoff in cutoffs]
+    pairs = zip(motion.views, others, strict=True)
+    views = [
+        replace(v, pieces=tuple(replace(p, tau=q.tau) for p, q in zip(v.pieces, o.pieces, strict=True)))
+        for v, o in pairs
+    ]
+    return replace(motion, views=tuple(views))
 
 
 def _view(recordings: Sequence[Recording], band: Band, cutoff: float, narrowest: float, model: Model) -> BandView:

@@ -16,6 +16,7 @@ from runtime.diagnosis.settings import BUDGET_S
 from runtime.documents.provenance import InputFile, Provenance
 from runtime.identification import compare as comparison
 from runtime.identification import identify as identification
+from runtime.identification.drive_gains import with_gains
 from runtime.inspection import inspection
 from runtime.loop import improve as loop
 from runtime.notebook.arm import LoadedArm, PathOrText, Recorded
@@ -36,19 +37,28 @@ from runtime.workspace.names import ARMS
 Recordings = Recorded | Sequence[Recorded]
 
 
+def _read(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -> tuple[list[Recording], list[Recording]]:
+    """Recordings to be fitted and those held out, with torques of drives whose gains are identified."""
+    fitted, held = arm.recordings(recordings), arm.recordings(held_out)
+    if any(recording.gains_open for recording in fitted):
+        found = with_gains(arm.model, [*fitted, *held], len(fitted))
+        return found[: len(fitted)], found[len(fitted) :]
+    return fitted, held
+
+
 def identify(arm: LoadedArm, recordings: Recordings, skew: float | None = None) -> IdentificationResult:
     """Fit the parameters of the arm's structure to recordings.
 
     skew   samples by which the torque leads the motion; None: estimated
     """
-    data = arm.recordings(recordings)
+    data, _ = _read(arm, recordings)
     found = judged(identification.identify(arm.model, data, skew), data)
     return IdentificationResult(found, arm.with_text(arm.source.edits.set(diagnosed.judged(found)).text))
 
 
 def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
     """Where does the model fail? The residual of every joint, and what it follows."""
-    data = arm.recordings(recordings)
+    data, _ = _read(arm, recordings)
     result = comparison.compare(arm.model, data)
     return ComparisonResult(result, ResultSummary(result, _invocation("compare", arm, data)))
 
@@ -56,7 +66,7 @@ def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
 def diagnose(arm: LoadedArm, recordings: Recordings, budget: float = BUDGET_S) -> DiagnosisResult:
     """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"; budget: s,
     that it may take."""
-    data = arm.recordings(recordings)
+    data, _ = _read(arm, recordings)
     result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses, budget=budget)
     return DiagnosisResult(result, ResultSummary(result, _invocation("diagnose", arm, data)))
 
@@ -66,7 +76,7 @@ def improve(
 ) -> ImprovementResult:
     """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one;
     budget: s, that it may take."""
-    fitted, held = arm.recordings(recordings), arm.recordings(held_out)
+    fitted, held = _read(arm, recordings, held_out)
     result = loop.improve(arm.source, fitted, held, budget=budget)
     floors = loop.floors(result.steps[-1].fit, held)
     summary = ResultSummary(result, _invocation("improve", arm, fitted, held), floors)

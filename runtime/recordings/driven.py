@@ -20,21 +20,38 @@ from symbolic.model_file.drive_laws import COMMANDS, DELAY, INTEGRAL, LAWS, Driv
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class ToldGain:
+    """A coefficient of a law, identified.
+
+    interval   of 95 %; None: the data tell no scale, and the value is per unit of the command's coefficient
+    imitated   effects of the joint make the same torque, and have its part
+    """
+
+    name: str
+    value: float
+    unit: str
+    interval: tuple[float, float] | None
+    imitated: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class DrivenJoint:
     """A joint whose torque a law makes.
 
     gains      those of the model file
     signals    what the law reads, (N,) each
-    told       coefficients of the law that were identified, by their names
+    told       coefficients of the law that were identified, by their names; None where the data do not tell one
     supply     the column of the supply's voltage, if it is not the usual one
+    prismatic  whether it is a prismatic joint
     """
 
     law: DriveLaw
     gains: Mapping[str, float]
     signals: Mapping[str, Array]
-    told: Mapping[str, float] = field(default_factory=dict)
+    told: Mapping[str, ToldGain] = field(default_factory=dict)
     supply: str = ""
+    prismatic: bool = False
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -59,18 +76,39 @@ class DrivenJoint:
         """(N,) of stated and identified coefficients. One that is unknown counts for 1 at the command, as if the torque
         were in the command's unit, and for nothing elsewhere."""
         neutral = {name: float(name == self.law.terms[0].name) for name in self.unknown}
-        open_part = sum(c * self.columns[name] for name, c in (neutral | dict(self.told)).items())
+        open_part = sum(c * self.columns[name] for name, c in (neutral | self._identified).items())
         return np.asarray(self.law.limited(self.known + open_part, self.gains, _ramp))
 
     @property
     def scale(self) -> float:
-        """Torque per unit of the command; 1 where it is unknown."""
+        """Torque per unit of the command, on the average; 1 where it is unknown."""
         name = self.law.terms[0].name
-        return self._stated[0] if self._stated[0] is not None else self.told.get(name, 1.0)
+        gain = self._stated[0] if self._stated[0] is not None else self._identified.get(name, 1.0)
+        if COMMANDS[self.law.command].kind == "position":
+            return gain
+        command = self.signals[self.law.command]
+        power = float(command @ command)
+        return gain * float(self.columns[name] @ command) / power if power else gain
 
-    def with_told(self, told: Mapping[str, float]) -> DrivenJoint:
+    @property
+    def without_scale(self) -> str:
+        """The name of the command's coefficient, if it is unknown and the data do not tell it; else ""."""
+        name = self.law.terms[0].name
+        sure = name not in self.unknown or (name in self.told and self.told[name].interval is not None)
+        return "" if sure else name
+
+    @property
+    def to_write(self) -> dict[str, float]:
+        """Identified gains for the model file: key -> value."""
+        return {name: gain.value for name, gain in self.told.items() if gain.interval is not None or gain.imitated}
+
+    def with_told(self, told: Mapping[str, ToldGain]) -> DrivenJoint:
         """The same with coefficients that were identified."""
         return replace(self, told=dict(told))
+
+    @property
+    def _identified(self) -> dict[str, float]:
+        return {name: gain.value for name, gain in self.told.items()}
 
     @property
     def _stated(self) -> tuple[float | None, ...]:
@@ -97,7 +135,8 @@ def driven_joints(
         own = {name: signals[key] for name in ("q", "qd", *COMMANDS) if (key := _numbered(name, number)) in signals}
         read = _complete(law, joint.drive.gains, own, t, run)
         supply = next((law.source(s, own, joint.drive.gains) or "" for s in law.instead if s not in own), "")
-        made.append(DrivenJoint(law, joint.drive.gains, read, supply=supply if supply in own else ""))
+        supply = supply if supply in own else ""
+        made.append(DrivenJoint(law, joint.drive.gains, read, supply=supply, prismatic=joint.type == "prismatic"))
     return tuple(made)
 
 
@@ -111,6 +150,40 @@ def driven_notes(driven: Sequence[DrivenJoint | None]) -> list[str]:
             said = f"by the drive's law {joint.law.name}: {joint.law.equation}{supply}{unknown}"
             alike.setdefault(said, []).append(f"tau{number}")
     return [f"made {said}: {', '.join(torques)}" for said, torques in alike.items()]
+
+
+def told_notes(driven: Sequence[DrivenJoint | None]) -> list[str]:
+    """What was identified of the drives, in words."""
+    notes = []
+    for number, joint in enumerate(driven, 1):
+        if joint is None or not joint.told:
+            continue
+        for gain in joint.told.values():
+            if gain.imitated:
+                notes.append(
+                    f"joint {number}: {gain.name} makes the torque of an effect of the joint, and counts for it"
+                )
+        gains = [gain for gain in joint.told.values() if not gain.imitated]
+        if not gains:
+            continue
+        first = gains[0]
+        scaled = first.interval is not None
+        listed = ", ".join(_said(gain) for gain in gains[not scaled :])
+        if scaled:
+            notes.append(f"joint {number}: identified {listed}")
+            continue
+        ratios = f": {listed}" * bool(listed)
+        notes.append(
+            f"joint {number}: nothing known gives the scale of {first.name}; ratios alone are told{ratios}. Torques "
+            f"and parameters are those for {first.name} = 1 {first.unit}. State {first.name} in the model file, or the "
+            "inertia or the weight that the joint moves"
+        )
+    return notes
+
+
+def _said(gain: ToldGain) -> str:
+    ends = f" ({gain.interval[0]:.4g} to {gain.interval[1]:.4g})" if gain.interval else ""
+    return f"{gain.name} = {gain.value:.4g} {gain.unit}{ends}"
 
 
 def _numbered(signal: str, number: int) -> str:

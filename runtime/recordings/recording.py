@@ -39,7 +39,7 @@ from runtime.recordings.contents import (
     run_numbers,
 )
 from runtime.recordings.contents import RecordingError as RecordingError
-from runtime.recordings.driven import DrivenJoint, driven_joints, driven_notes
+from runtime.recordings.driven import DrivenJoint, ToldGain, driven_joints, driven_notes
 from runtime.recordings.text import check_file
 from symbolic.model_file.arm import TORQUES, Torque
 from symbolic.model_file.checks import nearest, quote
@@ -158,6 +158,21 @@ class Recording:
     def dt(self) -> float:
         """Median step, s."""
         return median_step(self.t, self.run)
+
+    @property
+    def gains_open(self) -> bool:
+        """Whether the model file leaves gains open of a drive whose law makes a torque."""
+        return any(joint is not None and joint.unknown for joint in self.driven)
+
+    def with_torques(self, tau: Array) -> Recording:
+        """The same motion with other torques (n, N)."""
+        return replace(self, tau=np.ascontiguousarray(tau))
+
+    def with_gains(self, told: Mapping[int, Mapping[str, ToldGain]]) -> Recording:
+        """With identified coefficients of drives, by joint (0-based), and the torques that they make."""
+        driven = [joint and joint.with_told(told.get(i, {})) for i, joint in enumerate(self.driven)]
+        tau = [row if joint is None else joint.torque for row, joint in zip(self.tau, driven, strict=True)]
+        return replace(self.with_torques(np.array(tau)), driven=tuple(driven))
 
     def save(self, path: Path | str) -> None:
         """Same as `write`."""

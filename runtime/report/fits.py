@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -72,7 +72,7 @@ def identification(document: JudgedFitDocument) -> list[Section]:
     made.append(parameters(document, None, names))
     if document.uncorrected:
         made += [Paragraph("Without skew correction:"), parameters(document.uncorrected, None, names)]
-    made += [residuals(document.joints), *texts(document.warnings, "warning")]
+    made += [residuals(document.joints), *texts(drives(document.joints)), *texts(document.warnings, "warning")]
     if document.verdict == "refused":
         made.append(Group("", (Paragraph(f"REFUSED: {document.reason}"),)))
     return made
@@ -83,6 +83,7 @@ def comparison(document: CompareDocument) -> list[Section]:
     follows = (structure(joint, joint.structure) for joint in document.joints)
     return [
         residuals(document.joints),
+        *texts(drives(document.joints)),
         *texts(line for line in follows if line),
         *texts(document.warnings, "warning"),
     ]
@@ -164,6 +165,20 @@ def _in_units(
     if len(units) == 1:
         return [f"{head} [{unit(*units)}]" for head in heads], lambda value, _: number(value)
     return list(heads), lambda value, joint: "–" if value is None else quantity(value, joint.unit)
+
+
+def drives(joints: Sequence[JointEntry]) -> Iterator[str]:
+    """The residual of every joint whose torque a drive's law makes, in the unit of its command, and its gains."""
+    for joint in joints:
+        if drive := given(joint.drive):
+            gains = "".join(f"; {name} {_gain(gain)}" for name, gain in drive.gains.items())
+            where = numbered(joint.joint, given(joint.name))
+            yield f"Joint {where}: {quantity(drive.rms, drive.unit)} of the command of its {drive.law} drive{gains}."
+
+
+def _gain(gain: EstimateEntry) -> str:
+    ends = " (no scale)" if gain.interval is None else f" ({number(gain.interval[0])} to {number(gain.interval[1])})"
+    return f"{number(gain.value)} {unit(gain.unit)}{ends}"
 
 
 def structure(joint: JointEntry, shares: Sequence[StructureShare]) -> str:

@@ -45,6 +45,7 @@ def diagnosis(document: DiagnosisDocument) -> list[Section]:
     made: list[Section] = [
         *texts([f"{document.verdict.upper()}: {document.reason}", ""]),
         fits.residuals(document.joints),
+        *texts(fits.drives(document.joints)),
         *texts(line for line in follows if line),
     ]
     if document.draft is not None:

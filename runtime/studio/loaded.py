@@ -16,6 +16,7 @@ from runtime.diagnosis.steps import Step, Trail, errors_elsewhere
 from runtime.documents.parts import Document
 from runtime.documents.provenance import InputFile, Provenance
 from runtime.fit_warnings import suspicions
+from runtime.identification.drive_gains import with_gains
 from runtime.identification.fitting import fit_motion
 from runtime.inspection.guesses import guesses
 from runtime.inspection.inspection import Inspection, inspect
@@ -171,6 +172,18 @@ class LoadedSession:
 
     def recordings(self, held_out: bool) -> list[Recording]:
         """The fitted or the held-out recordings. Raises SessionError."""
+        return self._with_gains[held_out]
+
+    @cached_property
+    def _with_gains(self) -> tuple[list[Recording], list[Recording]]:
+        """Both, with torques of drives whose gains are identified."""
+        fitted, held = self._read(False), self._read(True)
+        if any(recording.gains_open for recording in fitted):
+            found = with_gains(self.source.compiled.model(), [*fitted, *held], len(fitted))
+            return found[: len(fitted)], found[len(fitted) :]
+        return fitted, held
+
+    def _read(self, held_out: bool) -> list[Recording]:
         found = []
         for given in self.inputs.held_out if held_out else self.inputs.fitted:
             inspection = self.inspection(given)

@@ -179,6 +179,15 @@ class ModelText:
 
         return self._edited(change)
 
+    def set_drive_gains(self, values: Mapping[int, Mapping[str, float]]) -> Self:
+        """Set gains of the laws of drives: joint -> key -> value in SI."""
+
+        def change(document: Any, _: TableOf = _plain) -> None:
+            for joint, gains in values.items():
+                document["joint"][joint - 1]["drive"].update({key: _rounded(value) for key, value in gains.items()})
+
+        return self._edited(change)
+
     @property
     def _place(self) -> Place:
         return Place(printable(str(self.path)))

@@ -1,0 +1,211 @@
+"""Unknown gains of the drives: identified with the model, where something known gives the scale.
+
+    c0 x0 + sum of c_k x_k = Y θ + effects        x: columns of the drive's law, c: its coefficients
+
+Divided by c0, the equation is linear in 1/c0, c_k/c0 and what is unknown of the arm; the torque of stated masses and
+inertias is the column of 1/c0. The command's column stands alone, because what the model lacks is in it: on the other
+side, that error would draw all unknowns towards zero. Where nothing is stated, ratios alone are told, and all torques
+stay in the unit of the command.
+
+Source: Gautier & Briot, ASME J. Dynamic Systems, Measurement, and Control 136(5), 2014; covariance over stretches of
+time, Newey & West, Econometrica 55(3), 1987.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.identification.fit import Fit
+from runtime.identification.fitting import fit_motion
+from runtime.identification.identify import prepared
+from runtime.identification.problem import Problem
+from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, TOLD_APART
+from runtime.identification.stated_parts import stated_lumps
+from runtime.model.loader import Model
+from runtime.model.terms import structure
+from runtime.motion.motion import with_torques_of
+from runtime.recordings.driven import DrivenJoint, ToldGain
+from runtime.recordings.recording import Recording, RecordingError
+from runtime.regression.bounded import bounded, inverse
+
+Array = NDArray[np.float64]
+Made = Callable[[DrivenJoint | None, Array], Array]
+"""Of a joint's drive, None where its torque was recorded, and that torque (N,)."""
+
+
+def with_gains(model: Model, recordings: Sequence[Recording], fitted: int) -> list[Recording]:
+    """Recordings whose torques have the identified coefficients of the drives; as they are where all are stated.
+
+    fitted   how many of them, the first ones, are identified with
+    Raises RecordingError.
+    """
+    found, own = list(recordings), recordings[:fitted]
+    if not any(r.gains_open for r in own):
+        return found
+    for _ in range(3):  # the band and the torques that effects read follow the scale
+        fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
+        told = _told(fit, found[:fitted])
+        found = [r.with_gains(told) for r in found]
+    _check_scales(model, found[0], told)
+    return found
+
+
+def _check_scales(model: Model, recording: Recording, told: Mapping[int, Mapping[str, ToldGain]]) -> None:
+    """Refuse an arm of several joints of which some torques have a scale and others have none: they share masses."""
+    for i, gains in told.items():
+        if model.n > 1 and gains and next(iter(gains.values())).interval is None:
+            name = next(iter(gains))
+            raise RecordingError(
+                f"{recording.path}: nothing known tells {name} of the drive of joint {i + 1}, without which its "
+                f"torque has another unit than those of other joints; state {name}, or the weight that it moves"
+            )
+
+
+def _told(fit: Fit, recordings: Sequence[Recording]) -> dict[int, dict[str, ToldGain]]:
+    """The coefficients of each joint (0-based) that has unknown ones."""
+    count = max(len(joint.law.terms) for r in recordings for joint in r.driven if joint is not None)
+    rows = [_rows(fit, recordings, k) for k in range(count)]
+    known = _in_band(fit, recordings, lambda joint, row: row if joint is None else joint.known)
+    again = Problem(fit.model, fit.motion.perturbed, fit.problem.layout.terms, fit.problem.regressors.prediction)
+    found = {}
+    for i, joint in enumerate(fit.motion.driven):
+        if joint is not None and joint.unknown:
+            columns = {term.name: rows[k][i] for k, term in enumerate(joint.law.terms)}
+            found[i] = _of_joint(fit, again, i, joint, columns, known[i])
+    return found
+
+
+def _rows(fit: Fit, recordings: Sequence[Recording], k: int) -> list[Array]:
+    """(M,) of every joint: the in-band column of the k-th term of its law; zero where it has none."""
+
+    def column(joint: DrivenJoint | None, row: Array) -> Array:
+        names = [] if joint is None else [term.name for term in joint.law.terms]
+        return np.zeros_like(row) if joint is None or k >= len(names) else joint.columns[names[k]]
+
+    return _in_band(fit, recordings, column)
+
+
+def _in_band(fit: Fit, recordings: Sequence[Recording], made: Made) -> list[Array]:
+    """(M,) of every joint: what is made of its torque (N,), taken as the fit takes torques."""
+    torques = [
+        r.with_torques(np.array([made(joint, row) for joint, row in zip(r.driven, r.tau, strict=True)]))
+        for r in recordings
+    ]
+    motion = with_torques_of(fit.motion, torques, fit.model)
+    return [motion.torque(i, fit.skew) for i in range(motion.n)]
+
+
+@dataclass(frozen=True)
+class _Equation:
+    """One joint's: y (M,) = θ · columns (K, M); noise (K, M) what the encoders add to them; names of the gains among
+    them, the first the inverse of the command's coefficient where that is unknown."""
+
+    y: Array
+    columns: Array
+    noise: Array
+    lower: Array
+    upper: Array
+    stretch: NDArray[np.intp]
+
+    def solved(self) -> tuple[Array, Array]:
+        """θ (K,) and its covariance, with residuals that hang together within a stretch of time."""
+        gram = self.columns @ self.columns.T - self.noise @ self.noise.T
+        theta = bounded(gram, self.columns @ self.y, self.lower, self.upper)
+        scores = self.columns * (self.y - theta @ self.columns)
+        each = np.array([scores[:, self.stretch == s].sum(axis=1) for s in np.unique(self.stretch)])
+        over = inverse(gram)
+        spare = max(1, len(each) - len(theta))
+        return theta, over @ (each.T @ each) @ over.T * len(each) / spare
+
+    def own(self, k: int) -> float:
+        """Part of a column's size that no other column imitates."""
+        others = np.delete(self.columns, k, axis=0)
+        others = others[others.any(axis=1)]
+        size = float(np.linalg.norm(self.columns[k]))
+        if size == 0.0 or not len(others):
+            return float(size > 0.0)
+        scaled = others / np.linalg.norm(others, axis=1, keepdims=True)
+        left = self.columns[k] - np.linalg.lstsq(scaled.T, self.columns[k], rcond=None)[0] @ scaled
+        return float(np.linalg.norm(left)) / size
+
+
+def _of_joint(
+    fit: Fit, again: Problem, i: int, joint: DrivenJoint, columns: Mapping[str, Array], known: Array
+) -> dict[str, ToldGain]:
+    """The unknown coefficients of a joint's (0-based) drive; one that effects imitate is left out, and they have it."""
+    command = joint.law.terms[0].name
+    others = [name for name in joint.unknown if name != command]
+    equation = _equation(fit, again, i, columns, known, command if command in joint.unknown else "", others)
+    alike = [name for k, name in enumerate(others) if equation.own(k) < TOLD_APART]
+    if alike:
+        others = [name for name in others if name not in alike]
+        equation = _equation(fit, again, i, columns, known, command if command in joint.unknown else "", others)
+    found = _gains(fit, i, joint, equation, others, command in joint.unknown)
+    return found | {name: ToldGain(name, 0.0, "", None, imitated=True) for name in alike}
+
+
+def _equation(
+    fit: Fit,
+    again: Problem,
+    i: int,
+    columns: Mapping[str, Array],
+    known: Array,
+    command: str,
+    others: Sequence[str],
+) -> _Equation:
+    """A joint's (0-based) equation: over the command's coefficient, unless that is known ("")."""
+    use, layout = fit.motion.moving(i), fit.problem.layout
+    (x, fixed), (x_again, fixed_again) = (p.rows(i, fit.shapes) for p in (fit.problem, again))
+    stated, values = stated_lumps(fit.model)
+    pinned, pinned_again = (values @ rows[: len(stated)] + f for rows, f in ((x, fixed), (x_again, fixed_again)))
+    free = np.append(~stated, np.ones(len(x) - len(stated), dtype=bool)) & x.any(axis=1)
+    own = np.stack([*(-columns[name] for name in others), pinned - known])
+    noise = np.stack([*(np.zeros_like(known) for _ in others), pinned_again - pinned])
+    y = columns[command] if command else known - pinned
+    lower, upper = _one_sided(layout.lower[free]), _one_sided(layout.upper[free])
+    count = len(own) if command else len(own) - 1
+    blocks = fit.motion.row_piece(i) * 10**6 + (fit.motion.row_time(i) / SCORE_BLOCK_S).astype(int)
+    return _Equation(
+        y[use],
+        np.vstack([own[:count], x[free]])[:, use],
+        np.vstack([noise[:count], (x_again - x)[free]])[:, use],
+        np.concatenate([np.zeros(count), lower]),
+        np.concatenate([np.full(count, np.inf), upper]),
+        blocks[use],
+    )
+
+
+def _one_sided(bounds: Array) -> Array:
+    """Bounds of unknowns that are divided by a positive gain: zero and infinity stay."""
+    return np.where(bounds == 0.0, 0.0, np.where(bounds > 0, np.inf, -np.inf))
+
+
+def _gains(
+    fit: Fit, i: int, joint: DrivenJoint, equation: _Equation, others: Sequence[str], scaled: bool
+) -> dict[str, ToldGain]:
+    theta, covariance = equation.solved()
+    spread, at = INTERVAL_SIGMAS * np.sqrt(np.maximum(np.diag(covariance), 0.0)), len(others)
+    type_of = fit.model.joints[i].type
+    units = {term.name: term.unit[type_of == "prismatic"] for term in joint.law.terms}
+    one = 1.0
+    sure = not scaled
+    found: dict[str, ToldGain] = {}
+    if scaled:
+        name = joint.law.terms[0].name
+        part, half = float(theta[at]), float(spread[at])
+        sure = part > 0 and half < SCALE_TOLD * part
+        one = 1 / part if sure else 1.0
+        ends = (1 / (part + half), 1 / (part - half)) if sure else None
+        found[name] = ToldGain(name, one, units[name], ends)
+    for k, name in enumerate(others):
+        half = one * float(spread[k])
+        value = one * float(theta[k])
+        ends = (max(value - half, 0.0), value + half) if sure else None
+        found[name] = ToldGain(
+            name, value, units[name] if sure else f"{units[name]} per {units[joint.law.terms[0].name]}", ends
+        )
+    return found
