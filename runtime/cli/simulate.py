@@ -13,7 +13,7 @@ from runtime.cli.inputs import check_hidden, made_from, opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
-from runtime.documents.recordings import AssumedNumber, SimulatedEffect, SimulateDocument
+from runtime.documents.recordings import AssumedNumber, SimulatedDrive, SimulatedEffect, SimulateDocument
 from runtime.simulation.options import SimulationSettings
 from symbolic.model_file.arm import MOTOR_TORQUE
 
@@ -52,6 +52,7 @@ def simulate(
     from runtime.model.terms import structure
     from runtime.recordings import recording
     from runtime.simulation import simulate as simulation
+    from runtime.simulation.commands import commanded
     from runtime.simulation.motion_file import read_motion
 
     hidden = [simulation.parse_hidden(text, loaded) for text in hide or ()]
@@ -61,6 +62,7 @@ def simulate(
     # The motors': to be read so where the model file's recordings have other torques.
     if source.arm().torque is not None:
         made = replace(made, torque=MOTOR_TORQUE)
+    made = commanded(made, loaded.joints)
     recording.write(out, made)
     known = structure(loaded)
     present = [
@@ -80,6 +82,9 @@ def simulate(
         seconds=samples * made.dt,
         seed=settings.seed,
         effects=present,
+        drives=[
+            SimulatedDrive(joint=i, law=d.law.name, command=d.law.command) for i, d in enumerate(made.driven, 1) if d
+        ],
         assumed=[AssumedNumber(**vars(number)) for number in assumed],
         provenance=provenance,
     )

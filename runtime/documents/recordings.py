@@ -192,6 +192,14 @@ class AssumedNumber(Document, frozen=True, kw_only=True):
     reason: Annotated[str, key("where it comes from")]
 
 
+class SimulatedDrive(Document, frozen=True, kw_only=True):
+    """A drive of which the command is recorded, and no torque."""
+
+    joint: JointNumber
+    law: Annotated[str, key("name of the law in the model file")]
+    command: Annotated[str, key("the column at which the drive makes the joint's torque exactly")]
+
+
 class SimulateDocument(Document, frozen=True, kw_only=True):
     """What a simulated recording holds: `tendon simulate --json`."""
 
@@ -200,6 +208,7 @@ class SimulateDocument(Document, frozen=True, kw_only=True):
     seconds: Annotated[float, key("duration", "s")]
     seed: Annotated[int, key("seed of the noise")]
     effects: Annotated[list[SimulatedEffect], key("effects of the simulated arm")]
+    drives: Annotated[list[SimulatedDrive], key("drives whose command is recorded in place of a torque")]
     assumed: Annotated[list[AssumedNumber], key("inertias that the model file leaves out")]
     provenance: Origin = UNSET
 

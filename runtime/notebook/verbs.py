@@ -110,6 +110,7 @@ def simulate(
     signals   further ones that are recorded: q_link, tau_link, temperature
     """
     from runtime.simulation import simulate as simulation  # CasADi
+    from runtime.simulation.commands import commanded
     from runtime.simulation.motion_file import read_motion
 
     hidden = [simulation.parse_hidden(text, arm.model) for text in ([hide] if isinstance(hide, str) else hide)]
@@ -118,7 +119,7 @@ def simulate(
         path = np.ascontiguousarray(path.T)
     settings = SimulationSettings(seed, seconds, repeats, noise=noise, signals=signals)
     made, _ = simulation.simulate(arm.model, hidden, settings, path)
-    return made
+    return commanded(made, arm.model.joints)
 
 
 def inspect(

@@ -129,15 +129,28 @@ def driven_joints(
     made: list[DrivenJoint | None] = []
     for number, joint in enumerate(joints, 1):
         law = LAWS.get(joint.drive.law or "") if joint.drive is not None else None
-        if law is None or joint.drive is None or f"tau{number}" in signals:
+        if law is None or f"tau{number}" in signals:
             made.append(None)
-            continue
-        own = {name: signals[key] for name in ("q", "qd", *COMMANDS) if (key := _numbered(name, number)) in signals}
-        read = _complete(law, joint.drive.gains, own, t, run)
-        supply = next((law.source(s, own, joint.drive.gains) or "" for s in law.instead if s not in own), "")
-        supply = supply if supply in own else ""
-        made.append(DrivenJoint(law, joint.drive.gains, read, supply=supply, prismatic=joint.type == "prismatic"))
+        else:
+            named = {name: _numbered(name, number) for name in ("q", "qd", *COMMANDS)}
+            own = {name: signals[key] for name, key in named.items() if key in signals}
+            made.append(driven_joint(joint, law, own, t, run))
     return tuple(made)
+
+
+def driven_joint(
+    joint: DescribedJoint, law: DriveLaw, own: Mapping[str, Array], t: Array, run: NDArray[np.int64]
+) -> DrivenJoint:
+    """A joint whose drive has a law, with its own signals (N,)."""
+    gains = joint.drive.gains if joint.drive is not None else {}
+    supply = next((law.source(s, own, gains) or "" for s in law.instead if s not in own), "")
+    return DrivenJoint(
+        law,
+        gains,
+        _complete(law, gains, own, t, run),
+        supply=supply if supply in own else "",
+        prismatic=joint.type == "prismatic",
+    )
 
 
 def driven_notes(driven: Sequence[DrivenJoint | None]) -> list[str]:
@@ -201,9 +214,9 @@ def _complete(
         if signal not in found:
             found[signal] = found[column] if column in found else np.full(len(t), gains[gain])
     if "qd" not in found:
-        found["qd"] = _rate(found["q"], t, runs)
+        found["qd"] = rate(found["q"], t, runs)
     if law.command == "q_desired" and "qd_desired" not in found:
-        found["qd_desired"] = _rate(found["q_desired"], t, runs)
+        found["qd_desired"] = rate(found["q_desired"], t, runs)
     if late := gains.get(DELAY, 0.0):
         for name in {law.command, "qd_desired"} & found.keys():
             found[name] = np.concatenate([np.interp(t[r] - late, t[r], found[name][r]) for r in runs])
@@ -214,6 +227,6 @@ def _complete(
     return found
 
 
-def _rate(x: Array, t: Array, runs: Sequence[slice]) -> Array:
-    """(N,) rate by differences within each run."""
+def rate(x: Array, t: Array, runs: Sequence[slice]) -> Array:
+    """(N,) rate of x (N,) by differences within each run."""
     return np.concatenate([np.gradient(x[r], t[r]) if r.stop - r.start > 1 else np.zeros(1) for r in runs])

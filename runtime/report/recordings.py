@@ -162,6 +162,11 @@ def simulation(document: SimulateDocument) -> list[Section]:
     if assumed:
         places = "; ".join(_at_joints(assumed))
         lines.append(f"open in the model file, simulated with moderate values (see --json): {places}")
+    for drive in document.drives:
+        lines.append(
+            f"joint {drive.joint}: no torque is recorded, but {drive.command}: the command at which its {drive.law} "
+            "drive makes the torque exactly"
+        )
     return [*texts(lines), *assumed_numbers(document.assumed)]
 
 

@@ -82,6 +82,7 @@ class DriveLaw:
     command    the signal by which it is commanded     unit   of that signal at a revolute and a prismatic joint
     reads      columns that a recording must have      also   columns that it may have
     gains      keys of [joint.drive]                   terms  the first is that of the command
+    inverse    the command at which the first column has a value, of that value and the other signals
     instead    column -> what may stand in its place: another column, then a gain
     """
 
@@ -94,6 +95,7 @@ class DriveLaw:
     also: tuple[str, ...]
     gains: tuple[Number, ...]
     terms: tuple[LawTerm, ...]
+    inverse: Callable[[Any, Signals, Gains], Any]
     instead: Mapping[str, tuple[str, str]]
 
     def source(self, signal: str, there: Collection[str], gains: Gains) -> str | None:
@@ -186,6 +188,13 @@ def _bridge(signals: Signals, gains: Gains, ramp: Ramp) -> Any:
     return acting * signals["bus_voltage"]
 
 
+def _duty(volts: Any, signals: Signals, gains: Gains) -> Any:
+    """The duty that puts a voltage on the motor."""
+    acting = volts / signals["bus_voltage"]
+    # The sign as a quotient, which arrays and expressions share.
+    return acting + gains.get("dead_duty", 0.0) * acting / (abs(acting) + (acting == 0))
+
+
 def _winding(column: Callable[[Signals, Gains, Ramp], Any]) -> tuple[LawTerm, ...]:
     """The terms of a motor on a voltage; its inductance acts faster than the band of a recording."""
     return (
@@ -205,6 +214,7 @@ _LISTED = (
         also=(),
         gains=(_MOTOR_CONSTANT, *_SHARED),
         terms=(LawTerm("torque_constant", ("N m/A", "N/A"), _gain("torque_constant"), lambda s, *_: s["current"]),),
+        inverse=lambda value, *_: value,
         instead={},
     ),
     DriveLaw(
@@ -217,6 +227,7 @@ _LISTED = (
         also=(),
         gains=(*_WINDING, *_SHARED),
         terms=_winding(lambda s, *_: s["voltage"]),
+        inverse=lambda value, *_: value,
         instead={},
     ),
     DriveLaw(
@@ -246,6 +257,7 @@ _LISTED = (
             *_SHARED,
         ),
         terms=_winding(_bridge),
+        inverse=_duty,
         instead={"bus_voltage": ("voltage", "bus_voltage")},
     ),
     DriveLaw(
@@ -267,6 +279,7 @@ _LISTED = (
             LawTerm("kd", ("N m s/rad", "N s/m"), _gain("kd"), lambda s, *_: s["qd_desired"] - s["qd"]),
             LawTerm("ki", ("N m/(rad s)", "N/(m s)"), _gain("ki", 0.0), lambda s, *_: s[INTEGRAL]),
         ),
+        inverse=lambda value, s, _: s["q"] + value,
         instead={},
     ),
 )

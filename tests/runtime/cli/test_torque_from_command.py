@@ -66,18 +66,55 @@ def test_torque_from_the_command_is_the_torque_of_the_equations(
     plain, driven = written(here / "plain.toml", DRIVE), written(here / "driven.toml", servos.model(gains, DRIVE))
     torque, command = logs[law].write(here / "torque.csv", torque=True), logs[law].write(here / "command.csv")
     for verb in ("identify", "compare"):
-        assert _near(found(tendon, verb, driven, command), found(tendon, verb, plain, torque))
+        document = found(tendon, verb, driven, command)
+        assert document["joints"][0].pop("drive")["law"] == law
+        assert _near(document, found(tendon, verb, plain, torque))
 
 
-def _near(one: Any, other: Any) -> bool:
+def _near(one: Any, other: Any, within: float = 1e-5) -> bool:
     """Whether two documents say the same, numbers but for the twelve digits of the files."""
     if isinstance(one, dict):
-        return one.keys() == other.keys() and all(_near(one[k], other[k]) for k in one)
+        return one.keys() == other.keys() and all(_near(one[k], other[k], within) for k in one)
     if isinstance(one, list):
-        return len(one) == len(other) and all(map(_near, one, other))
+        return len(one) == len(other) and all(_near(x, y, within) for x, y in zip(one, other, strict=True))
     if isinstance(one, float):
-        return bool(np.isclose(one, other, rtol=1e-5, atol=1e-9))
+        return bool(np.isclose(one, other, rtol=within, atol=1e-9))
     return bool(one == other)
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        servos.SERVO,
+        f"{servos.SERVO}ki = 40.0\ndelay = 0.004\n",
+        'law = "position_servo"\nkp = 300.0\nkd = 0.0\nki = 40.0\n',
+        f"{servos.BRIDGE}bus_voltage = 48.0\ndead_duty = 0.02\n",
+        'law = "current"\ntorque_constant = 6.0\n',
+        'law = "voltage"\ntorque_per_volt = 2.0\nback_emf = 6.0\n',
+    ],
+)
+def test_simulated_commands_make_the_torque_that_was_simulated(tendon: Run, here: Path, drive: str) -> None:
+    plain, driven = written(here / "plain.toml", DRIVE), written(here / "driven.toml", servos.model(drive, DRIVE))
+    for model, out in ((plain, "torque.csv"), (driven, "command.csv")):
+        assert tendon("simulate", model, "--out", out, "--seconds", 12, "--hide", "stribeck@1")[0] == 0
+    assert "tau" not in Path("command.csv").read_text(encoding="utf-8").partition("\n")[0]
+    with_torque = found(tendon, "compare", plain, Path("torque.csv"))
+    without = found(tendon, "compare", driven, Path("command.csv"))
+    assert without["joints"][0].pop("drive")["law"] in drive
+    # Commands before the start and after the end of a delay are not in the file.
+    assert _near(without["joints"][0], with_torque["joints"][0], 1e-2 if "delay" in drive else 1e-5)
+
+
+def test_what_a_drive_cannot_make_is_not_simulated(tendon: Run, here: Path) -> None:
+    for drive, said in (
+        (f"{servos.SERVO}saturation = 0.5\n", "the drive's saturation is 0.5"),
+        (servos.BRIDGE, "add bus_voltage to [joint.drive]"),
+    ):
+        model = written(here / "driven.toml", servos.model(drive, DRIVE))
+        status, _, err = tendon("simulate", model, "--out", "command.csv", "--seconds", 12)
+        assert status == 2
+        assert said in err
+        assert not Path("command.csv").exists()
 
 
 @pytest.mark.slow
