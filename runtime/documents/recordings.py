@@ -135,6 +135,17 @@ class TorqueEntry(Document, frozen=True, kw_only=True):
     by: Annotated[str | None, key("who says so: --map, the file, a known log, the model file; null if nobody does")]
 
 
+class DriveLawEntry(Document, frozen=True, kw_only=True):
+    """A law of a joint's drive for which a recording has the columns."""
+
+    joint: JointNumber
+    law: Annotated[str, key("torque, where it is recorded, else `law` of [joint.drive]: current, voltage, pwm ...")]
+    columns: Annotated[list[str], key("signals from which it makes the torque")]
+    needs: Annotated[
+        list[list[str]], key("keys of [joint.drive] that scale it, one list or the other; unknown gains are fitted")
+    ]
+
+
 class SuspicionEntry(Document, frozen=True, kw_only=True):
     """Something that looks wrong with the data."""
 
@@ -166,6 +177,7 @@ class InspectDocument(Document, frozen=True, kw_only=True):
     unreliable: Annotated[str, key("why the fit is not to be believed; empty if it is")]
     inertias: Annotated[list[InertiaEntry], key("fitted inertias that the model file leaves open")]
     torque: Annotated[TorqueEntry | None, key("what the torques are taken for; null where the file cannot be read")]
+    drive_laws: Annotated[list[DriveLawEntry], key("how its columns say what the torque is")]
     suspicions: Annotated[list[SuspicionEntry], key("what looks wrong")]
     cures: Annotated[list[str], key("all options that put it right")]
     provenance: Origin = UNSET

@@ -35,6 +35,7 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.identify import delay_entries, identify
 from runtime.identification.problem import configurations
+from runtime.inspection.drive_laws import allowed
 from runtime.inspection.guesses import map_options, unit_in_name
 from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
 from runtime.inspection.signals import (
@@ -295,6 +296,7 @@ class Inspection:
             torque=None
             if recording is None
             else TorqueEntry(kind=recording.torque or MOTOR_TORQUE, by=recording.torque_by or None),
+            drive_laws=[] if recording is None else allowed(recording.cells, len(recording.q)),
             suspicions=[SuspicionEntry(joint=s.joint, kind=s.kind, found=s.found, cure=s.cure) for s in self.found],
             cures=list(dict.fromkeys(option for s in self.found for option in s.maps)),
         )
@@ -317,10 +319,11 @@ def of_contents(
     """Inspects the contents of a recording, named by its path."""
     names = tuple(joint.name for joint in arm.joints) if arm else ()
     problem: str | None = None
-    # A file that cannot be used as it is may be readable with gaps split and samples dropped.
-    for gaps in (allow_gaps, True):
+    # A file that cannot be used as it is may be readable with gaps split and samples dropped, or without a torque.
+    lawless = arm and replace(arm, any_law=True)
+    for reader, gaps in ((arm, allow_gaps), (arm, True), (lawless, True)):
         try:
-            read = recording.checked(contents, path, arm, mapping, gaps, refuse)
+            read = recording.checked(contents, path, reader, mapping, gaps, refuse)
             return Inspection(path, contents, read, problem=problem, names=names)
         except RecordingError as error:
             problem = problem or str(error)
@@ -329,12 +332,18 @@ def of_contents(
 
 def with_model(inspection: Inspection, model: Model) -> Inspection:
     """The same with a fit of the model's structure."""
-    if inspection.recording is None:
+    if inspection.recording is None or _lacks_law(inspection.recording, model):
         return inspection
     try:
         return replace(inspection, fitted=identify(model, [inspection.recording]))
     except RecordingError as error:
         return replace(inspection, unfitted=str(error))
+
+
+def _lacks_law(recording: Recording, model: Model) -> bool:
+    """Whether a torque was made by a law that the model file does not name."""
+    pairs = zip(recording.driven, model.joints, strict=True)
+    return any(made is not None and (joint.drive is None or joint.drive.law is None) for made, joint in pairs)
 
 
 def _inertias(fitted: Fit) -> list[InertiaEntry]:

@@ -10,7 +10,8 @@ from math import pi
 from typing import Final, NoReturn
 
 from runtime.recordings.contents import some
-from symbolic.model_file.arm import DescribedJoint, Torque
+from runtime.wording import joints_said
+from symbolic.model_file.arm import DescribedJoint, Drive, Torque
 from symbolic.model_file.checks import quote
 from symbolic.model_file.drive_laws import COMMANDS, LAWS, DriveLaw, parted
 
@@ -169,17 +170,31 @@ class RecordedArm:
     space            whether it is spatial: six components of force and moment at the tip instead of two
     torque           what its torques are, unless the recording says something else; None: not stated
     keeps_currents   torques in A stay in A, because nothing is known of the motors
+    any_law          a joint without a torque gets the first law of a drive for which there are columns
     """
 
     joints: Sequence[DescribedJoint]
     space: bool
     torque: Torque | None = None
     keeps_currents: bool = False
+    any_law: bool = False
 
     @classmethod
     def without_model(cls, n: int) -> RecordedArm:
         """n revolute joints of which nothing else is known."""
-        return cls((DescribedJoint("revolute", None, 1.0, torque_constant=1.0),) * n, space=True, keeps_currents=True)
+        joint = DescribedJoint("revolute", None, 1.0, torque_constant=1.0)
+        return cls((joint,) * n, space=True, keeps_currents=True, any_law=True)
+
+    def with_laws(self, signals: Collection[str]) -> RecordedArm:
+        """The same; if any law will do, joints without a torque have the first one that these signals allow."""
+        if not self.any_law:
+            return self
+        found = []
+        for number, joint in enumerate(self.joints, 1):
+            drive, laws = joint.drive or Drive(), [law for law in laws_of(signals, number) if law.complete]
+            new = f"tau{number}" not in signals and drive.law is None and bool(laws)
+            found.append(replace(joint, drive=replace(drive, law=laws[0].law.name)) if new else joint)
+        return self if found == list(self.joints) else replace(self, joints=tuple(found))
 
 
 @dataclass(frozen=True)
@@ -263,6 +278,7 @@ def columns(
         bare, stated = split[index]
         cell = bare if stated or not unit else f"{bare} [{unit}]"
         found[name] = replace(_column(name, index, unit, joints=joints, fail=fail), cell=cell, unit=unit or None)
+    joints = arm.with_laws(found).joints
     needed = ["t"] + [f"{s}{i}" for s in ("q", "tau") for i in range(1, len(joints) + 1)]
     for name in needed:
         if name not in found and not _is_made(name, joints, found, fail):
@@ -412,13 +428,34 @@ def _column(name: str, index: int, unit: str | None, joints: Sequence[DescribedJ
     return Column(name, index, factor, offset)
 
 
-def laws_of(signals: Collection[str], joint: int) -> list[DriveLaw]:
-    """Laws of a drive all of whose columns are among these signals of a joint, but for those that a key may state."""
-    return [
-        law
-        for law in LAWS.values()
-        if all(numbered_signal(s).format(joint) in signals for s in law.reads if s not in law.instead)
-    ]
+@dataclass(frozen=True)
+class AllowedLaw:
+    """A law of a drive for which a recording has the columns.
+
+    columns   those that it would read     missing   gains that must stand for a column
+    """
+
+    law: DriveLaw
+    columns: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def complete(self) -> bool:
+        return not self.missing
+
+
+def laws_of(signals: Collection[str], joint: int) -> list[AllowedLaw]:
+    """Laws of a drive all of whose columns are among these signals of a joint, but for those that a gain may state."""
+    there = [signal for signal in COMMANDS if numbered_signal(signal).format(joint) in signals]
+    found, stand_ins = [], set[str]()
+    for law in LAWS.values():
+        sources = {signal: law.source(signal, there, {}) for signal in (*law.reads, *law.also)}
+        if all(sources[signal] or signal in law.instead for signal in law.reads):
+            columns = tuple(numbered_signal(source).format(joint) for source in sources.values() if source)
+            missing = tuple(law.instead[signal][1] for signal in law.reads if not sources[signal])
+            stand_ins |= {source for signal, source in sources.items() if source and source != signal}
+            found.append(AllowedLaw(law, columns, missing))
+    return [allowed for allowed in found if allowed.law.command not in stand_ins]
 
 
 def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int, read: Collection[str]) -> str:
@@ -429,8 +466,12 @@ def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int, read
     if len(header) == 1:
         return f"no column {name}; the first line is {quote(header[0])}; expected names separated by commas"
     if name.startswith("tau") and (laws := laws_of(read, int(name[3:]))):
-        law = " or ".join(f'law = "{law.name}"' for law in laws)
-        joints += f"; its columns are those of a drive: add [joint.drive] with {law} to joint {name[3:]}"
+        law = " or ".join(f'law = "{allowed.law.name}"' for allowed in laws)
+        without = [k for k in range(1, n + 1) if f"tau{k}" not in read and laws_of(read, k)]
+        return (
+            f"no column {name}{joints}; its columns are those of a drive: add [joint.drive] with {law} to "
+            f'{joints_said(without)} of the model file, or name the torque with --map {name}="Header [unit]"'
+        )
     by_name = {_split(cell)[0]: cell for cell in free}
     close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)
     example = by_name[close[0]] if close else "Header [unit]"

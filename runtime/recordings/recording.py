@@ -239,17 +239,25 @@ def checked(
     used = columns(header, understood.known, arm=arm, mapping=understood.mapping, fail=fail)
     table, apart = clocks.on_one(contents, used, allow_gaps, refuse)
     cells = {name: column.cell for name, column in used.items()}
+    arm, named = arm.with_laws(used), arm
     made = _recording(path, table, cells, arm=arm, allow_gaps=allow_gaps, refuse=refuse)
     units = {name: column.unit for name, column in used.items() if column.unit}
     in_ampere = {name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current"}
     currents = frozenset(in_ampere if arm.keeps_currents else ())
-    notes = (*contents.notes, *understood.notes, *map(str, apart), *driven_notes(made.driven))
+    notes = (
+        *contents.notes,
+        *understood.notes,
+        *map(str, apart),
+        *(driven_notes(made.driven) if arm is named else _NO_TORQUE),
+    )
     made = replace(made, units=units, currents=currents, clocks=apart, notes=notes)
     log = understood.log
     said = (stated, "--map"), (contents.torque, "the file"), (log and log.torque, log and log.name)
     torque, by = next(((what, who) for what, who in (*said, (arm.torque, "the model file")) if what), (None, ""))
     return replace(made, torque=_torque(torque, by or "", refuse), torque_by=by or "")
 
+
+_NO_TORQUE = ("no torque is recorded, and no law of a drive is stated",)
 
 TORQUE = "torque"
 """The entry of `--map` that says what a recording's torques are."""

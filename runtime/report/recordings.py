@@ -12,12 +12,14 @@ from runtime.documents.recordings import (
     AssumedNumber,
     ClockEntry,
     DeterminedParameter,
+    DriveLawEntry,
     ExperimentDocument,
     InspectDocument,
     MovedJoint,
     SimulateDocument,
     TrialDiagnosis,
 )
+from runtime.inspection.drive_laws import RECORDED
 from runtime.model.terms import Term
 from runtime.report.fits import delays
 from runtime.report.sections import Bullets, Group, Paragraph, Section, table, texts
@@ -86,6 +88,7 @@ def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:
         lines.append(f"{shift.signal} is {quantity(abs(shift.value), 's', 3)} {how} than its position")
     if document.torque and document.torque.by:
         lines.append(f"Torques: {_TORQUES[document.torque.kind]}, by {document.torque.by}")
+    lines += drive_laws(document.drive_laws)
     if document.repeats:
         seconds = document.repeats.seconds
         lines.append(f"Repeated motion: {quantity(seconds, 's', 3)}" if seconds else "No motion is repeated")
@@ -96,6 +99,22 @@ def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:
         *texts(lines),
         *(delays(document.delay) if estimated else []),
     ]
+
+
+def drive_laws(laws: Sequence[DriveLawEntry]) -> list[str]:
+    """How the torque may come about, a line for joints alike; nothing where only the torque is recorded."""
+    if all(entry.law == RECORDED for entry in laws):
+        return []
+    own: dict[int, list[str]] = {}
+    for entry in laws:
+        columns = ", ".join(re.sub(r"\d+", "", column) for column in entry.columns)
+        needs = f" from {columns} (needs {' or '.join(' and '.join(keys) for keys in entry.needs)})"
+        own.setdefault(entry.joint, []).append("torque as recorded" if entry.law == RECORDED else f"{entry.law}{needs}")
+    alike: dict[str, list[int]] = {}
+    for joint, said in own.items():
+        alike.setdefault("; ".join(said), []).append(joint)
+    lines = [f"Drive laws for {joints_said(joints)}: {said}" for said, joints in alike.items()]
+    return [*lines, "Gains that [joint.drive] of the model file leaves out are fitted."]
 
 
 def _fit(document: InspectDocument) -> list[str]:
