@@ -52,6 +52,7 @@ ELSEWHERE = {
     "regression/system.py: Block": "where squares overflow",
     "experiments/pieces.py": "motions, written down as numbers: what is chosen among them is in the settings",
     "experiments/first.py": "likewise",
+    "experiments/motion_files.py": "formats of other programs: sizes, codes and numbers of fields",
     "experiments/scene.py: SCENE": "keys of a file, declared with where their values begin",
     "experiments/selection.py: WIDER": "factors that stand in words beside themselves",
     "identification/compare.py: _BINS": "bins of a curve that is shown over a signal",

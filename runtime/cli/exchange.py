@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,9 +15,13 @@ from runtime.cli.inputs import opened
 from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
+from runtime.experiments.options import MotionOptions
 from runtime.setting import Checked, Setting
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import effects_described
+
+if TYPE_CHECKING:
+    from symbolic.model_file.exchange.exporting import Language
 
 app = typer.Typer()
 
@@ -85,32 +89,58 @@ def import_arm(
 
 
 class Format(StrEnum):
-    """File formats of simulators."""
+    """File formats of simulators, and of motions."""
 
     URDF = "urdf"
     MJCF = "mjcf"
+    CSV = "csv"
+    JOINT_TRAJECTORY = "joint_trajectory"
+    URSCRIPT = "urscript"
+    LEROBOT = "lerobot"
 
 
-@app.command("export", epilog="Example: tendon export ur10.toml --to urdf --out ur10_identified.urdf")
+_OF_ARMS: dict[Format, Language] = {Format.URDF: "urdf", Format.MJCF: "mjcf"}
+
+
+@app.command("export", epilog="Example: tendon export ur10.toml motion.csv --to urscript --out motion.script")
+@with_settings
 def export_arm(
     model: ModelFile,
     to: Annotated[Format, typer.Option(help="File format.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write."), WRITTEN],
+    motion: Annotated[
+        Path | None,
+        typer.Argument(metavar="[MOTION]", help="A CSV of t,q1,...: write it for another program, not the arm."),
+        READ,
+    ] = None,
     onto: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="URDF of the arm: write a copy of it with the numbers of the model."),
         READ,
     ] = None,
+    options: MotionOptions = MotionOptions(),
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """With physically possible bodies and the effects that the format can state."""
-    from runtime.report import models, terminal
-    from runtime.workspace.exporting import export
+    """Write an arm as URDF or MJCF, with physically possible bodies and the
+    effects that the format can state; or a motion for other programs."""
+    from runtime.report import models, motions, terminal
+    from runtime.workspace.exporting import export, export_motion
 
     if onto is not None and to is not Format.URDF:
         raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
+    if (motion is None) != (to in _OF_ARMS):
+        wanted = "a MOTION after MODEL" if motion is None else "no MOTION"
+        raise UsageError(f"--to {to.value}: expected {wanted}; {', '.join(_OF_ARMS)} are formats of arms")
     source = opened(model, effects)
+    if motion is not None:
+        with terminal.working("deriving and compiling the model"):
+            loaded = source.compiled.model()
+        written = export_motion(loaded, motion, to.value, out, options)
+        emit(json, written, terminal.printer(motions.exported_motion))
+        return
+    if options != MotionOptions():
+        raise UsageError("--rate, --speed, --unit, --lookahead and --gain are for motions: pass one after MODEL")
     with terminal.working("looking for physically possible bodies"):
-        document = export(source.compiled, to.value, out, onto)
+        document = export(source.compiled, _OF_ARMS[to], out, onto)
     emit(json, document, terminal.printer(models.exported))

@@ -59,3 +59,18 @@ class FirstMotionDocument(Document, frozen=True, kw_only=True):
     unchecked: Annotated[list[str], key("what nothing keeps the arm from, a sentence each")]
     out: Annotated[str | None, key("file of the motion; null if none was written")]
     held_out: Annotated[str | None, key("file of another motion, for validation; null if none was asked for")]
+
+
+class ExportedMotionDocument(Document, frozen=True, kw_only=True):
+    """A motion written for other programs: `tendon export MODEL MOTION --json`."""
+
+    out: Annotated[str, key("path of the file")]
+    to: Annotated[str, key("its format")]
+    joints: Annotated[list[str], key("names of the joints")]
+    unit: Annotated[str, key("unit of the positions")]
+    points: Annotated[int, key("number of points", "1")]
+    rate: Annotated[float, key("points a second", "Hz")]
+    seconds: Annotated[float, key("length", "s")]
+    speed: Annotated[float, key("pace; 1: that of the motion's file", "1")]
+    start: Annotated[list[float], key("pose at its beginning", "rad (m)")]
+    unchecked: Annotated[list[str], key("what nothing keeps the arm from, sentences")]

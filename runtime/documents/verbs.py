@@ -13,7 +13,7 @@ import msgspec
 
 from runtime import files
 from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
-from runtime.documents.experiments import FirstMotionDocument
+from runtime.documents.experiments import ExportedMotionDocument, FirstMotionDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import (
@@ -62,11 +62,12 @@ BY_VERB: dict[str, type[Document]] = {
 OR_ELSE: dict[str, tuple[type[Document], ...]] = {
     "effects": (EffectDocument,),
     "experiment": (FirstMotionDocument,),
+    "export": (ExportedMotionDocument,),
     "init": (InitControllerDocument, InitScenarioDocument),
     "optimize": (InfeasibleDocument,),
 }
-"""A verb's other documents: of one effect by its name, without rivals, with --controller or --scenario, and where there
-is no plan."""
+"""A verb's other documents: of one effect by its name, without rivals, of a motion, with --controller or --scenario,
+and where there is no plan."""
 KEYS = Path(__file__).parent / "KEYS.md"
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import comb
+from math import ceil, comb
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from runtime.experiments.pieces import Envelope
 from runtime.model.loader import JointInfo, Model
 from runtime.model.terms import check_complete, structure
 from runtime.planning.scenario import is_spring
+from runtime.planning.settings import LEAST_POSITION_EXCESS
 from runtime.planning.trajectory import Phase, Trajectory, TrajectoryError, read
 from runtime.simulation.motion_file import MotionFile, is_motion, read_motion_file
 from runtime.wording import number
@@ -51,6 +52,8 @@ _SHORTEST = 0.016
 """s; shortest phase by the file's time."""
 _CLOSE = {"revolute": 2e-5, "prismatic": 1e-5}
 """rad, m; largest distance between polynomials and samples: a fraction of a geared joint's tracking error."""
+_ROUNDING = 1e-6
+"""Part of a step by which a motion may be longer than a whole number of steps."""
 _CLOSE_ACCELERATION = 0.02
 """Largest difference in acceleration, part of the joint's largest: it is fed forward."""
 
@@ -79,6 +82,7 @@ class PlayedMotion:
         rest."""
         self._check_sampling()
         for i, joint in enumerate(self.model.joints):
+            self._check_range(i, joint)
             self._check_steps(i, joint)
             self._check_ends(i, joint)
 
@@ -106,6 +110,18 @@ class PlayedMotion:
                     f"neighbours put it, at {1 / np.median(steps):.4g} Hz; expected at most {most:g}: sample the "
                     "motion faster, or smooth it"
                 )
+
+    def _check_range(self, i: int, joint: JointInfo) -> None:
+        if joint.position_limits is None:
+            return
+        low, high = joint.position_limits
+        beyond = np.maximum(low - self.file.q[i], self.file.q[i] - high)
+        k = int(np.argmax(beyond))
+        if beyond[k] > LEAST_POSITION_EXCESS * max(abs(low), abs(high)):
+            raise TrajectoryError(
+                f"{self._line(k)}: q{i + 1} is {self.file.q[i, k]:.4g} {joint.position_unit}, outside the joint's "
+                f"range of {low:.4g} to {high:.4g}"
+            )
 
     def _check_steps(self, i: int, joint: JointInfo) -> None:
         """Speed and acceleration from sample to sample, by differences."""
@@ -143,6 +159,17 @@ class PlayedMotion:
                     f"{self._line(k)}: the motion {what} while q{i + 1} moves at {self.speed * speed:.3g} "
                     f"{joint.position_unit}/s; expected it to begin and end at rest"
                 )
+
+    def sampled(self, rate: float) -> tuple[Array, Array, Array, Array]:
+        """Times (N,) from 0 on, positions, speeds and accelerations (n, N) at a rate, Hz; the motion ends
+        with or within the last step."""
+        seconds = self.file.seconds / self.speed
+        t = np.arange(ceil(seconds * rate - _ROUNDING) + 1) / rate
+        within = np.minimum(self.speed * t, self.file.seconds)
+        q, qd, qdd = (np.ascontiguousarray(self.file.spline(within, nu=k).T) * self.speed**k for k in range(3))
+        # Rests are exact: ROS 2's controllers refuse a motion that does not end at rest.
+        qd[:, [0, -1]] = qdd[:, [0, -1]] = 0.0
+        return t, q, qd, qdd
 
     def document(self, trajectory: Trajectory) -> PlayedEntry:
         """Of the motion as `trajectory` follows it."""

@@ -217,3 +217,15 @@ OPEN_END: Final = 10.0
 
 BISECTIONS: Final = 30
 """number of halvings; of a segment, to the point nearest to a box: a billionth of its length; by construction."""
+
+# motions for other programs -----------------------------------------------------------------------------------------
+
+AT_START: Final = 0.01
+"""rad, m; within which every joint stands where a URScript's motion starts; below what a joint moves in a period of
+servoj at full speed; a choice."""
+
+STOPPING: Final = 2.0
+"""rad/s, m/s; per second, of the stop at a URScript's end; the default of stopj."""
+
+NORMALISED: Final = 100.0
+"""parts of a hundred; LeRobot's positions of a motor go from minus this to this over its range; its documentation."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from msgspec import UnsetType
 
+from runtime.documents.experiments import ExportedMotionDocument
 from runtime.documents.parts import given
 from runtime.documents.plans import (
     BoardEntry,
@@ -211,6 +212,19 @@ def execution(document: ExecuteDocument) -> list[Section]:
 def unchecked(sentences: Sequence[str]) -> list[Section]:
     """What nothing keeps the arm from."""
     return [Paragraph("NOT CHECKED:"), Bullets(tuple(sentences))] if sentences else []
+
+
+def exported_motion(document: ExportedMotionDocument) -> list[Section]:
+    """What was written, where it starts, and what nothing keeps the arm from."""
+    start = ", ".join(number(x) for x in document.start)
+    return [
+        *unchecked(document.unchecked),
+        Paragraph(
+            f"{document.out}: {document.points} points at {quantity(document.rate, 'Hz')}, "
+            f"{quantity(document.seconds, 's')}, positions in {document.unit}, of {', '.join(document.joints)}"
+        ),
+        Paragraph(f"It begins at ({start}): bring the arm there first, and play it slowly first (--speed)."),
+    ]
 
 
 def execution_headline(document: ExecuteDocument) -> str:

@@ -1,4 +1,4 @@
-"""An arm written for simulators."""
+"""An arm written for simulators, and a motion for other programs."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime import files
+from runtime.documents.experiments import ExportedMotionDocument
 from runtime.documents.models import ExportDocument, ExportedJointEntry
 from runtime.workspace.source import CompiledArm
 
 if TYPE_CHECKING:
+    from runtime.experiments.options import MotionOptions
+    from runtime.model.loader import Model
     from symbolic.model_file.exchange.exporting import ExportedArm, Language
 
 
@@ -55,6 +58,34 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
         joints=joints,
         unsaid=list(made.unsaid),
         kept=kept,
+    )
+
+
+def export_motion(model: Model, motion: Path, to: str, out: Path, options: MotionOptions) -> ExportedMotionDocument:
+    """Write a motion's file for another program, checked as `tendon execute` checks it; what was written.
+
+    Raises SimulationError, TrajectoryError, ExperimentError, OSError.
+    """
+    from runtime.execution.motions import read_played
+    from runtime.experiments.motion_files import FORMATS, SampledMotion, joint_names, unit_of
+
+    played = read_played(motion, model, options.speed)
+    rate = options.rate_of(to, *(() if model.controller is None else (model.controller["rate"],)))
+    t, q, qd, qdd = played.sampled(rate)
+    notes = [*played.file.comments, f"played at {options.speed:g} of its pace"]
+    made = SampledMotion(model, joint_names(model), t, q, qd, qdd, notes)
+    files.replace(out, FORMATS[to].made(made, options, out))
+    return ExportedMotionDocument(
+        out=str(out),
+        to=to,
+        joints=list(made.names),
+        unit=unit_of(to, options),
+        points=len(t),
+        rate=rate,
+        seconds=float(t[-1]),
+        speed=options.speed,
+        start=q[:, 0].tolist(),
+        unchecked=played.unchecked,
     )
 
 
