@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from symbolic import drive_function
 from symbolic.functions import Author, Coordinates, Struct, SymbolicFunction
 from symbolic.model_file.arm import Arm, Joint
 from symbolic.rigid_body import dynamics, kinematics
@@ -64,6 +65,7 @@ def _in_the_plane(arm: Arm) -> ArmModel:
         *dynamics.functions(author, layout.scaled, symbols, frame=layout.frame, rotors=rotors),
         *kinematics.functions(author, arm, layout.metric, layout.frame),
         *(contact_functions(author, layout.metric) if has_contact_phase(layout.metric) else ()),
+        *drive_function.functions(author, arm),
     ]
     return _model(arm, lumps, layout.fields, functions)
 
@@ -85,6 +87,7 @@ def _in_space(arm: Arm) -> ArmModel:
         *composites.functions(author, chain, bodies, rotors=rotors, own=own),
         spatial_dynamics.forward_dynamics(author, chain, bodies, rotors),
         *spatial_kinematics.functions(author, arm, chain),
+        *drive_function.functions(author, arm),
     ]
     return _model(arm, lumps, angles, functions)
 

@@ -18,6 +18,7 @@ symbolic.effects
 symbolic.grammar
 symbolic.model_file
 symbolic.rigid_body
+symbolic.drive_function
 symbolic.model
 symbolic.controller_law
 

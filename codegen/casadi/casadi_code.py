@@ -33,8 +33,11 @@ _CALLS = {
     "sgn": "ca.sign",
     "pow": "_power",
     "rise": "_rise",
+    "ramp": "ca.fmax",
 }
 """Names that begin with _ are defined in the template."""
+_FURTHER = {"ramp": ("0",)}
+"""Arguments of a call that the operation does not have."""
 
 
 def _pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
@@ -44,7 +47,7 @@ def _pair(sine: str | None, cosine: str | None, angle: str) -> list[str]:
 
 CASADI = Language(
     literal=float64,
-    call=lambda op, arguments: f"{_CALLS[op]}({', '.join(arguments)})",
+    call=lambda op, arguments: f"{_CALLS[op]}({', '.join([*arguments, *_FURTHER.get(op, ())])})",
     pair=_pair,
     assign=lambda name, text: f"{name} = {text}",
     reserved=frozenset(keyword.kwlist) | {"ca"},

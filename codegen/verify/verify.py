@@ -138,11 +138,15 @@ Run = Callable[[reference.Values], list[float]]
 
 @dataclass(frozen=True)
 class Subject:
-    """A function, its implementation on each target, and its random arguments."""
+    """A function, its implementation on each target, and its random arguments.
+
+    branches   all targets switch exactly, as an arm's functions do; else those that have widths for it do it smoothly
+    """
 
     function: SymbolicFunction
     targets: Mapping[str, Run]
     draw: Callable[[random.Random], reference.Values]
+    branches: bool = False
 
     @functools.cached_property
     def rules(self) -> dict[Lowering, tuple[Reference, Tape]]:
@@ -186,7 +190,9 @@ def compare(subject: Subject, points: Sequence[reference.Values]) -> tuple[list[
     """The worst sample of each target, and the first two points as test vectors."""
     function = subject.function
     names = [f"{o.name}[{i}]" if o.shape else o.name for o in function.outputs for i in range(len(o.expressions))]
-    lowerings = {name: TARGETS[name].lowering for name in subject.targets}
+    lowerings: dict[str, Lowering] = {
+        name: "exact" if subject.branches else TARGETS[name].lowering for name in subject.targets
+    }
     rules = subject.rules
     truth = {
         rule: [(rules[rule][0](v), rules[rule][1].magnitude(v)) for v in points] for rule in set(lowerings.values())
@@ -275,7 +281,7 @@ def arm_subjects(model: ArmModel) -> list[Subject]:
     def subject(function: SymbolicFunction) -> Subject:
         targets = {_TARGET[s]: _arm_call(compiled[s], s, arm.name, function) for s in _REAL}
         targets["CasADi"] = _casadi_call(getattr(module, function.name)(), function, widths=False)
-        return Subject(function, targets, lambda rng: reference.arm_values(rng, arm, function, others))
+        return Subject(function, targets, lambda rng: reference.arm_values(rng, arm, function, others), branches=True)
 
     return [subject(function) for function in model.functions]
 

@@ -16,7 +16,7 @@ from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL
 from symbolic.model import derive
 from symbolic.model_file import reader
-from symbolic.model_file.arm import Arm
+from symbolic.model_file.arm import Arm, Drive
 from tests.variants import slow
 
 # Points of a subject a draw; with the draws below some 60 points a function.
@@ -99,6 +99,30 @@ def test_compensation(controller_subjects: list[verify.Subject], rng: random.Ran
 def test_any_mixture_of_joints(mixed_subjects: list[verify.Subject], rng: random.Random) -> None:
     for subject in mixed_subjects:
         hold(subject, rng)
+
+
+DRIVES = (
+    Drive(law="pwm", gains={"torque_per_volt": 2.0, "back_emf": 0.3, "dead_duty": 0.1, "saturation": 0.8}),
+    Drive(law="position_servo", gains={"kp": 20.0, "kd": 1.5, "ki": 4.0}),
+)
+
+
+@pytest.fixture(scope="module")
+def driven_subject() -> verify.Subject:
+    arm = MIXED["rp"]
+    driven = [replace(joint, drive=drive) for joint, drive in zip(arm.joints, DRIVES, strict=True)]
+    subjects = verify.arm_subjects(derive(replace(arm, joints=tuple(driven))))
+    return next(subject for subject in subjects if subject.function.name == "drive_torque")
+
+
+@given(rng=RANDOM)
+@QUIET
+def test_laws_of_drives(driven_subject: verify.Subject, rng: random.Random) -> None:
+    """Within a dead zone, beyond it, and at a limit."""
+    assert [a.name for a in driven_subject.function.inputs] == [
+        *("q", "qd", "q_desired", "qd_desired", "duty", "bus_voltage", "error_integral")
+    ]
+    hold(driven_subject, rng)
 
 
 def test_a_wrong_target_is_found(paper_subjects: list[verify.Subject]) -> None:

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import servos
 
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.driven import ToldGain
 from runtime.recordings.recording import Recording, RecordingError, read, write
+from runtime.workspace.source import Source
 from symbolic.model_file.arm import DescribedJoint, Drive
+from tests.conftest import ARMS
 
 T = np.arange(300) / 100
 Q = np.sin(1.3 * T)
@@ -62,6 +65,19 @@ def test_the_supply_beside_a_duty_may_be_called_voltage(tmp_path: Path) -> None:
     found = recorded(tmp_path, arm("pwm", torque_per_volt=0.1), duty1=duty, voltage1=supply)
     assert found.tau[0] == pytest.approx(0.1 * duty * supply, abs=1e-9)
     assert "the column voltage is taken for the supply's voltage" in found.notes[0]
+
+
+def test_the_generated_function_makes_the_same_torque(tmp_path: Path) -> None:
+    text = servos.model(
+        f"{servos.BRIDGE}dead_duty = 0.1\nsaturation = 20.0\n", (ARMS / "drive.toml").read_text("utf-8")
+    )
+    (tmp_path / "arm.toml").write_text(text, encoding="utf-8")
+    source = Source.read(tmp_path / "arm.toml", None)
+    duty, supply, rate = np.sin(3 * T), 24.0 + np.cos(T), np.cos(T)
+    found = recorded(tmp_path, source.recorded_arm(), qd1=rate, duty1=duty, bus_voltage1=supply)
+    read = {"q": Q[None], "qd": rate[None], "duty": duty[None], "bus_voltage": supply[None]}
+    assert np.abs(found.tau).max() == 20.0
+    assert source.compiled.model().call("drive_torque", read) == pytest.approx(found.tau, abs=1e-9)
 
 
 def test_a_voltage_drives_a_motor_with_back_emf(tmp_path: Path) -> None:
