@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,13 +16,12 @@ from runtime.cli.output import NO, emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.documents.experiments import FirstMotionDocument
 from runtime.documents.recordings import ExperimentDocument
-from runtime.experiments.options import GIVEN_BUDGET, ExperimentSettings, FirstMotionSettings
+from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
-    from runtime.experiments.first_proposal import ArmToMove, AtHand
-    from runtime.simulation.simulate import Hidden
+    from runtime.workspace.moving import Bounds
 
 Tell = Callable[[str], None]
 app = typer.Typer()
@@ -105,14 +103,16 @@ def experiment(
 
     if between and (given or held_out):
         raise UsageError("--given and --held-out are for motions without --between")
-    asked = _Asked(start, joints, ranges, floor, boxes, scene, shapes)
     with terminal.working("looking for a motion") as say:
+        from runtime.workspace.moving import Bounds
+
+        bounds = Bounds(start, joints, ranges, floor, boxes, scene, shapes)
         said: ExperimentDocument | FirstMotionDocument
         if between:
-            said = _separating(opened(model, effects), between, out, asked, chosen, settings, say)
+            said = _separating(opened(model, effects), between, out, bounds, chosen, settings, say)
         else:
-            source, at_hand = _at_hand(TypedInputs(model, given or [], effects=effects, maps=maps), say)
-            said = _telling(source, at_hand, (out, held_out), asked, chosen, settings, say)
+            typed = TypedInputs(model, given or [], effects=effects, maps=maps)
+            said = _telling(typed, (out, held_out), bounds, chosen, settings, say)
     from runtime.report import recordings
 
     if isinstance(said, FirstMotionDocument):
@@ -123,113 +123,51 @@ def experiment(
         raise typer.Exit(NO)
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """What a motion keeps to, as it was typed."""
-
-    start: str | None
-    joints: str | None
-    ranges: list[str]
-    floor: float | None
-    boxes: list[str]
-    scene: Path | None
-    shapes: Path | None
-
-    def arm(self, source: Source, rivals: Sequence[Hidden] = (), at_hand: AtHand | None = None) -> ArmToMove:
-        """The arm in its surroundings."""
-        from runtime.experiments import asking
-        from runtime.experiments.clearance import Clearance
-        from runtime.experiments.first_proposal import ArmToMove
-        from runtime.experiments.scene import Scene
-
-        model, (likely, assumed) = source.compiled.model(), source.compiled.with_likely_numbers()
-        scene = Scene.of(self.floor, self.boxes, self.scene)
-        room = Clearance.of(likely.arm, scene)
-        unchecked, shapes = room.unchecked, None
-        if self.shapes is not None:
-            from runtime.experiments.solids import MeshClearance
-            from symbolic.model_file.exchange.shapes import collision_shapes
-
-            shapes = MeshClearance.of(likely.arm, scene, *collision_shapes(self.shapes, likely.arm))
-            unchecked = (*unchecked, *shapes.lacking, *shapes.unchecked)
-        return ArmToMove(
-            model,
-            likely.model(),
-            likely.arm,
-            assumed,
-            room,
-            tuple(dict.fromkeys(unchecked)),
-            start=None if self.start is None else asking.parse_pose(self.start),
-            moving=None if self.joints is None else asking.parse_joints(self.joints, model, rivals),
-            ranges=asking.parse_ranges(self.ranges, model),
-            shapes=shapes,
-            given=at_hand,
-        )
-
-
 def _separating(
     source: Source,
     between: Sequence[str],
     out: Path | None,
-    asked: _Asked,
+    bounds: Bounds,
     chosen: FirstMotionSettings,
     settings: ExperimentSettings,
     say: Tell,
 ) -> ExperimentDocument:
     """The motion that separates rivals."""
     from runtime.experiments import asking, design
-    from runtime.experiments.first_proposal import ReadyArm
     from runtime.report import recordings
+    from runtime.workspace.moving import separating
 
     text = ",".join(between)
     check_hidden(source, "--between", asking.rival_texts(text))
     rivals = asking.parse_rivals(text, source.compiled.model())
-    to_move = asked.arm(source, rivals)
-    ready = ReadyArm.of(to_move, settings, chosen)
-    proposal = design.propose(
-        to_move.model, rivals, settings, say, ready.moving, ready.ranges, to_move.likely, ready.limits.is_free
-    )
+    to_move = bounds.arm(source, rivals)
+    proposal = separating(to_move, rivals, settings, chosen, say)
     written = out if proposal.separated else None
     if written:
         design.write_motion(written, to_move.model, proposal.motion, notes=recordings.not_checked(to_move.unchecked))
     return proposal.document().as_part_of(ExperimentDocument, out=str(written) if written else None)
 
 
-def _at_hand(typed: TypedInputs, say: Tell) -> tuple[Source, AtHand | None]:
-    """The model file with what the recordings at hand tell, and what they leave open; as it is without any."""
-    if not typed.recordings:
-        return opened(typed.model, typed.effects), None
-    from runtime.diagnosis.credibility import judged
-    from runtime.diagnosis.stages import diagnose
-    from runtime.experiments.first_proposal import AtHand
-    from runtime.report import diagnosed
-    from runtime.simulation.simulate import Hidden
-
-    source, data, loaded = typed.read()
-    say("fitting and diagnosing the recordings at hand")
-    found = diagnose(loaded, data, budget=GIVEN_BUDGET)
-    fit = found.found.steps[0].fit
-    fitted = source.with_text(source.edits.set(diagnosed.judged(judged(fit, data))).text)
-    open_one = next((finding for finding in found.findings if finding.rivals), None)
-    rivals = () if open_one is None else (open_one.term, *open_one.rivals)
-    return fitted, AtHand(fit, data, tuple(Hidden(term, {}) for term in rivals))
-
-
 def _telling(
-    source: Source,
-    at_hand: AtHand | None,
+    typed: TypedInputs,
     files: tuple[Path | None, Path | None],
-    asked: _Asked,
+    bounds: Bounds,
     chosen: FirstMotionSettings,
     settings: ExperimentSettings,
     say: Tell,
 ) -> FirstMotionDocument:
-    """The motion that tells most of what is unknown."""
+    """The motion that tells most of what is unknown, beyond recordings at hand."""
     from runtime.experiments.design import write_motion
     from runtime.experiments.first_proposal import propose_first
     from runtime.report import recordings
+    from runtime.workspace.moving import told_by
 
-    to_move = asked.arm(source, at_hand=at_hand)
+    source, at_hand = opened(typed.model, typed.effects), None
+    if typed.recordings:
+        source, data, _ = typed.read()
+        say("fitting and diagnosing the recordings at hand")
+        source, at_hand = told_by(source, data)
+    to_move = bounds.arm(source, at_hand=at_hand)
     found = propose_first(to_move, settings, chosen, check=files[1] is not None, tell=say)
     for path, motion in zip(files, (found.first, found.check), strict=True):
         if path is not None and motion is not None:

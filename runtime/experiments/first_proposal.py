@@ -194,8 +194,9 @@ def _between_rivals(
     given = to_move.given
     if given is None or not given.rivals:
         return []
-    names = " from ".join(str(rival.term) for rival in given.rivals)
-    say(f"looking for what tells {names}")
+    *before, last = (str(rival.term) for rival in given.rivals)
+    part = f"what tells {', '.join(before)} and {last} apart"
+    say(f"looking for {part}")
     found = propose(
         to_move.model,
         given.rivals,
@@ -206,7 +207,7 @@ def _between_rivals(
         likely=to_move.likely,
         free=ready.limits.is_free,
     )
-    return [(f"what tells {names}", found.motion)] if found.separated else []
+    return [(part, found.motion)] if found.separated else []
 
 
 def _start(model: Model, to_move: ArmToMove) -> Array:

@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
 from msgspec import UNSET, UnsetType
-from numpy.typing import NDArray
 
 from runtime.documents.parts import given
 from runtime.documents.plans import ExecuteDocument, OptimizeDocument, PredictionEntry
-from runtime.documents.recordings import ExperimentDocument
 from runtime.execution import targets
 from runtime.execution.execute import Execution
 from runtime.execution.motions import read_either, slower
 from runtime.execution.options import ExecutionSettings
-from runtime.experiments import asking, design
-from runtime.experiments.options import ExperimentSettings
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.notebook.figures import ResultFigures
-from runtime.notebook.results import MadeResult, VerbResult
+from runtime.notebook.results import MadeResult, VerbResult, several
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.optimize import Plan
 from runtime.planning.results import document as plan_document
 from runtime.planning.settings import PlanningSettings
 from runtime.recordings.recording import Recording
-from runtime.report import motions, recordings, terminal
+from runtime.report import motions, terminal
 from runtime.report.page import page_figures
 from runtime.report.page.motion_pages import execution_page, plan_page
 from runtime.report.plots import motion_plots
 from runtime.simulation.simulate import parse_hidden
-from runtime.wording import sentence
 from runtime.workspace.names import scenario_path
 from runtime.workspace.source import scenario_source
 
@@ -73,39 +67,6 @@ class PlanResult(VerbResult[OptimizeDocument]):
     def save(self, path: PathOrText) -> None:
         """Write the trajectory, for `tendon execute`. Raises OSError."""
         self.plan.trajectory.write(Path(path))
-
-
-@dataclass(frozen=True, repr=False)
-class ExperimentResult(MadeResult[ExperimentDocument]):
-    """A motion that separates effects, or why there is none."""
-
-    proposal: design.Proposal
-    arm: LoadedArm
-
-    _sections = staticmethod(recordings.experiment)
-
-    @staticmethod
-    def _in_short(document: ExperimentDocument) -> list[str]:
-        return [sentence(document.reason)]
-
-    @property
-    def separated(self) -> bool:
-        """Whether the diagnosis tells the effects apart on this motion, in simulation."""
-        return self.made.separated
-
-    @property
-    def reason(self) -> str:
-        """The answer in one sentence."""
-        return self.made.reason
-
-    @property
-    def motion(self) -> NDArray[np.float64]:
-        """(N, n) positions at 1 kHz, rad or m, for your arm or for `simulate(motion=...)`."""
-        return self.proposal.motion.T
-
-    def save(self, path: PathOrText) -> None:
-        """Write the motion as CSV. Raises OSError."""
-        design.write_motion(Path(path), self.arm.model, self.proposal.motion)
 
 
 @dataclass(frozen=True, repr=False)
@@ -178,31 +139,6 @@ def optimize(
     return PlanResult(plan, arm.with_text(source.edits.mount(plan.trajectory).text), without)
 
 
-def experiment(
-    arm: LoadedArm,
-    between: str | Sequence[str],
-    seed: int = ExperimentSettings.seed,
-    noise: float = ExperimentSettings.noise,
-    joints: int | str | Sequence[int | str] | None = None,
-    ranges: Mapping[int | str, tuple[float, float]] | None = None,
-) -> ExperimentResult:
-    """Design a motion that separates rival effects, within the joints' limits; `result.save` writes it.
-
-    between   "linear_spring@1", "gravity", …, with values if you like; a single one is separated from the model
-    noise     part of the ordinary excitation's torque
-    joints    that move, by number (from 1) or name; None: all
-    ranges    narrower ranges of joints, rad or m: {2: (-1.0, 0.5)} or {"elbow": (-1.0, 0.5)}
-    """
-    rivals = asking.parse_rivals(",".join(_several(between)), arm.model)
-    moving = None if joints is None else asking.parse_joints(",".join(map(str, _several(joints))), arm.model, rivals)
-    narrower = [f"{joint}={low}:{high}" for joint, (low, high) in (ranges or {}).items()]
-    settings = ExperimentSettings(seed, noise)
-    proposal = design.propose(
-        arm.model, rivals, settings, moving=moving, ranges=asking.parse_ranges(narrower, arm.model)
-    )
-    return ExperimentResult(proposal.document().as_part_of(ExperimentDocument, out=None), proposal, arm)
-
-
 def execute(
     arm: LoadedArm,
     plan: PlanResult | PathOrText,
@@ -254,16 +190,11 @@ def execute(
         arm.source.compiled.controller(targets.build_of(on), roomy=targets.is_roomy(on)),
         trajectory,
         settings,
-        hidden=[parse_hidden(text, model) for text in _several(hide)],
-        changed=[parse_hidden(text, model, "--set") for text in _several(change)],
+        hidden=[parse_hidden(text, model) for text in several(hide)],
+        changed=[parse_hidden(text, model, "--set") for text in several(change)],
         moves=move,
         played=played,
         ready=lambda predicted: terminal.show(motions.prediction(predicted)),
     )
     done, document = order.run(on)
     return ExecutionResult(document, done)
-
-
-def _several(asked: Any) -> list[Any]:
-    """One number or text, or several of them, as a list."""
-    return [asked] if isinstance(asked, int | str) else list(asked)

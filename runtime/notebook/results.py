@@ -292,3 +292,8 @@ class InspectionResult(VerbResult[InspectDocument]):
     def __repr__(self) -> str:
         head = repr(self.recording) if self.recording else f"{self.document.file}: {self.document.format}"
         return "\n".join([head, *recordings.wrong(self.document)])
+
+
+def several(asked: Any) -> list[Any]:
+    """One number or text, or several of them, as a list."""
+    return [asked] if isinstance(asked, int | str) else list(asked)

@@ -102,7 +102,8 @@ def simulate(
     noise: float = SimulationSettings.noise,
     signals: str = SimulationSettings.signals,
 ) -> Recording:
-    """A recording of the model itself, at 1 kHz, to try a diagnosis on.
+    """A recording of the model itself, at 1 kHz, to try a diagnosis on; inertias that its file leaves out are likely
+    ones.
 
     hide      effects that the model file does not have: "stribeck@1" or "stribeck@1:torque=0.6,speed=0.15"
     seconds   length of the motion, in `repeats` equal parts; or `motion`, positions (N, n) or (n, N) at 1 kHz or a CSV
@@ -113,13 +114,14 @@ def simulate(
     from runtime.simulation.commands import commanded
     from runtime.simulation.motion_file import read_motion
 
-    hidden = [simulation.parse_hidden(text, arm.model) for text in ([hide] if isinstance(hide, str) else hide)]
-    path = read_motion(Path(motion), arm.model.n) if isinstance(motion, str | PathLike) else motion
+    model = arm.source.compiled.with_likely_numbers()[0].model()
+    hidden = [simulation.parse_hidden(text, model) for text in ([hide] if isinstance(hide, str) else hide)]
+    path = read_motion(Path(motion), model.n) if isinstance(motion, str | PathLike) else motion
     if path is not None and path.shape[-1:] == (arm.n,):
         path = np.ascontiguousarray(path.T)
     settings = SimulationSettings(seed, seconds, repeats, noise=noise, signals=signals)
-    made, _ = simulation.simulate(arm.model, hidden, settings, path)
-    return commanded(made, arm.model.joints)
+    made, _ = simulation.simulate(model, hidden, settings, path)
+    return commanded(made, model.joints)
 
 
 def inspect(

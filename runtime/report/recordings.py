@@ -269,7 +269,7 @@ def _at_hand(document: FirstMotionDocument) -> list[Section]:
     if document.before is None:
         return []
     open_ones = [_name(rival) for rival in document.rivals or []]
-    lines = told(document.before) + ([f"Not told apart: {' and '.join(open_ones)}"] if open_ones else [])
+    lines = told(document.before) + ([f"Not told apart: {', '.join(open_ones)}"] if open_ones else [])
     return [Group("The recordings at hand tell", (Bullets(tuple(lines)),))]
 
 

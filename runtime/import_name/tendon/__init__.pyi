@@ -1,7 +1,7 @@
 """The public names, for type checkers and for __init__.py, which imports each when it is first used."""
 
 from codegen.toolchain.build import BuildError as BuildError
-from runtime.experiments.design import ExperimentError as ExperimentError
+from runtime.experiments.asking import ExperimentError as ExperimentError
 from runtime.hardware.link import LinkError as LinkError
 from runtime.hardware.link import LinkLost as LinkLost
 from runtime.hardware.settings import ControllerError as ControllerError
@@ -9,6 +9,9 @@ from runtime.model.catalogue import LoaderError as LoaderError
 from runtime.notebook.arm import LoadedArm as LoadedArm
 from runtime.notebook.arm import load as load
 from runtime.notebook.arm import recording as recording
+from runtime.notebook.designed import ExperimentResult as ExperimentResult
+from runtime.notebook.designed import FirstMotionResult as FirstMotionResult
+from runtime.notebook.designed import experiment as experiment
 from runtime.notebook.exchanged import ExportResult as ExportResult
 from runtime.notebook.exchanged import export as export
 from runtime.notebook.exchanged import import_ as import_
@@ -22,10 +25,8 @@ from runtime.notebook.generated import firmware as firmware
 from runtime.notebook.generated import generate as generate
 from runtime.notebook.generated import verify as verify
 from runtime.notebook.planned import ExecutionResult as ExecutionResult
-from runtime.notebook.planned import ExperimentResult as ExperimentResult
 from runtime.notebook.planned import PlanResult as PlanResult
 from runtime.notebook.planned import execute as execute
-from runtime.notebook.planned import experiment as experiment
 from runtime.notebook.planned import optimize as optimize
 from runtime.notebook.results import ComparisonResult as ComparisonResult
 from runtime.notebook.results import DiagnosisResult as DiagnosisResult

@@ -286,10 +286,10 @@ def test_what_is_known_is_not_sought_again() -> None:
 def test_rivals_that_a_recording_leaves_open_are_told_apart(tmp_path: Path) -> None:
     """A weak spring and a weak pull of gravity are one over a small range; over a larger one they are not."""
     run, told = tmp_path / "run.csv.gz", tmp_path / "told.json"
-    motion = tmp_path / "motion.csv"
-    small = ["--time-limit", "4", "--seconds", "40", "--range", "q1=-0.25:0.25"]
-    assert output.run(app, ["experiment", "drive", *small, "--out", str(motion)]) == 0
-    hidden = ["--hide", "linear_spring@1:stiffness=3,rest=0.4"]
+    motion, t = tmp_path / "motion.csv", np.arange(0.0, 40.0, 0.001)
+    q = 0.12 * np.sin(2 * np.pi * 0.3 * t) + 0.05 * np.sin(2 * np.pi * 1.1 * t) + 0.02 * np.sin(2 * np.pi * 2.3 * t)
+    np.savetxt(motion, np.column_stack([t, q]), fmt="%.9f", delimiter=",", header="t,q1", comments="")
+    hidden = ["--hide", "linear_spring@1:stiffness=1.5,rest=0"]
     assert output.run(app, ["simulate", "drive", *hidden, "--motion", str(motion), "--out", str(run)]) == 0
     asked = ["--given", str(run), "--seconds", "60", "--json", str(told)]
     assert output.run(app, ["experiment", "drive", *asked]) == 0

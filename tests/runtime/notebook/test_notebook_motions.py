@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 from runtime.notebook.arm import load, recording
+from runtime.notebook.designed import FirstMotionResult, experiment
 from runtime.notebook.generated import generate
-from runtime.notebook.planned import PlanResult, execute, experiment, optimize
+from runtime.notebook.planned import PlanResult, execute, optimize
 from runtime.notebook.verbs import inspect, simulate
 
 Run = Callable[..., tuple[int, str, str]]
@@ -106,3 +107,20 @@ def test_generated_code_is_that_of_the_command_line(
     assert result.operations["inverse_dynamics"]["arithmetic"] == 1
     with pytest.raises(ValueError, match=r"effects: the library of effects is written there"):
         generate(arm, "effects")
+
+
+def test_the_first_and_the_next_motion_of_an_arm(tmp_path: Path) -> None:
+    """What is not checked is in what is printed and in the file; a recording along it needs no further motion."""
+    arm = load("drive")
+    first = experiment(arm, seconds=30.0, speed=0.8, start=[0.1])
+    assert isinstance(first, FirstMotionResult)
+    assert "NOT CHECKED" in repr(first)
+    assert {p.told for p in first.parameters} == {"well"}
+    assert first.motion[0, 0] == pytest.approx(0.1)
+    first.save(tmp_path / "motion.csv", tmp_path / "check.csv")
+    assert (tmp_path / "motion.csv").read_text().startswith("# NOT CHECKED")
+    run = simulate(arm, motion=tmp_path / "motion.csv")
+    following = experiment(arm, given=run, seconds=30.0)
+    assert isinstance(following, FirstMotionResult)
+    assert following.document.rivals == []
+    assert {p.told for p in following.document.before or []} == {"well"}
