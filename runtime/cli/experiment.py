@@ -21,7 +21,7 @@ from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
-    from runtime.workspace.moving import Bounds
+    from runtime.workspace.moving import MotionBounds
 
 Tell = Callable[[str], None]
 app = typer.Typer()
@@ -104,9 +104,9 @@ def experiment(
     if between and (given or held_out):
         raise UsageError("--given and --held-out are for motions without --between")
     with terminal.working("looking for a motion") as say:
-        from runtime.workspace.moving import Bounds
+        from runtime.workspace.moving import MotionBounds
 
-        bounds = Bounds(start, joints, ranges, floor, boxes, scene, shapes)
+        bounds = MotionBounds(start, joints, ranges, floor, boxes, scene, shapes)
         said: ExperimentDocument | FirstMotionDocument
         if between:
             said = _separating(opened(model, effects), between, out, bounds, chosen, settings, say)
@@ -127,7 +127,7 @@ def _separating(
     source: Source,
     between: Sequence[str],
     out: Path | None,
-    bounds: Bounds,
+    bounds: MotionBounds,
     chosen: FirstMotionSettings,
     settings: ExperimentSettings,
     say: Tell,
@@ -151,7 +151,7 @@ def _separating(
 def _telling(
     typed: TypedInputs,
     files: tuple[Path | None, Path | None],
-    bounds: Bounds,
+    bounds: MotionBounds,
     chosen: FirstMotionSettings,
     settings: ExperimentSettings,
     say: Tell,

@@ -19,7 +19,7 @@ from runtime.notebook.results import MadeResult, several
 from runtime.recordings.recording import Recording
 from runtime.report import recordings
 from runtime.wording import quantity, sentence
-from runtime.workspace.moving import Bounds, separating, told_by
+from runtime.workspace.moving import MotionBounds, separating, told_by
 
 
 @dataclass(frozen=True, repr=False)
@@ -130,7 +130,7 @@ def experiment(
     Raises ValueError where nothing is safe.
     """
     settings, chosen = ExperimentSettings(seed, noise), FirstMotionSettings(seconds, speed, tip_speed)
-    bounds = Bounds(
+    bounds = MotionBounds(
         start=None if start is None else ",".join(repr(float(x)) for x in np.ravel(np.asarray(start))),
         joints=None if joints is None else ",".join(map(str, several(joints))),
         ranges=[f"{joint}={low}:{high}" for joint, (low, high) in (ranges or {}).items()],

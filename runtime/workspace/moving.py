@@ -23,7 +23,7 @@ from symbolic.model_file.exchange.shapes import collision_shapes
 
 
 @dataclass(frozen=True)
-class Bounds:
+class MotionBounds:
     """What a motion keeps to, as it is typed. start: Q1,Q2,...; joints: numbers or names; ranges: JOINT=LOW:HIGH."""
 
     start: str | None = None
