@@ -49,13 +49,14 @@ def identify(
     provenance = typed.provenance("identify", source)
     from runtime.diagnosis.credibility import judged
     from runtime.identification.identify import identify as fit
+    from runtime.recordings.recording import drives_of
 
     with terminal.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
         document = diagnosed.judged(found)
     written = []
     if write and found.verdict == "fitted":
-        gains = {i: joint.to_write for i, joint in enumerate(data[0].driven, 1) if joint is not None}
+        gains = {i: joint.to_write for i, joint in enumerate(drives_of(data), 1) if joint is not None}
         source.edits.set(document).set_drive_gains(gains).write()
         written = [*_written(document), *(f"{name}@{i}" for i, own in gains.items() for name in own)]
     origin = replace(document.skew, given=skew is not None)

@@ -69,12 +69,13 @@ class TypedInputs:
             return data
         from runtime.identification.drive_gains import with_gains
         from runtime.recordings.driven import told_notes
+        from runtime.recordings.recording import drives_of
         from runtime.report.terminal import working
 
         with working("identifying the drives"):
             found = with_gains(model, data, len(self.recordings))
-        for note in told_notes(found[0].driven):
-            print(f"{found[0].path}: {note}", file=sys.stderr)
+        for note in told_notes(drives_of(found[: len(self.recordings)])):
+            print(f"{self.model}: {note}", file=sys.stderr)
         return found
 
     def check_side(self, source: Source, data: Sequence[Recording]) -> None:

@@ -29,7 +29,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.motion.motion import with_torques_of
 from runtime.recordings.driven import DrivenJoint, ToldGain
-from runtime.recordings.recording import Recording, RecordingError
+from runtime.recordings.recording import Recording, RecordingError, drives_of
 from runtime.regression.bounded import bounded, inverse
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def _told(fit: Fit, recordings: Sequence[Recording]) -> dict[int, dict[str, Told
     known = _in_band(fit, recordings, lambda joint, row: row if joint is None else joint.known)
     again = Problem(fit.model, fit.motion.perturbed, fit.problem.layout.terms, fit.problem.regressors.prediction)
     found = {}
-    for i, joint in enumerate(fit.motion.driven):
+    for i, joint in enumerate(drives_of(recordings)):
         if joint is not None and joint.unknown:
             columns = {term.name: rows[k][i] for k, term in enumerate(joint.law.terms)}
             found[i] = _of_joint(fit, again, i, joint, columns, known[i])
@@ -92,11 +92,16 @@ def _rows(fit: Fit, recordings: Sequence[Recording], k: int) -> list[Array]:
 def _in_band(fit: Fit, recordings: Sequence[Recording], made: Made) -> list[Array]:
     """(M,) of every joint: what is made of its torque (N,), taken as the fit takes torques."""
     torques = [
-        r.with_torques(np.array([made(joint, row) for joint, row in zip(r.driven, r.tau, strict=True)]))
+        r.with_torques(np.array([made(joint, row) for joint, row in zip(_drives(r), r.tau, strict=True)]))
         for r in recordings
     ]
     motion = with_torques_of(fit.motion, torques, fit.model)
     return [motion.torque(i, fit.skew) for i in range(motion.n)]
+
+
+def _drives(recording: Recording) -> Sequence[DrivenJoint | None]:
+    """Of every joint, None where its torque was recorded."""
+    return recording.driven or (None,) * len(recording.q)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from runtime.documents.recordings import (
 )
 from runtime.fit_warnings import Suspicion, doubts, suspicions
 from runtime.identification.compare import JointSeries, series
+from runtime.identification.drive_gains import with_gains
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.identify import delay_entries, identify
@@ -335,7 +336,8 @@ def with_model(inspection: Inspection, model: Model) -> Inspection:
     if inspection.recording is None or _lacks_law(inspection.recording, model):
         return inspection
     try:
-        return replace(inspection, fitted=identify(model, [inspection.recording]))
+        made = with_gains(model, [inspection.recording], 1)
+        return replace(inspection, recording=made[0], fitted=identify(model, made))
     except RecordingError as error:
         return replace(inspection, unfitted=str(error))
 

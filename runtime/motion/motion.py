@@ -19,7 +19,7 @@ from runtime.motion.rests import dry_friction
 from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
 from runtime.recordings.contents import unpowered
 from runtime.recordings.driven import DrivenJoint
-from runtime.recordings.recording import Recording, RecordingError
+from runtime.recordings.recording import Recording, RecordingError, drives_of
 from symbolic.model_file.arm import MOTOR_TORQUE
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class Motion:
     standstill  (n,) rates below which a joint is at rest, infinite for one that is held
     quiet       (n,) torque noise in the band over dry friction
     left_out    a joint, (M,) further rows that do not count; empty where all do
-    driven      of each joint whose torque the law of its drive makes, in the first recording; empty: all are recorded
+    driven      as `drives_of` its recordings
     cells       field of each signal in the first recording, as `--map` takes it; units: those that were stated
     """
 
@@ -285,7 +285,7 @@ def prepare(recordings: Sequence[Recording], band: Band, model: Model) -> Motion
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
     first = recordings[0]
     motion = Motion(band, views, np.zeros(n), quiet=np.zeros(n), cells=first.cells, units=first.units)
-    motion = replace(motion, driven=first.driven).resting(_standstill(motion, recordings), np.zeros(n))
+    motion = replace(motion, driven=drives_of(recordings)).resting(_standstill(motion, recordings), np.zeros(n))
     if not any(motion.moving(i).any() for i in range(n)):
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     friction = np.maximum(_dry_friction(motion, model), 1e-300)

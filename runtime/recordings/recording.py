@@ -170,6 +170,8 @@ class Recording:
 
     def with_gains(self, told: Mapping[int, Mapping[str, ToldGain]]) -> Recording:
         """With identified coefficients of drives, by joint (0-based), and the torques that they make."""
+        if not any(self.driven):
+            return self
         driven = [joint and joint.with_told(told.get(i, {})) for i, joint in enumerate(self.driven)]
         tau = [row if joint is None else joint.torque for row, joint in zip(self.tau, driven, strict=True)]
         return replace(self.with_torques(np.array(tau)), driven=tuple(driven))
@@ -198,6 +200,12 @@ class Recording:
         cells = ("".join(f"<td>{cell}</td>" for cell in row) for row in rows)
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         return f"<p><b>{escape(repr(self))}</b></p><table><tr>{'</tr><tr>'.join(cells)}</tr></table>{notes}"
+
+
+def drives_of(recordings: Sequence[Recording]) -> tuple[DrivenJoint | None, ...]:
+    """Of each joint the drive that makes its torque in the first recording without one; None: all have one."""
+    rows = [r.driven or (None,) * len(r.q) for r in recordings]
+    return tuple(next((drive for drive in joint if drive is not None), None) for joint in zip(*rows, strict=True))
 
 
 def read(

@@ -82,6 +82,7 @@ def improvement(document: ImprovementDocument) -> list[Section]:
         *texts(sensors(document)),
         *fits.delays(document.delay),
         fits.parameters(after, before, around.names),
+        *texts(fits.drives(document.joints)),
         *texts([*balance(document), f"What is left: {document.verdict.upper()}: {document.reason}", ""]),
         *findings.closest(document, around),
         *texts(peaks(document)),

@@ -236,7 +236,9 @@ def _errors(summary: ResultSummary, drawings: dict[str, Markup]) -> Group:
             if len(summary.joint_order) > 1
             else inside
         )
-    return Group("Error against the noise floor", (about, fits.residuals(_entries(summary.last)), *blocks), "error")
+    entries = _entries(summary.last)
+    made = (about, fits.residuals(entries), *texts(fits.drives(entries)), *blocks)
+    return Group("Error against the noise floor", made, "error")
 
 
 def _error_of(summary: ResultSummary, joint: int, drawings: dict[str, Markup]) -> list[Section]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,28 @@ def test_without_any_scale_ratios_alone_are_told_and_nothing_is_written(
     assert status == 2
     assert "nothing is written" in err
     assert len(Path("arm.toml").read_text(encoding="utf-8")) == before
+
+
+@pytest.mark.usefixtures("here")
+def test_a_recording_with_a_torque_gives_the_scale_of_one_without(
+    tendon: Run, logs: dict[str, servos.ServoLog]
+) -> None:
+    Path("arm.toml").write_text(servos.model(SERVO, NOTHING_KNOWN), encoding="utf-8")
+    with_torque = servos.servo("stribeck", 2).write(Path("torque.csv"), torque=True)
+    command = logs["servo"].write(Path("run.csv"))
+    for order in ((command, with_torque), (with_torque, command)):
+        status, _, err = tendon("compare", "arm.toml", *order)
+        assert status == 0
+        (value,) = re.findall(r"identified kp = ([\d.]+) N m/rad", err)
+        assert float(value) == pytest.approx(servos.KP, rel=0.03)
+
+
+@pytest.mark.usefixtures("here")
+def test_inspect_fits_with_the_gains_that_it_finds(tendon: Run, logs: dict[str, servos.ServoLog]) -> None:
+    Path("arm.toml").write_text(servos.model(SERVO, DRIVE), encoding="utf-8")
+    status, out, _ = tendon("inspect", logs["servo"].write(Path("run.csv")), "arm.toml")
+    assert status == 0
+    assert "unreliable" not in out
 
 
 @pytest.mark.usefixtures("here")
