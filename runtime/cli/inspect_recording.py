@@ -20,7 +20,9 @@ app = typer.Typer()
 @app.command("inspect", epilog="Example: tendon inspect run1.mcap arm.toml")
 def inspect(
     recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING", help="CSV, MCAP, ROS 2 bag, MATLAB, HDF5, Parquet or NumPy."), READ
+        Path,
+        typer.Argument(metavar="RECORDING", help="CSV, MCAP, ROS 2 bag, MATLAB, HDF5, Parquet, LeRobot, NumPy or BAM."),
+        READ,
     ],
     model: Annotated[
         Path | None,

@@ -37,8 +37,9 @@ Recordings = Annotated[
     list[Path],
     typer.Argument(
         metavar="RECORDING...",
-        help="CSV (plain or gzip), MCAP, ROS 2 bag, MATLAB, HDF5, Parquet or NumPy. Columns: t, q1, tau1, ... and, "
-        "where measured, temperature1, q1_link, tau1_link, tau1_rigid, fx, fy.",
+        help="CSV (plain or gzip), MCAP, ROS 2 bag, MATLAB, HDF5, Parquet, LeRobot, NumPy or BAM. Columns: t, q1, "
+        "tau1 (or q1_desired, duty1, voltage1, current1 by the law of the drive), ... and, where measured, "
+        "temperature1, q1_link, tau1_link, tau1_rigid, fx, fy.",
     ),
     READ,
 ]

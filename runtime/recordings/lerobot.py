@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,8 @@ _FEATURES = (
 """Names of features -> the signal of all joints."""
 _ENDINGS = {"pos": "", "vel": "qd", "torque": "tau", "effort": "tau", "current": "current", "load": "duty"}
 """Endings of a motor's name within a feature -> its signal, if it is not that of the feature."""
+_POSES = re.compile(r"(?:delta_|ee_|eef_)?(?:x|y|z|roll|pitch|yaw|r[xyz]|q[xyzw])")
+"""Names of the parts of a tool's pose, which are no joints."""
 _STEP_OF_LOAD = "0.1 %"
 """Unit of a servo's register of the load, which LeRobot records as it is."""
 
@@ -78,8 +80,11 @@ class LeRobotContents:
             found.append(f"{_STATE} is read in degrees: it leaves ±{NORMALISED:g}, and the data set names no unit")
         if left := [e.field.name for e in self._entries if "gripper" in e.motor.lower()]:
             found.append(f"gripper left out: {', '.join(left)}")
+        known = {e.field.name.partition("[")[0] for e in self._entries if e.signal}
+        if "action" in self.info and "action" not in known:
+            found.append(f"action is left out: its names are not those of the joints in {_STATE}")
         if self.skipped:
-            found.append(f"{self.skipped} episodes with fewer than {MIN_SEGMENT} frames left out")
+            found.append(f"episodes left out, with fewer than {MIN_SEGMENT} frames: {self.skipped}")
         return tuple(found)
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
@@ -99,11 +104,11 @@ class LeRobotContents:
             self._entry(variable, k, field)
             for (variable, k, _), field in zip(self.files[0].columns, self.files[0].fields, strict=True)
         ]
+        motors = {e.motor for e in found if e.signal == "q"}
+        found = [e if not e.motor or e.motor in motors else replace(e, signal=None) for e in found]
         usual = self._usual_unit([k for k, e in enumerate(found) if e.signal == "q"])
         units = {"q": usual, "q_desired": usual, "qd": "deg/s" if usual == "deg" else "", "duty": _STEP_OF_LOAD}
-        return [
-            _Entry(e.field, e.signal, e.motor, e.unit or units.get(e.signal or "", "")) if e.motor else e for e in found
-        ]
+        return [replace(e, unit=e.unit or units.get(e.signal or "", "")) if e.motor else e for e in found]
 
     def _entry(self, variable: Variable, k: int, field: RecordedField) -> _Entry:
         if variable.name == "episode_index":
@@ -118,7 +123,7 @@ class LeRobotContents:
         signal, grips = _ENDINGS[ending] or whole, "gripper" in motor.lower()
         place = f".{name}" if grips else f"[{k}]"
         field = RecordedField(variable.name + place, field.clock, field.place)
-        if whole is None or grips or (whole == "q_desired" and signal != whole):
+        if whole is None or grips or _POSES.fullmatch(motor) or (whole == "q_desired" and signal != whole):
             signal = None
         return _Entry(field, signal, motor, self._stated(variable.name, k))
 

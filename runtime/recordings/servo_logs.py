@@ -46,6 +46,7 @@ _REGISTERS = {
 }
 _OF_DYNAMIXEL = frozenset(("present_pwm", "present_input_voltage"))
 _OF_FEETECH = frozenset(("present_speed", "present_load", "present_voltage"))
+_NUMBER = re.compile(r"(?:dxl_|servo_|motor_)?id")
 _TIME = re.compile(r"(?:time|times|timestamp|elapsed|elapsed_time|t)(?:_(s|sec|seconds|ms|us|ns))?")
 
 
@@ -73,6 +74,7 @@ def translated(contents: Contents, fail: Fail) -> tuple[tuple[str, ...], str] | 
     bare = [f for f in found if stated_unit(contents.fields[f.index].name) is None]
     if not positions or len({contents.fields[f.index].clock for f in found}) > 1:
         return None
+    _refuse_rows_of_servos(contents, fail)
     names = {f.register for f in found}
     feetech = not names & _OF_DYNAMIXEL and bool(names & _OF_FEETECH)
     if bare and not _are_steps(contents, bare, feetech, fail):
@@ -123,6 +125,17 @@ def _register(index: int, name: str) -> _Found | None:
         return None
     number = re.search(r"\d{1,3}", words.replace(register, "", 1))
     return _Found(index, register, int(number[0]) if number else None)
+
+
+def _refuse_rows_of_servos(contents: Contents, fail: Fail) -> None:
+    """Refuses a log with a row for each servo, which it names in a column of its own."""
+    index = next((k for k, f in enumerate(contents.fields) if _NUMBER.fullmatch(_words(f.name))), None)
+    if index is None:
+        return
+    servos = np.unique(contents.load({"servo": index}).signals["servo"])
+    if len(servos) > 1:
+        example = f"Present Position {servos[0]:g},Present Position {servos[1]:g}"
+        fail(f"has the samples of {len(servos)} servos in rows of their own; write a column for each: {example}")
 
 
 def _are_steps(contents: Contents, found: Sequence[_Found], feetech: bool, fail: Fail) -> bool:

@@ -131,7 +131,7 @@ def test_short_episodes_of_a_folder_are_left_out(tmp_path: Path) -> None:
     written(tmp_path, "episode_000001.parquet", table([1], [10], **few))
     r = read(tmp_path, None)
     assert r.q.shape == (2, FRAMES)
-    assert "1 episodes with fewer than 50 frames left out" in r.notes
+    assert "episodes left out, with fewer than 50 frames: 1" in r.notes
 
 
 def test_positions_that_may_be_normalised_are_refused_with_what_to_give(tmp_path: Path) -> None:
@@ -183,6 +183,14 @@ def test_signals_within_one_feature(tmp_path: Path) -> None:
     assert np.allclose(np.vstack([r.q, r.tau]), state.T[[0, 2]], atol=1e-6)
     assert r.qd is not None
     assert np.allclose(r.qd[0], state.T[1], atol=1e-6)
+
+
+def test_steps_of_a_tool_are_no_commands_of_joints(tmp_path: Path) -> None:
+    features = described("observation.state", "observation.effort")
+    features["action"] = {"dtype": "float32", "shape": [3], "names": ["delta_x", "delta_y", "gripper"]}
+    r = read(written(tmp_path, "episode_000000.parquet", table([0], **state_and_action()), features), None)
+    assert r.q_desired is None
+    assert "action is left out: its names are not those of the joints in observation.state" in r.notes
 
 
 @settings(deadline=None, max_examples=20)

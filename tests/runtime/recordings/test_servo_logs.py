@@ -116,6 +116,14 @@ def test_numbers_without_their_sign(tmp_path: Path) -> None:
     assert "write what is over 1023 as 1024 - value" in said(log(tmp_path / "b.csv", columns))
 
 
+def test_a_row_for_each_servo(tmp_path: Path) -> None:
+    columns = {"t": T // 20 / 100, "ID": 1 + T // 10 % 2, "Present Position": POSITION, "Present Current": LOAD}
+    expected = (
+        "has the samples of 2 servos in rows of their own; write a column for each: Present Position 1,Present Pos"
+    )
+    assert expected in said(log(tmp_path / "a.csv", columns))
+
+
 def test_what_a_script_has_converted_is_not_taken_for_steps(tmp_path: Path) -> None:
     columns = {"t": T / 1000, "Present Position": POSITION / 1000, "Present Current": LOAD}
     assert "no column q1" in said(log(tmp_path / "a.csv", columns))
