@@ -41,7 +41,7 @@ from runtime.recordings.contents import (
 from runtime.recordings.contents import RecordingError as RecordingError
 from runtime.recordings.driven import DrivenJoint, ToldGain, driven_joints, driven_notes
 from runtime.recordings.text import check_file
-from symbolic.model_file.arm import TORQUES, Torque
+from symbolic.model_file.arm import LINK_TORQUE, MOTOR_TORQUE, TORQUES, WEIGHTLESS, Torque
 from symbolic.model_file.checks import nearest, quote
 from symbolic.model_file.drive_laws import COMMANDS
 
@@ -262,6 +262,9 @@ def checked(
     log = understood.log
     said = (stated, "--map"), (contents.torque, "the file"), (log and log.torque, log and log.name)
     torque, by = next(((what, who) for what, who in (*said, (arm.torque, "the model file")) if what), (None, ""))
+    if all(made.driven) and torque in (LINK_TORQUE, WEIGHTLESS):
+        # What a drive makes has rotors, friction and gravity, whatever other recordings of the arm hold.
+        torque, by = MOTOR_TORQUE, "the law of the drive"
     return replace(made, torque=_torque(torque, by or "", refuse), torque_by=by or "")
 
 

@@ -181,10 +181,13 @@ def simulation(document: SimulateDocument) -> list[Section]:
     if assumed:
         places = "; ".join(_at_joints(assumed))
         lines.append(f"open in the model file, simulated with moderate values (see --json): {places}")
+    commands: dict[tuple[str, str], list[int]] = {}
     for drive in document.drives:
+        commands.setdefault((drive.law, drive.command), []).append(drive.joint)
+    for (law, command), joints in commands.items():
         lines.append(
-            f"joint {drive.joint}: no torque is recorded, but {drive.command}: the command at which its {drive.law} "
-            "drive makes the torque exactly"
+            f"{joints_said(joints)}: no torque is recorded, but {command}: the command at which its {law} drive makes "
+            "the torque exactly"
         )
     return [*texts(lines), *assumed_numbers(document.assumed)]
 

@@ -139,3 +139,24 @@ def test_the_hidden_effect_is_named_first_whatever_of_the_drive_is_unknown(
     document, _ = identified(tendon, law, text, logs["bridge" if law == BRIDGE else "servo"], verb="diagnose")
     assert document["verdict"] == "effect"
     assert document["findings"][0]["effect"] == "stribeck"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("here")
+def test_stated_masses_tell_the_gains_of_every_joint(tendon: Run) -> None:
+    """Of an arm whose joints share inertias, although one of them has an effect that the model lacks."""
+    head, *joints = (ARMS / "vishard4.toml").read_text(encoding="utf-8").split("[[joint]]")
+    truth = [(200.0 + 50 * k, 10.0 + 3 * k) for k in range(len(joints))]
+    for name, gains in (
+        ("known.toml", [f"kp = {kp}\nkd = {kd}\n" for kp, kd in truth]),
+        ("open.toml", [""] * len(joints)),
+    ):
+        each = [servos.model(SERVO + gain, joint) for gain, joint in zip(gains, joints, strict=True)]
+        Path(name).write_text("[[joint]]".join([head, *each]), encoding="utf-8")
+    assert tendon("simulate", "known.toml", "--out", "run.csv", "--hide", "stribeck@2")[0] == 0
+    status, out, _ = tendon("compare", "open.toml", "run.csv", "--json", "-")
+    assert status == 0
+    for joint, (kp, kd) in zip(json.loads(out)["joints"], truth, strict=True):
+        gains = joint["drive"]["gains"]
+        assert gains["kp"]["value"] == pytest.approx(kp, rel=0.03)
+        assert gains["kd"]["value"] == pytest.approx(kd, rel=0.05)

@@ -92,6 +92,13 @@ def test_a_recorded_torque_is_used_as_it_is(tmp_path: Path) -> None:
     assert found.driven == (None,)
 
 
+def test_what_a_drive_makes_is_the_torque_of_the_motor(tmp_path: Path) -> None:
+    """Whatever the torque sensor of the arm measures in other recordings."""
+    sensed = replace(arm("current", torque_constant=2.0), torque="link")
+    assert recorded(tmp_path, sensed, current1=WANTED).torque == "motor"
+    assert recorded(tmp_path, sensed, current1=WANTED, tau1=np.cos(T)).torque == "link"
+
+
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     whole = arm("pwm", torque_per_volt=0.1)
     found = recorded(tmp_path, whole, duty1=np.sin(3 * T), bus_voltage1=7.0 + 0 * T)
