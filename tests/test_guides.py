@@ -71,6 +71,9 @@ SLOW = (
     "improve tilted.toml",
     "diagnose my_arm.toml",
     "tendon experiment",
+    "run1.csv arm.toml",  # of which it makes the motion
+    "improve arm.toml",
+    "check.csv",
     "motion.csv",
     "--draft",
     "guess.py",

@@ -199,7 +199,9 @@ class MotorAngle:
     def span(self) -> tuple[float, float]:
         """Lowest order with enough periods in the motion, and the highest that is in the band while it is slow."""
         # It is in the band on a tenth of the rows: enough for its order and its amplitude.
-        slow = float(np.quantile(self.speed, 0.1)) if len(self.speed) else 0.0
+        # Rows of exact rest, which only prescribed motions have, are in no band.
+        turning = self.speed[self.speed > 0.0]
+        slow = float(np.quantile(turning, 0.1)) if len(turning) else 0.0
         return LEAST_PERIODS * self.period, 2 * np.pi * self.cutoff / max(slow, 1e-300)
 
     def spread(self) -> Array:
