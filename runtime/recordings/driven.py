@@ -87,8 +87,9 @@ class DrivenJoint:
         if COMMANDS[self.law.command].kind == "position":
             return gain
         command = self.signals[self.law.command]
+        without = self.law.columns({**self.signals, self.law.command: 0 * command}, self.gains, _ramp)[0]
         power = float(command @ command)
-        return gain * float(self.columns[name] @ command) / power if power else gain
+        return gain * float((self.columns[name] - without) @ command) / power if power else gain
 
     @property
     def without_scale(self) -> str:

@@ -175,10 +175,10 @@ def _per_volt(gains: Gains) -> float | None:
     return None if constant is None or resistance is None else constant / resistance
 
 
-def _of_back_emf(gains: Gains) -> float | None:
-    """Of minus the rate; what is not stated is a part of viscous friction."""
-    constant, per_volt = gains.get("back_emf", gains.get("torque_constant")), _per_volt(gains)
-    return 0.0 if constant is None or per_volt is None else per_volt * constant
+def _back_emf(signals: Signals, gains: Gains) -> Any:
+    """The voltage that the motion induces; where its gain is unknown, its torque is a part of viscous friction."""
+    constant = gains.get("back_emf", gains.get("torque_constant"))
+    return constant * signals["qd"] if constant else 0
 
 
 def _bridge(signals: Signals, gains: Gains, ramp: Ramp) -> Any:
@@ -189,17 +189,16 @@ def _bridge(signals: Signals, gains: Gains, ramp: Ramp) -> Any:
 
 
 def _duty(volts: Any, signals: Signals, gains: Gains) -> Any:
-    """The duty that puts a voltage on the motor."""
-    acting = volts / signals["bus_voltage"]
+    """The duty at which a voltage is left for the winding."""
+    acting = (volts + _back_emf(signals, gains)) / signals["bus_voltage"]
     # The sign as a quotient, which arrays and expressions share.
     return acting + gains.get("dead_duty", 0.0) * acting / (abs(acting) + (acting == 0))
 
 
-def _winding(column: Callable[[Signals, Gains, Ramp], Any]) -> tuple[LawTerm, ...]:
-    """The terms of a motor on a voltage; its inductance acts faster than the band of a recording."""
+def _winding(volts: Callable[[Signals, Gains, Ramp], Any]) -> tuple[LawTerm, ...]:
+    """The term of a motor on a voltage; its inductance acts faster than the band of a recording."""
     return (
-        LawTerm("torque_per_volt", ("N m/V", "N/V"), _per_volt, column),
-        LawTerm("back-EMF", ("N m s/rad", "N s/m"), _of_back_emf, lambda s, *_: -s["qd"]),
+        LawTerm("torque_per_volt", ("N m/V", "N/V"), _per_volt, lambda s, g, ramp: volts(s, g, ramp) - _back_emf(s, g)),
     )
 
 
@@ -227,7 +226,7 @@ _LISTED = (
         also=(),
         gains=(*_WINDING, *_SHARED),
         terms=_winding(lambda s, *_: s["voltage"]),
-        inverse=lambda value, *_: value,
+        inverse=lambda value, s, g: value + _back_emf(s, g),
         instead={},
     ),
     DriveLaw(

@@ -64,9 +64,13 @@ def test_a_known_inertia_tells_the_gains_of_a_servo(tendon: Run, logs: dict[str,
 
 @pytest.mark.usefixtures("here")
 def test_a_known_inertia_tells_the_torque_per_volt(tendon: Run, logs: dict[str, servos.ServoLog]) -> None:
-    document, _ = identified(tendon, BRIDGE, DRIVE, logs["bridge"])
-    gains = document["joints"][0]["drive"]["gains"]
-    assert gains["torque_per_volt"]["value"] == pytest.approx(servos.KT / servos.OHM, rel=0.02)
+    for known in ("", f"torque_constant = {servos.KT}\n"):
+        document, _ = identified(tendon, BRIDGE + known, DRIVE, logs["bridge"])
+        gains = document["joints"][0]["drive"]["gains"]
+        assert gains["torque_per_volt"]["value"] == pytest.approx(servos.KT / servos.OHM, rel=0.02)
+    # Only a known back-EMF takes the motor's braking out of the joint's friction.
+    (viscous,) = (e["parameters"]["coefficient"] for e in document["effects"] if e["effect"] == "viscous")
+    assert viscous["value"] == pytest.approx(1.14, abs=0.4)
 
 
 @pytest.mark.usefixtures("here")

@@ -57,6 +57,9 @@ def test_a_bridge_with_dead_time_on_a_stated_supply(tmp_path: Path) -> None:
     gains = {"torque_constant": 2.0, "resistance": 4.0, "bus_voltage": 12.0, "dead_duty": 0.1}
     found = recorded(tmp_path, arm("pwm", **gains), qd1=np.cos(T), duty1=duty)
     volts = 12.0 * np.sign(duty) * np.maximum(np.abs(duty) - 0.1, 0.0)
+    (joint,) = found.driven
+    assert joint is not None
+    assert joint.scale == pytest.approx(2.0 / 4.0 * (volts @ duty) / (duty @ duty))
     assert found.tau[0] == pytest.approx(2.0 / 4.0 * (volts - 2.0 * np.cos(T)), abs=1e-9)
 
 
