@@ -12,7 +12,7 @@ from runtime.cli.inputs import made_from, opened
 from runtime.cli.options import AllowGaps, EffectsFile, Json, Map
 from runtime.cli.output import NO, emit
 from runtime.cli.places import DRAWN, READ
-from runtime.workspace.names import column_mapping
+from runtime.workspace.names import UsageError, column_mapping
 
 app = typer.Typer()
 
@@ -35,6 +35,13 @@ def inspect(
     picture: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the signals over time (.svg, .png or .pdf)."), DRAWN
     ] = None,
+    promised: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="What tendon experiment --json promised of this motion: say whether it was kept."
+        ),
+        READ,
+    ] = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
@@ -43,9 +50,13 @@ def inspect(
     """Exit status 1 if it cannot be used as it is."""
     from runtime.inspection.inspection import inspect as inspected
     from runtime.inspection.inspection import with_model
+    from runtime.inspection.promises import promises, read_motion_document
     from runtime.report import diagnosed, recordings, terminal
 
     columns = column_mapping(maps)
+    motion = None if promised is None else read_motion_document(promised)
+    if motion is not None and model is None:
+        raise UsageError("--promised: give MODEL, too; without it nothing is fitted")
     source = None
     if model is not None:
         source = opened(model, effects)
@@ -58,7 +69,10 @@ def inspect(
             loaded = source.compiled.model()
         with terminal.working("fitting"):
             found = with_model(found, loaded)
-    emit(json, replace(diagnosed.inspected(found), provenance=provenance), terminal.printer(recordings.inspection))
+    document = replace(diagnosed.inspected(found), provenance=provenance)
+    if motion is not None:
+        document = replace(document, promises=promises(motion.parameters, document.parameters))
+    emit(json, document, terminal.printer(recordings.inspection))
     if picture is not None and found.recording is not None:
         from runtime.inspection.signals import complete_signals
         from runtime.report.plots.motion_plots import signals_over_time

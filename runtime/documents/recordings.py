@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from runtime.documents.parts import (
     BandEntry,
@@ -113,6 +113,17 @@ class DeterminedParameter(Document, frozen=True, kw_only=True):
     inseparable_from: Inseparable = UNSET
 
 
+class PromiseEntry(Document, frozen=True, kw_only=True):
+    """How well a motion was to tell a parameter, and how well its recording does."""
+
+    name: Annotated[str, key("base parameter, or effect@joint and parameter")]
+    promised: Annotated[Literal["well", "hardly", "together", "no"], key("predicted, when the motion was designed")]
+    told: Annotated[Literal["well", "hardly", "together", "no"], key("in this recording")]
+    promised_width: Annotated[float | None, key("predicted width of the interval; null without one", "`unit`")]
+    width: Annotated[float | None, key("width of the interval; null without one", "`unit`")]
+    unit: Unit
+
+
 class MissEntry(Document, frozen=True, kw_only=True):
     """Residual of a joint in the best fit."""
 
@@ -180,6 +191,9 @@ class InspectDocument(Document, frozen=True, kw_only=True):
     drive_laws: Annotated[list[DriveLawEntry], key("how its columns say what the torque is")]
     suspicions: Annotated[list[SuspicionEntry], key("what looks wrong")]
     cures: Annotated[list[str], key("all options that put it right")]
+    promises: Annotated[
+        list[PromiseEntry] | UnsetType, key("what the motion was to tell, with --promised; absent without")
+    ] = UNSET
     provenance: Origin = UNSET
 
 

@@ -6,6 +6,8 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 
+from msgspec import UnsetType
+
 from runtime.documents.experiments import FirstMotionDocument
 from runtime.documents.parts import EffectAt
 from runtime.documents.recordings import (
@@ -16,6 +18,7 @@ from runtime.documents.recordings import (
     ExperimentDocument,
     InspectDocument,
     MovedJoint,
+    PromiseEntry,
     SimulateDocument,
     TrialDiagnosis,
 )
@@ -27,6 +30,7 @@ from runtime.wording import joints_said, number, numbered, percent, quantity, se
 from symbolic.model_file.checks import at_joint, quote
 
 _MOST_FIELDS = 24
+_MUCH_WIDER = 3.0
 _DETERMINED = {
     "well": "Well determined",
     "hardly": "Poorly determined",
@@ -57,7 +61,23 @@ def inspection(document: InspectDocument) -> list[Section]:
         made += _recorded(document, document.clock)
         if not document.suspicions:  # a fit to wrong data determines nothing
             made += texts(_fit(document))
+    if not isinstance(document.promises, UnsetType):
+        made += _kept(document.promises)
     return [*made, *texts(wrong(document))]
+
+
+def _kept(promises: Sequence[PromiseEntry]) -> list[Section]:
+    """Whether the motion told what it promised, and what it told less well."""
+    well = [p for p in promises if p.promised == "well"]
+    kept = [p for p in well if p.told == "well"]
+    lines = [f"told well as promised: {len(kept)} of {len(well)} parameters"]
+    wider = [p for p in kept if p.width and p.promised_width and p.width > _MUCH_WIDER * p.promised_width]
+    if len(kept) < len(well):
+        lines.append(f"promised and not told well: {_joined([p.name for p in well if p.told != 'well'])}")
+    if wider:
+        said = [f"{p.name} {number(p.width, 2)} for {number(p.promised_width, 2)} {p.unit}" for p in wider]
+        lines.append(f"intervals more than {_MUCH_WIDER:g} times as wide: {', '.join(said)}")
+    return [Group("Against what was promised of the motion", (Bullets(tuple(lines)),))]
 
 
 def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:

@@ -24,7 +24,7 @@ from runtime.interruption import heard_afterwards, heard_in_casadi
 from runtime.model.loader import Library
 from runtime.planning import optimize
 from runtime.planning.interior_point import Bounded, Manner
-from runtime.simulation.simulate import read_motion
+from runtime.simulation.motion_file import read_motion
 from tests.runtime.planning import planning_cases
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no signals there")

@@ -78,8 +78,9 @@ def test_a_document_is_as_its_schema_says(verb: str, folder: Path, monkeypatch: 
         ("effects", ["lugre"], 0, 0),
         ("optimize", ["scenario1", "--cycle-time", "0.3"], 1, 0),
         ("init", ["--controller", "ur10"], 0, 0),
+        ("experiment", ["drive", "--seconds", "20", "--time-limit", "2"], 0, 0),
     ],
-    ids=["one effect", "no plan", "a controller"],
+    ids=["one effect", "no plan", "a controller", "a motion"],
 )
 def test_a_verbs_other_document(
     verb: str, line: list[str], status: int, kind: int, capsys: pytest.CaptureFixture[str]
@@ -97,7 +98,8 @@ def test_an_effects_units_are_those_of_either_kind_of_joint(capsys: pytest.Captu
 
 def test_a_document_of_another_kind_does_not_validate() -> None:
     validator = jsonschema.Draft202012Validator(verbs.schema("simulate"))
-    right: dict[str, Any] = {"out": "run.csv", "samples": 1, "seconds": 0.1, "seed": 0, "effects": [], "assumed": []}
+    right: dict[str, Any] = {"out": "run.csv", "samples": 1, "seconds": 0.1, "seed": 0}
+    right |= {"effects": [], "drives": [], "assumed": []}
     assert validator.is_valid(right)
     assert not validator.is_valid(right | {"samples": "many"})
     assert not validator.is_valid({k: v for k, v in right.items() if k != "seed"})

@@ -173,16 +173,24 @@ def test_it_tells_more_than_random_motions_within_the_same_limits() -> None:
     assert found.first.nats > best + 5.0
 
 
-def test_the_prediction_is_kept_by_the_recording(tmp_path: Path) -> None:
+def test_the_prediction_is_kept_by_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What `inspect` says of a recording with other noise: the same parameters are told well."""
     motion, run, told = tmp_path / "motion.csv", tmp_path / "run.csv.gz", tmp_path / "told.json"
     check, seen = tmp_path / "check.csv", tmp_path / "seen.json"
     out = ["--out", str(motion), "--held-out", str(check), "--seconds", "40", "--json", str(told)]
     assert output.run(app, ["experiment", "drive", *out]) == 0
     assert output.run(app, ["simulate", "drive", "--motion", str(motion), "--out", str(run), "--seed", "5"]) == 0
-    assert output.run(app, ["inspect", str(run), "drive", "--json", str(seen)]) == 0
+    capsys.readouterr()
+    assert output.run(app, ["inspect", str(run), "drive", "--promised", str(told)]) == 0
+    assert "told well as promised: 5 of 5 parameters" in capsys.readouterr().out
+    asked = ["inspect", str(run), "drive", "--promised", str(told), "--json", str(seen)]
+    assert output.run(app, asked) == 0
     predicted, got = json.loads(told.read_text()), json.loads(seen.read_text())
     assert {p["name"]: p["told"] for p in predicted["parameters"]} == {p["name"]: p["told"] for p in got["parameters"]}
+    widths = [p["width"] / p["promised_width"] for p in got["promises"]]
+    assert all(0.5 < width < 2.0 for width in widths)
+    assert output.run(app, ["inspect", str(run), "drive", "--promised", str(motion)]) == output.BAD_INPUT
+    assert "expected what tendon experiment MODEL --json FILE writes" in capsys.readouterr().err
     assert motion.read_text().startswith("# NOT CHECKED: ")
     first, second = read_motion(motion, 1), read_motion(check, 1)
     assert first.shape[1] > 1.5 * second.shape[1]
