@@ -222,6 +222,7 @@ class Inspection:
     recording   None if the file cannot be read, even with gaps split and samples dropped
     problem     why the file cannot be used as it is, with place and cure; None: it can
     names       of the model's joints
+    lawless     it has no torque, and the model file no law of a drive: read by the first law that its columns allow
     fitted      the fit of a model, if there is one     unfitted   why the fit failed
     """
 
@@ -230,6 +231,7 @@ class Inspection:
     recording: Recording | None
     problem: str | None
     names: tuple[str | None, ...]
+    lawless: bool = False
     fitted: Fit | None = None
     unfitted: str | None = None
 
@@ -321,11 +323,11 @@ def of_contents(
     names = tuple(joint.name for joint in arm.joints) if arm else ()
     problem: str | None = None
     # A file that cannot be used as it is may be readable with gaps split and samples dropped, or without a torque.
-    lawless = arm and replace(arm, any_law=True)
-    for reader, gaps in ((arm, allow_gaps), (arm, True), (lawless, True)):
+    any_law = arm and replace(arm, any_law=True)
+    for reader, gaps in ((arm, allow_gaps), (arm, True), (any_law, True)):
         try:
             read = recording.checked(contents, path, reader, mapping, gaps, refuse)
-            return Inspection(path, contents, read, problem=problem, names=names)
+            return Inspection(path, contents, read, problem=problem, names=names, lawless=reader is not arm)
         except RecordingError as error:
             problem = problem or str(error)
     return Inspection(path, contents, None, problem=problem, names=names)
@@ -333,19 +335,13 @@ def of_contents(
 
 def with_model(inspection: Inspection, model: Model) -> Inspection:
     """The same with a fit of the model's structure."""
-    if inspection.recording is None or _lacks_law(inspection.recording, model):
+    if inspection.recording is None or inspection.lawless:
         return inspection
     try:
         made = with_gains(model, [inspection.recording], 1)
         return replace(inspection, recording=made[0], fitted=identify(model, made))
     except RecordingError as error:
         return replace(inspection, unfitted=str(error))
-
-
-def _lacks_law(recording: Recording, model: Model) -> bool:
-    """Whether a torque was made by a law that the model file does not name."""
-    pairs = zip(recording.driven, model.joints, strict=True)
-    return any(made is not None and (joint.drive is None or joint.drive.law is None) for made, joint in pairs)
 
 
 def _inertias(fitted: Fit) -> list[InertiaEntry]:

@@ -344,10 +344,15 @@ def units_of(signal: str, arm: RecordedArm) -> tuple[str, ...]:
     return OFFERED.get(kind, ()) + (OFFERED["current"] if re.fullmatch(r"tau\d+", signal) else ())
 
 
+def needed_of(arm: RecordedArm) -> list[str]:
+    """Signals that a recording of an arm must have; no torque where a law makes it."""
+    made = [joint.drive is not None and joint.drive.law is not None for joint in arm.joints]
+    return ["t", *(s for k, law in enumerate(made, 1) for s in (f"q{k}", f"tau{k}")[: 2 - law])]
+
+
 def signals_of(arm: RecordedArm) -> list[str]:
     """Every signal that a recording of an arm may have, those first that it must have."""
-    numbers = range(1, len(arm.joints) + 1)
-    needed = ["t", *(f"{s}{k}" for k in numbers for s in ("q", "tau"))]
+    numbers, needed = range(1, len(arm.joints) + 1), needed_of(arm)
     joints = [f"{name}{k}{ending}" for name, ending in _KINDS for k in numbers]
     return list(dict.fromkeys([*needed, *joints, *(IN_SPACE if arm.space else IN_PLANE), *_PLAIN]))
 
@@ -470,7 +475,7 @@ def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int, read
         without = [k for k in range(1, n + 1) if f"tau{k}" not in read and laws_of(read, k)]
         return (
             f"no column {name}{joints}; its columns are those of a drive: add [joint.drive] with {law} to "
-            f'{joints_said(without)} of the model file, or name the torque with --map {name}="Header [unit]"'
+            f'{joints_said(without)} of the model file; or name the torque with --map {name}="Header [unit]"'
         )
     by_name = {_split(cell)[0]: cell for cell in free}
     close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)

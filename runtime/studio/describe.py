@@ -19,7 +19,7 @@ from runtime.identification.estimate import Estimate
 from runtime.inspection.inspection import Inspection
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term
-from runtime.recordings.columns import MappedColumn, RecordedArm, signals_of, units_of
+from runtime.recordings.columns import MappedColumn, RecordedArm, needed_of, signals_of, units_of
 from runtime.recordings.preview import FieldPreview
 from runtime.report import diagnosed
 from runtime.report.fits import estimate
@@ -66,7 +66,7 @@ def recording(
     found, read = diagnosed.inspected(inspection), inspection.recording
     cells = {} if read is None else dict(read.cells)
     cures = [cure(s, {given.given.file: cells}) for s in inspection.found]
-    if inspection.problem is not None and read is not None:
+    if inspection.problem is not None and read is not None and not inspection.lawless:
         said = spoken(inspection.problem)
         cures.append(Cure(said=said, does="Split it at its gaps", readings={given.given.file: ()}, gaps=True))
     return RecordingOverview(
@@ -76,6 +76,7 @@ def recording(
         cells=cells,
         guesses=dict(guesses),
         ratios={k: joint.gear_ratio for k, joint in enumerate(arm.joints, 1) if joint.torque_constant is None},
+        needed=needed_of(arm),
         units={signal: units_of(signal, arm) for signal in signals_of(arm)},
         signals=[] if read is None else [f"{name}-joint{k + 1}" for k in range(len(read.q))],
     )

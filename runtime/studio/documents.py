@@ -61,7 +61,8 @@ class RecordingOverview(Document, frozen=True, kw_only=True):
     cells     signal -> its column, as entries of `--map` name it
     guesses   the same, as the names of the columns suggest
     ratios    of the gear of each joint whose torque constant is not known, by its number
-    units     every signal of the arm, those first that a recording must have -> usual units, the one of SI first
+    needed    signals that a recording must have
+    units     every signal of the arm, those that are needed first -> usual units, the one of SI first
     signals   names of the signal sets of its raw signals for /data, one a joint
     """
 
@@ -71,6 +72,7 @@ class RecordingOverview(Document, frozen=True, kw_only=True):
     cells: dict[str, str]
     guesses: dict[str, str]
     ratios: dict[int, float]
+    needed: list[str]
     units: dict[str, tuple[str, ...]]
     signals: list[str]
 

@@ -89,7 +89,7 @@ class _Choosing:
                     put("th", head, scope="col")
             with put("tbody"):
                 for signal in self.shown.units:
-                    if _needed(signal) or signal in self.chosen:
+                    if signal in self.shown.needed or signal in self.chosen:
                         with put("tr", data_signal=signal):
                             self._row(signal)
 
@@ -100,7 +100,7 @@ class _Choosing:
             put("span", said(signal))
             if cell.name and not self.shown.cells and str(cell) == self.shown.guesses.get(signal):
                 put("span", "guessed", "of guessed")
-        names = {NONE: "none yet" if _needed(signal) else "none"} | {name: name for name in self.known}
+        names = {NONE: "none yet" if signal in self.shown.needed else "none"} | {name: name for name in self.known}
         with put("td", data_is="column"):
             self._list(signal, "column", names, cell.name if column else NONE, chosen=partial(self._name, signal))
         with put("td", data_is="unit"):
@@ -158,7 +158,7 @@ class _Choosing:
 
     def further(self) -> None:
         """Signals that a recording may have beside those that it must have."""
-        absent = {s: said(s) for s in self.shown.units if not _needed(s) and s not in self.chosen}
+        absent = {s: said(s) for s in self.shown.units if s not in self.shown.needed and s not in self.chosen}
         free = next(iter(self.known), NONE)
 
         def add(signal: str) -> None:
@@ -193,7 +193,7 @@ class _Choosing:
 
     def act(self) -> None:
         """Take the choice, or leave it."""
-        absent = [said(signal) for signal in self.shown.units if _needed(signal) and signal not in self.chosen]
+        absent = [said(signal) for signal in self.shown.needed if signal not in self.chosen]
         stated = {k: _positive(self.view.constants.get(k, "")) for k in self.ratios}
         absent += [f"torque constant {k}" for k, value in stated.items() if value is None]
         constants = {k: self.ratios[k] * value for k, value in stated.items() if value is not None}
@@ -280,13 +280,9 @@ def _stem(signal: str) -> str:
     return signal.rstrip("0123456789")
 
 
-def _needed(signal: str) -> bool:
-    return signal == "t" or (_stem(signal) in ("q", "tau") and _stem(signal) != signal)
-
-
 def _signed(signal: str) -> bool:
-    """Whether a signal may have the other sign: positions, rates and torques."""
-    return signal.startswith(("q", "tau"))
+    """Whether a signal may have the other sign: positions, rates, torques and commands."""
+    return signal.startswith(("q", "tau", "duty", "voltage", "current"))
 
 
 def _positive(text: str) -> float | None:

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests import one_joint
 from tests.runtime.studio.browser import Server, Watched
 from tests.runtime.studio.conftest import EVIL
 from tests.runtime.studio.test_changed_inputs import lab_log
@@ -96,6 +98,32 @@ def test_a_log_in_milliampere_asks_for_the_motor(tab: Tab, new_server: Server, r
     page.click("[data-do=begin]:not([disabled])")
     page.wait_for_selector("[data-do=diagnose]:not([disabled])")
     assert '# set torque_constant = 8 in joint 1 of "drive.toml"' in page.text_content("[data-commands]")
+    assert seen.wrong == []
+
+
+def test_a_servo_without_a_torque_is_asked_for_none(tab: Tab, new_server: Server, tmp_path: Path) -> None:
+    """Steps of its registers are read as they are; where the model file names no law, the page says which to add."""
+    t = np.arange(4000)
+    steps = [2048 + np.round(600 * np.sin(t / 80 + lead)) for lead in (0.0, 0.05)]
+    header = "Time (ms),Present Position,Goal Position"
+    np.savetxt(tmp_path / "lab.csv", np.column_stack([5 * t, *steps]), "%d", delimiter=",", header=header, comments="")
+    servo = one_joint.model_text("[joint.effects.viscous]\n")
+    seen = tab(new_server)
+    page = seen.emptied()
+    (tmp_path / "servo.toml").write_text(servo, encoding="utf-8")
+    page.set_input_files("#start file-drop[as=model] input", tmp_path / "servo.toml")
+    page.wait_for_selector("#start .given:has-text('servo.toml')")
+    page.set_input_files("#start file-drop[as=fitted] input", tmp_path / "lab.csv")
+    page.wait_for_selector("#recordings .warning:has-text('its columns are those of a drive')")
+    assert page.locator("[data-do=cure]:has-text('gaps')").count() == 0
+    seen.emptied()
+    (tmp_path / "lawful.toml").write_text(f'{servo}\n[joint.drive]\nlaw = "position_servo"\n', encoding="utf-8")
+    page.set_input_files("#start file-drop[as=model] input", tmp_path / "lawful.toml")
+    page.wait_for_selector("#start .given:has-text('lawful.toml')")
+    page.set_input_files("#start file-drop[as=fitted] input", tmp_path / "lab.csv")
+    page.wait_for_selector("#recordings:has-text('4000 samples')")
+    assert page.locator(row("q1_desired")).count() == 1
+    assert page.locator(row("tau1")).count() == 0
     assert seen.wrong == []
 
 
