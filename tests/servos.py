@@ -19,7 +19,7 @@ from runtime.simulation import demo
 Array = NDArray[np.float64]
 
 KP, KD = 300.0, 15.0  # N m/rad, N m s/rad
-KT, OHM = 6.0, 3.0  # N m/A, ohm, at the joint's output
+KT, OHM = 2.0, 2.0  # N m/A, ohm, at the joint's output
 SUPPLY = 48.0  # V, without load
 SERVO = f'law = "position_servo"\nkp = {KP}\nkd = {KD}\n'
 BRIDGE = f'law = "pwm"\ntorque_constant = {KT}\nresistance = {OHM}\n'

@@ -4,8 +4,9 @@
 
 Divided by c0, the equation is linear in 1/c0, c_k/c0 and what is unknown of the arm; the torque of stated masses and
 inertias is the column of 1/c0. The command's column stands alone, because what the model lacks is in it: on the other
-side, that error would draw all unknowns towards zero. Where nothing is stated, ratios alone are told, and all torques
-stay in the unit of the command.
+side, that error would draw all unknowns towards zero. Simple effects that the model lacks stand beside, unless they
+imitate a gain: else a gain would make up for them. Where nothing is stated, ratios alone are told, and all torques stay
+in the unit of the command.
 
 Source: Gautier & Briot, ASME J. Dynamic Systems, Measurement, and Control 136(5), 2014; covariance over stretches of
 time, Newey & West, Econometrica 55(3), 1987.
@@ -14,7 +15,7 @@ time, Newey & West, Econometrica 55(3), 1987.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,7 @@ from runtime.identification.problem import Problem
 from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, TOLD_APART
 from runtime.identification.stated_parts import stated_lumps
 from runtime.model.loader import Model
-from runtime.model.terms import structure
+from runtime.model.terms import Term, structure
 from runtime.motion.motion import with_torques_of
 from runtime.recordings.driven import DrivenJoint, ToldGain
 from runtime.recordings.recording import Recording, RecordingError, drives_of
@@ -106,8 +107,8 @@ def _drives(recording: Recording) -> Sequence[DrivenJoint | None]:
 
 @dataclass(frozen=True)
 class _Equation:
-    """One joint's: y (M,) = θ · columns (K, M); noise (K, M) what the encoders add to them; names of the gains among
-    them, the first the inverse of the command's coefficient where that is unknown."""
+    """One joint's: y (M,) = θ · columns (K, M), the first `gains` of which are the drive's; noise (K, M): what the
+    encoders add to them; stretch (M,): of time, by number."""
 
     y: Array
     columns: Array
@@ -115,6 +116,18 @@ class _Equation:
     lower: Array
     upper: Array
     stretch: NDArray[np.intp]
+    gains: int
+
+    def beside(self, columns: Array) -> _Equation:
+        """The same with further columns (k, M), of any sign."""
+        free = np.full(len(columns), np.inf)
+        return replace(
+            self,
+            columns=np.vstack([self.columns, columns]),
+            noise=np.vstack([self.noise, np.zeros_like(columns)]),
+            lower=np.concatenate([self.lower, -free]),
+            upper=np.concatenate([self.upper, free]),
+        )
 
     def solved(self) -> tuple[Array, Array]:
         """θ (K,) and its covariance, with residuals that hang together within a stretch of time."""
@@ -144,13 +157,33 @@ def _of_joint(
     """The unknown coefficients of a joint's (0-based) drive; one that effects imitate is left out, and they have it."""
     command = joint.law.terms[0].name
     others = [name for name in joint.unknown if name != command]
-    equation = _equation(fit, again, i, columns, known, command if command in joint.unknown else "", others)
+    asked = command if command in joint.unknown else ""
+    equation = _equation(fit, again, i, columns, known, asked, others)
     alike = [name for k, name in enumerate(others) if equation.own(k) < TOLD_APART]
     if alike:
         others = [name for name in others if name not in alike]
-        equation = _equation(fit, again, i, columns, known, command if command in joint.unknown else "", others)
-    found = _gains(fit, i, joint, equation, others, command in joint.unknown)
+        equation = _equation(fit, again, i, columns, known, asked, others)
+    wider = equation.beside(_lacking(fit, i)[:, fit.motion.moving(i)])
+    if all(wider.own(k) > TOLD_APART for k in range(wider.gains) if wider.columns[k].any()):
+        equation = wider
+    found = _gains(fit, i, joint, equation, others, bool(asked))
     return found | {name: ToldGain(name, 0.0, "", None, imitated=True) for name in alike}
+
+
+def _lacking(fit: Fit, i: int) -> Array:
+    """(K, M) columns of effects that the model lacks at a joint (0-based) and that are linear in all parameters: what a
+    gain would otherwise make up for."""
+    library, found = fit.model.library, []
+    for name, effect in library.effects.items():
+        term = Term(name, i + 1)
+        if (
+            effect.scope == "joint"
+            and not effect.shape
+            and library.needs[name] <= {"motion"}
+            and term not in fit.shapes
+        ):
+            found.append(fit.problem.regressors.columns(term, i, {})[1:])
+    return np.vstack(found) if found else np.zeros((0, len(fit.motion.row_piece(i))))
 
 
 def _equation(
@@ -181,6 +214,7 @@ def _equation(
         np.concatenate([np.zeros(count), lower]),
         np.concatenate([np.full(count, np.inf), upper]),
         blocks[use],
+        count,
     )
 
 
