@@ -122,8 +122,8 @@ def export_arm(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Write an arm as URDF or MJCF, with physically possible bodies and the
-    effects that the format can state; or a motion for other programs."""
+    """An arm with physically possible bodies and the effects that the format
+    can state; a motion checked as execute checks it."""
     from runtime.report import models, motions, terminal
     from runtime.workspace.exporting import export, export_motion
 

@@ -28,7 +28,7 @@ GROUPS: Mapping[str, Mapping[str, Verb]] = {
     "Model": {
         "init": Verb("init", "Make a model file for your own arm."),
         "import": Verb("exchange", "Make a model file from a URDF or MJCF."),
-        "export": Verb("exchange", "Write an arm as URDF or MJCF."),
+        "export": Verb("exchange", "Write an arm as URDF or MJCF, or a motion for other programs."),
         "effects": Verb("effects", "List the physical effects of the library."),
         "add": Verb("generate", "Add an effect to the model file and generate its code again."),
         "generate": Verb("generate", "Derive the equations and generate C and CasADi code."),

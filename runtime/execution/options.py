@@ -25,7 +25,8 @@ class ExecutionSettings(Checked):
     trials: Annotated[
         int | None,
         Setting(
-            f"Number of trials, each from rest; default: {TRIALS} simulated, {TRIALS_ON_A_REAL_ARM} on a real arm.",
+            f"Number of trials, each from rest; default: {TRIALS} simulated, {TRIALS_ON_A_REAL_ARM} on a real arm, "
+            "1 of a motion's file.",
             1,
             100,
         ),

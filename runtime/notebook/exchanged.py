@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
+from runtime.documents.experiments import ExportedMotionDocument
 from runtime.documents.models import ExportDocument
+from runtime.experiments.options import MotionOptions
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.notebook.results import MadeResult
-from runtime.report import models
+from runtime.report import models, motions
 from runtime.workspace import exporting
 from runtime.workspace.source import Source, effects_described, effects_library
 from symbolic.model_file.exchange.importing import imported
@@ -54,3 +56,37 @@ def export(
     onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
     """
     return ExportResult(exporting.export(arm.source.compiled, to, Path(path), None if onto is None else Path(onto)))
+
+
+class ExportedMotionResult(MadeResult[ExportedMotionDocument]):
+    """A motion that was written for another program: where it starts, and what nothing keeps the arm from."""
+
+    _sections = staticmethod(motions.exported_motion)
+
+    @staticmethod
+    def _in_short(document: ExportedMotionDocument) -> list[str]:
+        return motions.exported_motion_lines(document)
+
+
+def export_motion(
+    arm: LoadedArm,
+    motion: PathOrText,
+    path: PathOrText,
+    to: Literal["csv", "joint_trajectory", "urscript", "lerobot"],
+    rate: float | None = MotionOptions.rate,
+    speed: float = MotionOptions.speed,
+    unit: str = MotionOptions.unit,
+    lookahead: float = MotionOptions.lookahead,
+    gain: float = MotionOptions.gain,
+) -> ExportedMotionResult:
+    """Write a motion for another program, checked as `execute` checks it.
+
+    motion    a CSV of t,q1,..., as `experiment` saves it
+    path      joint_trajectory: .yaml or .mcap; csv: .csv; urscript: .script; lerobot: .parquet
+    rate      points a second; None: of CSV the controller's, joint_trajectory 100, urscript 125, lerobot 30
+    speed     its pace, 1 as in the file        unit   of LeRobot's positions: deg, rad, normalised
+    lookahead, gain   of servoj, s and 1
+    Raises ValueError, OSError.
+    """
+    options = MotionOptions(rate, speed, unit, lookahead=lookahead, gain=gain)
+    return ExportedMotionResult(exporting.export_motion(arm.model, Path(motion), to, Path(path), options))

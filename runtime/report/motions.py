@@ -215,15 +215,17 @@ def unchecked(sentences: Sequence[str]) -> list[Section]:
 
 
 def exported_motion(document: ExportedMotionDocument) -> list[Section]:
-    """What was written, where it starts, and what nothing keeps the arm from."""
+    """What nothing keeps the arm from, what was written, and where it starts."""
+    return [*unchecked(document.unchecked), *texts(exported_motion_lines(document))]
+
+
+def exported_motion_lines(document: ExportedMotionDocument) -> list[str]:
+    """What was written, and where it starts."""
     start = ", ".join(number(x) for x in document.start)
     return [
-        *unchecked(document.unchecked),
-        Paragraph(
-            f"{document.out}: {document.points} points at {quantity(document.rate, 'Hz')}, "
-            f"{quantity(document.seconds, 's')}, positions in {document.unit}, of {', '.join(document.joints)}"
-        ),
-        Paragraph(f"It begins at ({start}): bring the arm there first, and play it slowly first (--speed)."),
+        f"{document.out}: {document.points} points at {quantity(document.rate, 'Hz')}, "
+        f"{quantity(document.seconds, 's')}, positions in {document.unit}, of {', '.join(document.joints)}",
+        f"It begins at ({start}): bring the arm there first, and play it slowly first (speed 0.2).",
     ]
 
 

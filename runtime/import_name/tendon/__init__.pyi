@@ -12,8 +12,10 @@ from runtime.notebook.arm import recording as recording
 from runtime.notebook.designed import ExperimentResult as ExperimentResult
 from runtime.notebook.designed import FirstMotionResult as FirstMotionResult
 from runtime.notebook.designed import experiment as experiment
+from runtime.notebook.exchanged import ExportedMotionResult as ExportedMotionResult
 from runtime.notebook.exchanged import ExportResult as ExportResult
 from runtime.notebook.exchanged import export as export
+from runtime.notebook.exchanged import export_motion as export_motion
 from runtime.notebook.exchanged import import_ as import_
 from runtime.notebook.generated import EffectResult as EffectResult
 from runtime.notebook.generated import FirmwareResult as FirmwareResult

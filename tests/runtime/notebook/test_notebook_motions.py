@@ -12,6 +12,7 @@ import pytest
 
 from runtime.notebook.arm import load, recording
 from runtime.notebook.designed import FirstMotionResult, experiment
+from runtime.notebook.exchanged import export_motion
 from runtime.notebook.generated import generate
 from runtime.notebook.planned import PlanResult, execute, optimize
 from runtime.notebook.verbs import inspect, simulate
@@ -119,6 +120,9 @@ def test_the_first_and_the_next_motion_of_an_arm(tmp_path: Path) -> None:
     assert first.motion[0, 0] == pytest.approx(0.1)
     first.save(tmp_path / "motion.csv", tmp_path / "check.csv")
     assert (tmp_path / "motion.csv").read_text().startswith("# NOT CHECKED")
+    written = export_motion(arm, tmp_path / "motion.csv", tmp_path / "m.yaml", "joint_trajectory", speed=0.5)
+    assert "points at 100 Hz" in repr(written)
+    assert (written.document.speed, written.document.unchecked[0][:6]) == (0.5, "People")
     run = simulate(arm, motion=tmp_path / "motion.csv")
     following = experiment(arm, given=run, seconds=30.0)
     assert isinstance(following, FirstMotionResult)
