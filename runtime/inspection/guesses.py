@@ -37,14 +37,16 @@ _UNIT_WORDS: Sequence[tuple[str, str]] = (
 """Words at the end of a name, with _ before capitals -> unit. A single "a" may be a joint's name."""
 
 
-def map_options(fields: Sequence[RecordedField]) -> list[str]:
+def map_options(fields: Sequence[RecordedField], missing: str) -> list[str]:
     """Suggested options for missing positions, torques and time: '--map q="act_pos_mot_deg [deg]"'.
 
-    One option for all joints where their fields differ only in a number.
+    One option for all joints where their fields differ only in a number. missing: the first signal that is missing, in
+    the order of `needed_of`: those before it are there
     """
     found = []
     named = {signal for signal in _WORDS if any(re.fullmatch(rf"{signal}1?", bare(f.name)) for f in fields)}
-    for signal, best in _likely([s for s in ("q", "tau", "t") if s not in named], fields):
+    open_ones = {"t": ("q", "tau", "t"), "q": ("q", "tau"), "tau": ("tau",)}.get(missing.rstrip("0123456789"), ())
+    for signal, best in _likely([s for s in open_ones if s not in named], fields):
         stem, several = _family(best, fields)
         unit = unit_in_name(best.name)
         if several or signal == "t":

@@ -85,7 +85,8 @@ def by_signals(recording: Recording) -> list[Suspicion]:
 
 def without_model(recording: Recording) -> list[Suspicion]:
     """Suspicions about positions and torques, for recordings without a model."""
-    return [*over_turns(recording), *_braking(recording)]
+    made = [number for number, law in enumerate(recording.driven, 1) if law is not None]
+    return [*over_turns(recording), *(s for s in _braking(recording) if s.joint not in made)]
 
 
 def of_rates(recording: Recording) -> list[Suspicion]:
@@ -267,13 +268,13 @@ class Inspection:
     def document(self, unreliable: str) -> InspectDocument:
         """The document of `tendon inspect --json`; unreliable: why the fit may not be believed."""
         recording, fitted, believed = self.recording, self.fitted, self.believed
-        unnamed = recording is None and "no column" in (self.problem or "")
+        unnamed = None if recording else re.search(r"no column (\w+)", self.problem or "")
         return InspectDocument(
             file=str(self.path),
             format=self.contents.format,
             fields=[FieldEntry(name=f.name, clock=f.clock) for f in self.contents.fields],
             problem=self.problem,
-            suggested=map_options(self.contents.fields) if unnamed else [],
+            suggested=map_options(self.contents.fields, unnamed[1]) if unnamed else [],
             notes=list(recording.notes if recording else self.contents.notes),
             clock=clock_entry(recording) if recording else None,
             clocks=[

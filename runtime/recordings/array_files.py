@@ -382,7 +382,7 @@ def _width(file: Any, entry: Any) -> int | None:
         return int(kind.list_size)
     if types.is_list(kind) and types.is_floating(kind.value_type):
         first = next(file.iter_batches(batch_size=1, columns=[entry.name]), None)
-        size = 0 if first is None or not len(first) else len(first.column(0)[0] or ())
+        size = 0 if first is None or not len(first) else len(first.column(0)[0].as_py() or ())
         return size if size <= LARGEST_MATRIX else 0
     return 0
 

@@ -84,7 +84,8 @@ class BamContents:
         ]
         motor = self.about.get("motor")
         named = [f"motor {motor}"] * isinstance(motor, str)
-        notes = [f"a log of BAM: {', '.join([*named, *said])}; mass and length are the model's, where q = 0 hangs down"]
+        told = [f"a log of BAM: {', '.join([*named, *said])}"] if named or said else []
+        notes = [f"{line}; mass and length are the model's, where q = 0 hangs down" for line in told]
         if many := int(np.count_nonzero(self._off)):
             notes.append(f"the motor is off in {many} entries; q_desired is the position there")
         return notes

@@ -480,6 +480,10 @@ def _missing(name: str, header: Sequence[str], free: Sequence[str], n: int, read
     by_name = {_split(cell)[0]: cell for cell in free}
     close = difflib.get_close_matches(name, by_name, n=1, cutoff=0.5)
     example = by_name[close[0]] if close else "Header [unit]"
+    if not free and name.startswith("tau"):
+        told = ", ".join(numbered_signal(law.command).format(name[3:]) for law in LAWS.values())
+        cure = f"record the torque, or what the drive is told: {told}"
+        return f"no column {name}{joints}; the file has {some(header)}; {cure}"
     if not free:
         return f"no column {name}{joints}; the file has {some(header)}, and all are used; use the model of this arm"
     return f"no column {name}{joints}; the file has {some(header)}; name it with --map {name}={quote(example)}"

@@ -114,7 +114,7 @@ class LeRobotContents:
         if variable.name == "episode_index":
             return _Entry(field, "run", "")
         whole = next((s for pattern, s in _FEATURES if re.fullmatch(pattern, variable.name)), None)
-        if len(variable.shape) < 2:
+        if len(variable.shape) < 2 and whole is None:
             return _Entry(field, None, "")
         name = (self._names(variable.name) or self._names(_STATE)).get(k, str(k)).removeprefix("main_")
         motor, _, ending = name.rpartition(".")

@@ -109,6 +109,23 @@ def test_a_model_without_a_law_is_told_what_to_add(tmp_path: Path, capsys: pytes
     assert inspected(path, capsys, tmp_path / "servo.toml")["problem"] is None
 
 
+def test_positions_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is there is not suggested again, and what would help is said."""
+    path = tmp_path / "a.csv"
+    steps = np.column_stack([T, 2048 + np.round(600 * np.sin(2 * T))])
+    np.savetxt(path, steps, "%.6g", delimiter=",", header="Time,Present Position", comments="")
+    document = inspected(path, capsys)
+    expected = "record the torque, or what the drive is told: current1, voltage1, duty1, q1_desired"
+    assert document["problem"].endswith(expected)
+    assert (document["suggested"], document["drive_laws"]) == ([], [])
+
+
+def test_a_made_torque_that_brakes_is_no_sign_to_turn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = np.column_stack([T, np.sin(2 * T), np.sin(2 * T - 0.1)])
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="t,q1,q1_desired", comments="")
+    assert inspected(tmp_path / "a.csv", capsys)["cures"] == []
+
+
 @pytest.mark.parametrize(
     ("name", "expected", "joints"), [("xl330", {"pwm", "position_servo"}, 1), ("go2", {"position_servo"}, 3)]
 )

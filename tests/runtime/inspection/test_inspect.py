@@ -266,7 +266,7 @@ def test_other_names_are_guessed_and_not_believed(tmp_path, capsys):
 def test_families_are_guessed_whole():
     names = [f"{name}{k}" for name in ("ref_pos", "act_pos_deg", "act_torque_nm") for k in (1, 2)]
     fields = [RecordedField(f"rec.{name}", "rec.time") for name in [*names, "time"]]
-    assert map_options(fields) == [
+    assert map_options(fields, "t") == [
         '--map q="rec.act_pos_deg [deg]"',
         '--map tau="rec.act_torque_nm"',
         '--map t="rec.time"',

@@ -193,6 +193,20 @@ def test_steps_of_a_tool_are_no_commands_of_joints(tmp_path: Path) -> None:
     assert "action is left out: its names are not those of the joints in observation.state" in r.notes
 
 
+def test_one_joint_in_a_column_of_numbers(tmp_path: Path) -> None:
+    rows = table([0], **{"observation.effort": angles()[:, :1]})
+    rows = rows.append_column("observation.state", pa.array(angles()[:, 0] / 100))
+    r = read(written(tmp_path, "episode_000000.parquet", rows), None)
+    assert np.allclose(r.q[0], angles()[:, 0] / 100)
+
+
+def test_an_empty_row_at_the_beginning(tmp_path: Path) -> None:
+    rows = table([0], **state_and_action())
+    empty = pa.array([None, *rows.column("observation.state").to_pylist()[1:]])
+    rows = rows.set_column(rows.column_names.index("observation.state"), "observation.state", empty)
+    assert "no column t" in said(written(tmp_path, "episode_000000.parquet", rows), None)
+
+
 @settings(deadline=None, max_examples=20)
 @given(st.floats(120, 4000), st.floats(-3, 3))
 def test_degrees_of_any_size_become_radians(
