@@ -93,5 +93,6 @@ def _moved(body: Array, rng: np.random.Generator, count: int) -> Array:
     P = pseudo_inertia(body)
     radius = np.sqrt(np.trace(P[:3, :3]) / P[3, 3]) if P[3, 3] > 0 else 1.0
     unit = np.array([radius, radius, radius, 1.0])
-    A = np.eye(4) + BODY_SPREAD / 2 * rng.standard_normal((count, 4, 4)) * unit[:, None] / unit
+    # A mass without extension keeps to its place.
+    A = np.eye(4) + BODY_SPREAD / 2 * rng.standard_normal((count, 4, 4)) * unit[:, None] / np.where(unit > 0, unit, 1.0)
     return inertial_parameters(A @ P @ A.transpose(0, 2, 1))
