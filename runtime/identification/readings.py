@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from runtime.identification.fit import Fit
 from runtime.identification.problem import Problem, least_inertia
-from runtime.identification.settings import EXCERPT
+from runtime.identification.settings import EXCERPT, WORK_TELLS
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.recordings.columns import UNITS
@@ -104,6 +104,12 @@ class TrialFit:
         return self.errors if self.physical else np.full_like(self.errors, np.inf)
 
 
+def _last_at_start(q: Array) -> int:
+    """Number of samples of a position (N,) until it is for the last time where it began."""
+    crossed = np.flatnonzero(np.diff(np.sign(q - q[0]) >= 0))
+    return int(crossed[-1]) + 1 if len(crossed) else 0
+
+
 class Trials:
     """Fits of an identification's structure on an excerpt of its motion, joints weighted by their torques.
 
@@ -134,6 +140,17 @@ class Trials:
         torque = reading.signs[joint] * rows[reading.torques[joint] - self.motion.n] - rows[0]
         scale = 1 / np.sqrt(np.count_nonzero(self.motion.moving(joint)))
         return scale * rows[1 : 1 + size], scale * rows[1 + size], scale * torque
+
+    def driving(self) -> set[int]:
+        """Joints (0-based) whose torque did positive work on their own motion, as far as it came back to its start: its
+        sign is right, as only friction takes power over a closed way."""
+        work, effort = np.zeros(self.motion.n), np.zeros(self.motion.n)
+        for piece in self.found.motion.pieces:
+            for i, (q, qd, tau) in enumerate(zip(piece.q, piece.qd, piece.tau, strict=True)):
+                way = slice(0, _last_at_start(q))
+                work[i] += tau[way] @ qd[way]
+                effort[i] += np.linalg.norm(tau[way]) * np.linalg.norm(qd[way])
+        return set(np.flatnonzero(work > WORK_TELLS * effort).tolist())
 
     def wide(self, reading: Reading) -> list[int]:
         """Revolute joints (0-based) whose positions, taken as radians, cover more than a turn."""

@@ -109,6 +109,11 @@ SUSPECTED_FROM: Final = 0.05
 """part of a joint's torque; a smaller residual is that of right data: with a wrong sign, unit or joint more of inertia
 and friction remains; by construction, and development recordings."""
 
+WORK_TELLS: Final = 0.02
+"""part of the product of RMS torque and RMS rate; work beyond it over a motion that returns tells a torque's sign:
+springs, gravity and inertia do none, friction takes it, and a smaller part may be a load that another joint lifts; a
+choice."""
+
 TURNED_FALLS_TO: Final = 0.8
 """part of a joint's error; to less it must fall with the other sign, or in degrees, before data are suspected: with
 right data it rises, as inertia and friction reach their bounds; development and real recordings."""

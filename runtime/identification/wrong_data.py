@@ -134,12 +134,15 @@ class _Search:
     """From the data as they are to the reading that puts them right.
 
     errors   (n,) relative errors under a reading
+    turnable joints (0-based) whose torque may have the other sign: those that do not drive their own motion
     before   (n,) those of the data as they are, in the fit or in a trial, whichever are smaller: a trial weights joints
              by their torques, which lowers an error where other weights made a joint pay for its neighbours
     """
 
     def __init__(self, trials: Trials, errors: Callable[[Reading], Array], fitted: Array) -> None:
         self.trials, self.able, self.errors = trials, trials.able, errors
+        driving = trials.driving()
+        self.turnable = [i for i in self.able if i not in driving]
         self.reading = Reading.given(len(fitted))
         self.before: Array = np.minimum(fitted, errors(self.reading))
 
@@ -194,14 +197,14 @@ class _Search:
 
     def _turned(self) -> Iterator[_Change]:
         """The other sign of the torque of one joint, or of all."""
-        for joints in _all_or_one(self.able):
+        for joints in _all_or_one(self.turnable):
             yield self.reading.turned(joints), joints, TURNED_FALLS_TO
 
     def _some_turned(self) -> Iterator[_Change]:
         """The other sign of the torques of some joints, where there are few."""
         few = 7  # whose 127 combinations of signs take less than a second
-        for count in range(2, len(self.able)) if len(self.able) <= few else ():
-            for some in combinations(self.able, count):
+        for count in range(2, len(self.turnable)) if len(self.turnable) <= few else ():
+            for some in combinations(self.turnable, count):
                 yield self.reading.turned(some), some, EXCHANGED_FALLS_TO
 
     def _scaled(self) -> Iterator[_Change]:

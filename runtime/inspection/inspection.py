@@ -36,9 +36,10 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.identify import delay_entries, identify
 from runtime.identification.problem import configurations
+from runtime.identification.settings import WORK_TELLS
 from runtime.inspection.drive_laws import allowed
 from runtime.inspection.guesses import map_options, unit_in_name
-from runtime.inspection.settings import AGAINST_MOTION, FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
+from runtime.inspection.settings import FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
 from runtime.inspection.signals import (
     clock_entry,
     joint_entries,
@@ -179,7 +180,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
     # A joint that ends further from its start than half of its range may have done its work on a load.
     returned = np.abs(recording.q[:, -1] - recording.q[:, 0]) <= np.ptp(recording.q, axis=1) / 2
     found = []
-    for i in np.flatnonzero(returned & (np.diagonal(part) < -AGAINST_MOTION)):
+    for i in np.flatnonzero(returned & (np.diagonal(part) < -WORK_TELLS)):
         joint, said = int(i) + 1, "its torque brakes the motion on average, as friction does and no motor"
         cure = map_option(recording.cells, f"tau{joint}", turned=True)
         if f"tau{joint}" not in recording.currents:
@@ -189,7 +190,7 @@ def _braking(recording: Recording) -> list[Suspicion]:
             continue
         # Torques may be exchanged if each drives the other joint's motion.
         exchanges = []
-        for j in np.flatnonzero((part[:, i] > AGAINST_MOTION) & (part[i] > AGAINST_MOTION)):
+        for j in np.flatnonzero((part[:, i] > WORK_TELLS) & (part[i] > WORK_TELLS)):
             names = f"tau{joint}", f"tau{int(j) + 1}"
             exchanges.append(" ".join(map_option(recording.cells, a, b) for a, b in (names, names[::-1])))
         other = " or ".join(exchanges) or "name them in the order of the joints"

@@ -16,10 +16,6 @@ SCALE_OFF: Final = 0.15
 """part by which a rate may differ from the derivative of its position; filters and coarse encoders cause some per cent;
 the smallest factor of a wrong unit, rpm for rad/s, is 9.5."""
 
-AGAINST_MOTION: Final = 0.02
-"""part of the product of RMS torque and RMS rate that the negative work must exceed; friction makes the work of a
-returning joint positive, and a smaller part may be a load that another joint lifts; a choice."""
-
 MANY_TURNS: Final = 1.5
 """number of turns; a position over more is the motor's or in degrees; joints of arms turn little more than once."""
 

@@ -299,7 +299,7 @@ def test_a_minus_turns_a_column_round(tmp_path: Path) -> None:
     given, turned = read(path, None), read(path, None, {"tau1": "-tau1 [mN m]", "q1": "-q1"})
     np.testing.assert_allclose(turned.tau, -1e-3 * given.tau)
     np.testing.assert_allclose(turned.q, -given.q)
-    with pytest.raises(RecordingError, match="has a minus; only positions, rates and torques can change sign"):
+    with pytest.raises(RecordingError, match="has a minus; only positions, rates, torques and commands have one"):
         read(path, None, {"t": "-t"})
 
 
@@ -346,3 +346,17 @@ def test_recordings_that_disagree_in_friction(drive: Model, friction: Sequence[f
         assert "coulomb_asymmetric@1" in reason(found)
         assert re.search(r"0\.(50|49)\d* N m in run0.csv and 0\.(80|79)\d* N m in run1.csv", reason(found))
         assert not found.findings
+
+
+def test_a_spring_under_a_slow_sine_is_no_wrong_sign(drive: Model) -> None:
+    """Turned round, its torque would be an inertia's; but it drives the motion, against friction. Its other sign is
+    still found."""
+    t = np.arange(60_000) / 1000
+    q, qd, qdd = 0.3 * np.sin(t), 0.3 * np.cos(t), -0.3 * np.sin(t)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(t))
+    tau = INERTIA * qdd + 3.0 * q + 0.4 * np.sign(qd) + 0.5 * qd + noise
+    whole, few = np.zeros(len(t), dtype=np.int64), (slice(0, len(t)),)
+    made = Recording(Path("slow.csv"), t, whole, q[None], tau[None], ("revolute",), few, (None,))
+    assert kinds(drive, made) == []
+    stiff = replace(analytic(3), tau=-analytic(3).tau)
+    assert kinds(drive, stiff) == [("sign", 1)]
