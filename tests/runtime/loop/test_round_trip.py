@@ -68,7 +68,6 @@ def test_what_is_hidden_in_a_drive_is_named(here: None) -> None:  # noqa: ARG001
     [
         ("drive", "load_friction@1", ("--seconds", 30)),
         ("vishard4", "load_friction@2", ("--seconds", 30)),
-        ("vishard4", "friction_patch@3", ("--seconds", 30)),
         ("emps", "friction_patch@1", ("--seconds", 30)),
         ("ur10", "stribeck@3", ()),
         ("panda", "stribeck@2", ()),
