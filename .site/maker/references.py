@@ -215,7 +215,7 @@ def public() -> dict[str, list[tuple[str, str]]]:
         listed = next((title for title, names in TITLES.items() if name in names), None)
         kind = "Errors" if home.endswith(("Error", "Infeasible")) else "Results" if name[0].isupper() else "Verbs"
         public[listed or kind].append((name, home))
-    public["Verbs"].sort(key=lambda entry: list(VERBS).index(entry[0].rstrip("_")))
+    public["Verbs"].sort(key=lambda entry: list(VERBS).index(entry[0].split("_")[0]))
     return public
 
 

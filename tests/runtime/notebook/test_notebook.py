@@ -129,7 +129,7 @@ def test_every_public_name_is_there(tmp_path: Path) -> None:
     with pytest.raises(AttributeError, match="has no attribute 'diagnoze'"):
         _ = tendon.diagnoze
     errors = [getattr(tendon, name) for name in tendon.__all__ if name.endswith("Error")]
-    assert [e.__name__ for e in errors if not issubclass(e, ValueError)] == ["BuildError"]
+    assert [e.__name__ for e in errors if not issubclass(e, ValueError)] == ["BuildError", "LinkError"]
     with pytest.raises(tendon.RecordingError, match="no such file"):
         tendon.recording(tmp_path / "none.csv")
     with pytest.raises(tendon.ModelError, match="stribek"):
