@@ -20,6 +20,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -106,6 +107,8 @@ def _parts(value: Any) -> Iterator[bytes]:
             yield from _parts(getattr(value, field.name))
     elif isinstance(value, Mapping):
         yield from _parts(list(value.items()))
+    elif isinstance(value, FunctionType):
+        yield f"{value.__module__}.{value.__qualname__}".encode()
     elif isinstance(value, set | frozenset):
         yield from _parts(sorted(value))
     elif isinstance(value, list | tuple):

@@ -37,7 +37,7 @@ from runtime.experiments.asking import ExperimentError
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
-from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, narrowed
+from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, narrowed, nothing_in_the_way
 from runtime.experiments.settings import ORDINARY_SECONDS, SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
@@ -291,7 +291,7 @@ def propose(
     moving: Sequence[int] | None = None,
     ranges: Mapping[int, tuple[float, float]] = MappingProxyType({}),
     likely: Model | None = None,
-    free: Callable[[Array], bool] = lambda _: True,
+    free: Callable[[Array], bool] = nothing_in_the_way,
 ) -> Proposal:
     """The motion within the model file's limits that separates the rivals, or comes nearest to it.
 

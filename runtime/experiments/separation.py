@@ -43,6 +43,11 @@ Pair = tuple[int, int | None]
 """Numbers of the rival that is true and of the one that tries to explain it; None: nothing but the base model."""
 
 
+def nothing_in_the_way(path: Array) -> bool:  # noqa: ARG001
+    """True of every path (n, N)."""
+    return True
+
+
 @dataclass(frozen=True)
 class TrialArm:
     """An arm on which experiments are tried: all its parameters known, its instruments as on an ordinary recording.
@@ -75,7 +80,7 @@ class TrialArm:
         settings: ExperimentSettings,
         moving: Sequence[int] | None = None,
         likely: Model | None = None,
-        free: Callable[[Array], bool] = lambda _: True,
+        free: Callable[[Array], bool] = nothing_in_the_way,
     ) -> TrialArm:
         """moving, free: as the attributes; None: all. likely: the model with likely numbers for what its file leaves
         out; None: it leaves out nothing. Raises SimulationError."""

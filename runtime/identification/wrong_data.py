@@ -172,9 +172,10 @@ class _Search:
         alike: set[int] = set()
         for i in reading.joints_in(DEGREES, MOTOR):
             degrees, motors = (reading.measured_in(unit, (i,)) for unit in (DEGREES, MOTOR))
-            low, high = sorted(self.errors(r)[i] for r in (degrees, motors))
-            if self.trials.model.joints[i].gear_ratio > SUSPECTED_RATIO and low > TURNED_FALLS_TO * high:
-                reading, alike = degrees, alike | {i}
+            own, other = (float(self.errors(r)[i]) for r in (degrees, motors))
+            if self.trials.model.joints[i].gear_ratio > SUSPECTED_RATIO and other > TURNED_FALLS_TO * own:
+                reading = degrees
+                alike |= {i} if own > TURNED_FALLS_TO * other else set()
         return reading, alike
 
     def likeliest(self) -> Reading:

@@ -337,8 +337,9 @@ def test_what_all_joints_lack_is_said_once(model: Model, vishard4: Arm) -> None:
     with pytest.raises(ControllerError) as caught:
         Controller(told, bare, still())
     said = str(caught.value)
-    assert [said.count(part) for part in ("[joint.controller]", "kp = ", "[joint.encoder]")] == [1, 4, 1]
-    assert "[joint.encoder] at joints 1, 2, 3, 4 with counts" in said
+    assert [said.count(part) for part in ("[joint.controller]", "[joint.encoder]")] == [1, 1]
+    assert "[joint.encoder] at joints 1, 2, 3, 4" in said
+    assert "tendon init --controller" in said
 
 
 def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
@@ -349,9 +350,7 @@ def test_what_the_model_file_lacks_is_proposed(library: Library) -> None:
     model = Model(prepare_arm(bare), library)
     with pytest.raises(ControllerError) as caught:
         Controller(prepare_firmware(bare, LIBRARY), model, plan)
-    # 0.10 + 2.0 * 0.2^2 + 0.0565 kg m^2
-    assert "for example kp = 37.3, kd = 5.94 (2 Hz at 0.236 kg m^2)" in str(caught.value)
-    for key in ("[controller]", "[joint.controller], for example kp", " at joint 1; [joint.encoder] at joint 1 with"):
+    for key in ("[controller]", "[joint.controller] at joint 1", "[joint.encoder] at joint 1", "init --controller"):
         assert key in str(caught.value)
     arm = reader.parse(text, "drive.toml")
     with pytest.raises(ControllerError, match=r"no value of joint1_coulomb_asymmetric_positive, .*tendon identify"):

@@ -230,7 +230,7 @@ def model(*joints: dict[str, Any]) -> Any:
             "gains": None,
             "encoder_counts": 2000,
             "encoder_zero": 0,
-            "drive": {"node": k + 10, "direction": 1, "rated_torque": None},
+            "drive": {"node": k + 10, "direction": 1, "rated_torque": None, "law": None, "gains": {}},
             "effects": {},
             "name": None,
             "units": {"force": "N m", "position": "rad"},
@@ -313,7 +313,7 @@ def test_nothing_is_commanded_before_the_drives_are_on() -> None:
 
 
 def test_a_motor_that_turns_against_its_joint() -> None:
-    turned = {"drive": {"node": 11, "direction": -1, "rated_torque": 0.5}}
+    turned = {"drive": {"node": 11, "direction": -1, "rated_torque": 0.5, "law": None, "gains": {}}}
     with bench(turned) as (arm, behind):
         behind.advance.position = [40.0]
         assert arm.start(np.zeros(1), RNG).tolist() == [-40]
@@ -326,7 +326,10 @@ def test_a_motor_that_turns_against_its_joint() -> None:
 @pytest.mark.parametrize("position", [-(2**31), 2**31 - 1])
 def test_counts_at_the_ends_of_the_register(position: int) -> None:
     for direction, expected in ((1, position), (-1, -position if position > 0 else position)):
-        with bench({"drive": {"node": 11, "direction": direction, "rated_torque": None}}) as (arm, behind):
+        with bench({"drive": {"node": 11, "direction": direction, "rated_torque": None, "law": None, "gains": {}}}) as (
+            arm,
+            behind,
+        ):
             behind.advance = None
             behind.drives[0].position = position
             assert arm.start(np.zeros(1), RNG).tolist() == [expected]

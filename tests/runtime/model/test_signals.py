@@ -177,10 +177,12 @@ PLACES = (
     "symbolic/described.py",
     "runtime/model/terms.py",
     "symbolic/grammar/",
+    "runtime/recordings/",
     "codegen/verify/proof.py",
 )
 """Where signals are declared, of which quantities a grid may be a part (not all are signals), where those without a
-source are read, where laws are made of them, and where functions are proved that have the names of signals."""
+source are read, where laws are made of them, where columns of recordings have their names, and where functions are
+proved that have the names of signals."""
 
 
 def strings(nodes: list[ast.expr | None]) -> set[str]:
