@@ -76,9 +76,7 @@ def test_other_equations_are_refused(one: Rig) -> None:
 
 def test_a_trajectory_that_is_too_long_is_refused(bench: Source, arm: Model) -> None:
     stations, room = [0.1 * (-1) ** k for k in range(17)], "the board has room for 16 and 256"
-    with pytest.raises(
-        Refused, match="the trajectory has 17 phases with 102 control points; the board has room for 16 and 256"
-    ):
+    with pytest.raises(Refused, match=f"the trajectory has 17 phases with 102 control points; {room}"):
         rig(arm, bench.compiled.controller(), trajectory(motion(stations, [0.2] * 17))).prepared()
     phases = tuple(replace(p, points=np.tile(p.points[:, :1], 30)) for p in motion([0.0] * 9, [0.2] * 9))
     with pytest.raises(Refused, match=f"the trajectory has 9 phases with 270 control points; {room}"):
