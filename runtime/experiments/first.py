@@ -37,6 +37,7 @@ from runtime.experiments.settings import (
     SLOWINGS,
     SMALLER,
     SMALLER_BY,
+    SMALLEST,
     STARTS,
     STATIONS,
     TRANSFER_LEAST,
@@ -182,9 +183,15 @@ class MotionPlanner:
         x = search.best([series.random(rng) for _ in range(STARTS)])
         # Between the samples of the search, too.
         t = np.arange(round(period * RATE)) / RATE
-        while limits.worst(np.tile(series.shape(x, t)[0], 2))[0] > 1.0:
-            x = SMALLER_BY * x
-        return series, x, search.value(x)
+        size = 1.0
+        while (worst := limits.worst(np.tile(series.shape(size * x, t)[0], 2)))[0] > 1.0:
+            size *= SMALLER_BY
+            if size < SMALLEST:
+                raise SimulationError(
+                    f"no safe motion about the middle of the ranges was found: even a small one has {worst[1]} at "
+                    f"{worst[0]:.3g} of what is allowed; start from another pose, or narrow the ranges"
+                )
+        return series, size * x, search.value(size * x)
 
     def _others(self, rng: np.random.Generator) -> list[tuple[str, Array]]:
         """Names and positions (n, N) at 1 kHz of what stands beside the Fourier motion, as far as there is time."""

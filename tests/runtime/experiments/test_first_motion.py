@@ -235,6 +235,23 @@ def test_the_arm_keeps_clear_of_the_floor_and_of_itself(tmp_path: Path) -> None:
     assert (np.ptp(read_motion(motion, 6), axis=1) > 0.3).all()
 
 
+def test_an_arm_that_cannot_hold_itself_gets_an_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its weight takes more than the largest torque wherever it is: no motion is written."""
+    described, model, motion = tmp_path / "two.urdf", tmp_path / "two.toml", tmp_path / "motion.csv"
+    weak = (
+        TWO_LINKS.replace("LONG", "0.1")
+        .replace('effort="60"', 'effort="0.01"')
+        .replace('xyz="0 0 0.2"', 'xyz="0.2 0 0"')
+    )
+    described.write_text(weak)
+    assert output.run(app, ["import", str(described), "--out", str(model)]) == 0
+    capsys.readouterr()
+    asked = ["--seconds", "30", "--time-limit", "3", "--out", str(motion)]
+    assert output.run(app, ["experiment", str(model), *asked]) == output.BAD_INPUT
+    assert "no safe motion about the middle of the ranges was found: even a small one has" in capsys.readouterr().err
+    assert not motion.exists()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
