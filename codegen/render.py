@@ -10,6 +10,7 @@ from codegen import metadata
 from codegen.c import c_code, c_effects, c_lanes
 from codegen.c.c_code import F32, F64, Precision, Routine, identifier
 from codegen.c.controller import Controller
+from codegen.c.monitor import ModelMonitor
 from codegen.casadi import casadi_code
 from codegen.pages import BANNER, page
 from codegen.tape.tape import Tape, balanced
@@ -98,7 +99,7 @@ def _batches(name: str, function: SymbolicFunction, tape: Tape, begun: bool) -> 
 
 
 def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
-    """The controller's step in C (float) and controller.json.
+    """The controller's step in C (float), that of its monitor where the model file has one, and controller.json.
 
     library   all effects by name; those that the model file activates are compensated
     """
@@ -110,7 +111,13 @@ def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str
         f"{stem}.c": page("c/controller.c.j2", **holes, contact_phase=page(f"c/{contact}.c.j2", **holes).rstrip()),
         f"{stem}.h": page("c/controller.h.j2", **holes),
         "controller.json": metadata.text(controller.document()),
+        **({} if controller.monitor is None else _monitor_files(model.arm.name, controller.monitor)),
     }
+
+
+def _monitor_files(name: str, monitor: ModelMonitor) -> dict[str, str]:
+    holes = {"banner": f"/* {BANNER} Monitor of the arm {name}. */", **monitor.holes}
+    return {f"{name}_monitor_f32.{kind}": page(f"c/monitor.{kind}.j2", **holes) for kind in ("c", "h")}
 
 
 def probe_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:

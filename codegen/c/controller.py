@@ -10,57 +10,14 @@ from fractions import Fraction
 import sympy as sp
 
 from codegen.c.c_code import F32, Routine, assign, comment, declaration, describe, indent, notation, unused
+from codegen.c.monitor import ModelMonitor
+from codegen.c.records import Record, RecordField, of_struct
 from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
 from symbolic.controller_law import Compensation, Spring, compensation
 from symbolic.effects.declaration import Effect
-from symbolic.functions import Coordinates, Struct, SymbolicFunction
+from symbolic.functions import Coordinates, SymbolicFunction
 from symbolic.model import ArmModel
-
-
-@dataclass(frozen=True)
-class RecordField:
-    """A field. type: float, int32_t, uint32_t or an earlier record; count: of an array, else None."""
-
-    name: str
-    type: str
-    unit: str
-    meaning: str
-    count: int | None = None
-    pointer: bool = False
-
-    def declaration(self) -> str:
-        """The field in C; pointers are to const, so that a record can be in read-only memory."""
-        array = "" if self.count is None else f"[{self.count}]"
-        target = f"const {self.type} *{self.name}" if self.pointer else f"{self.type} {self.name}{array}"
-        return f"{target}; {comment(f'{self.unit}: {self.meaning}' if self.unit else self.meaning)}"
-
-
-@dataclass(frozen=True)
-class Record:
-    """A struct. declared: in another header."""
-
-    name: str
-    meaning: str
-    fields: tuple[RecordField, ...]
-    declared: bool = False
-
-    def typedef(self) -> str:
-        """The struct in C, each field with its unit and meaning."""
-        lines = [f"    {field.declaration()}" for field in self.fields]
-        return "\n".join([comment(self.meaning), "typedef struct {", *lines, f"}} {self.name};"])
-
-    def to_json(self) -> dict[str, object]:
-        """Name and fields, as the runtime reads them to fill the struct."""
-        fields = [{"name": f.name, "type": f.type, "count": f.count, "pointer": f.pointer} for f in self.fields]
-        return {"name": self.name, "fields": fields}
-
-
-def of_struct(name: str, meaning: str, struct: Struct, declared: bool = False) -> Record:
-    """The record of generated functions' parameters."""
-    rows = zip(struct.symbols, struct.units, struct.meanings, strict=True)
-    return Record(name, meaning, tuple(RecordField(s.name, "float", unit, text) for s, unit, text in rows), declared)
-
 
 MAX_DEGREE = 29
 """Up to this degree, binomial coefficients times the degree fit into 32 bits."""
@@ -141,8 +98,20 @@ _RECORDS: Mapping[str, tuple[str, Sequence[tuple[str, str, str, str]]]] = {
 a unit ("rad|m": rad for revolute joints, m for prismatic ones) and a meaning."""
 
 
-def controller_records(model: ArmModel, found: Compensation) -> tuple[Record, ...]:
-    """All structs in order of declaration, beginning with that of the arm's own header."""
+_WITH_MONITOR = {
+    "config": (
+        "monitor",
+        "{name}_monitor_config_f32",
+        "",
+        "from the model file",
+    ),
+    "state": ("monitor", "{name}_monitor_state_f32", "", "whether the model still holds; a reset leaves it as it is"),
+}
+"""The last field of two structs of an arm whose model is watched."""
+
+
+def controller_records(model: ArmModel, found: Compensation, monitor: ModelMonitor | None) -> tuple[Record, ...]:
+    """All structs in order of declaration, beginning with that of the arm's own header, then the monitor's."""
     name, n = model.arm.name, len(model.arm.joints)
     unit = Coordinates(tuple(joint.type for joint in model.arm.joints)).unit
     flags = ", ".join(f"{name.upper()}_{flag.upper()}" for flag in STATUS)
@@ -165,7 +134,10 @@ def controller_records(model: ArmModel, found: Compensation) -> tuple[Record, ..
         Record(f"{name}_spring_f32", note, tuple(springs)),
         Record(f"{name}_contact_f32", "The plate, equation (3), and its damper.", tuple(contact)),
     ]
-    for short, (meaning, rows) in _RECORDS.items():
+    if monitor is not None:
+        records[1:1] = monitor.records
+    for short, (meaning, own) in _RECORDS.items():
+        rows = [*own, _WITH_MONITOR[short]] if monitor is not None and short in _WITH_MONITOR else own
         fields = [
             RecordField(
                 field,
@@ -187,17 +159,21 @@ STRUCTS = {"parameters": "parameters", "effects": "effects", "springs": "spring"
 
 @dataclass(frozen=True)
 class Controller:
-    """The controller of an arm. records: in order of declaration, that of the arm's own header first."""
+    """The controller of an arm. records: in order of declaration, that of the arm's own header first.
+
+    monitor   of the model, which it asks in every step; None where the model file has none
+    """
 
     model: ArmModel
     compensation: Compensation
     records: tuple[Record, ...]
+    monitor: ModelMonitor | None = None
 
     @classmethod
     def of(cls, model: ArmModel, library: Mapping[str, Effect]) -> Controller:
         """The controller of an arm. library: all effects by name."""
-        found = compensation(model, library)
-        return cls(model, found, controller_records(model, found))
+        found, monitor = compensation(model, library), ModelMonitor.of(model, library)
+        return cls(model, found, controller_records(model, found, monitor), monitor)
 
     @property
     def holes(self) -> dict[str, object]:
@@ -209,6 +185,7 @@ class Controller:
             "NAME": name.upper(),
             "n": len(self.model.arm.joints),
             "guard": f"TENDON_{name.upper()}_CONTROLLER_F32_H",
+            "monitored": self.monitor is not None,
             "compensated": self._coverage(),
             "price": self._price(),
             "min_degree": MIN_DEGREE,
@@ -297,6 +274,7 @@ class Controller:
             "max_degree": MAX_DEGREE,
             "springs": {p.name: _powers(c.springs[0], product) for p, product in c.springs[0].lumps},
             **_others(c),
+            **({} if self.monitor is None else {"monitor": self.monitor.document()}),
             "effects": {symbol.name: value for symbol, value in values},
             "compensated": [str(site) for site in c.compensated],
             "uncompensated": [{"effect": str(site), "reason": site.obstacle} for site in c.uncompensated],

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from codegen.c.controller import COORDINATES, MAX_DEGREE, MIN_DEGREE, Record
+from codegen.c.controller import COORDINATES, MAX_DEGREE, MIN_DEGREE
+from codegen.c.records import Record
 
 MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE = 16, 256, 8
 """Capacity of a board: phases, and control points of all phases; and control points in a message."""

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Literal
 
 from codegen.c.c_code import float32
-from codegen.c.controller import COORDINATES, MAX_DEGREE, STATUS, Controller, Record
+from codegen.c.controller import COORDINATES, MAX_DEGREE, STATUS, Controller
+from codegen.c.records import Record
 from codegen.firmware.messages import (
     LARGEST,
     LEAST_FILTER,

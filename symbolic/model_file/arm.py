@@ -107,6 +107,25 @@ class Control:
 
 
 @dataclass(frozen=True)
+class JointMonitor:
+    """What the residual of a joint is while its model holds; keys.JOINT_MONITOR describes it."""
+
+    floor: float
+    load_floor: float
+    slowest: float
+    freedom: float | None
+
+
+@dataclass(frozen=True)
+class ArmMonitor:
+    """Settings of the monitor on the board; keys.MONITOR describes them. joints: one a joint"""
+
+    cutoff: float
+    false_alarms: float
+    joints: tuple[JointMonitor, ...]
+
+
+@dataclass(frozen=True)
 class Drive:
     """The servo drive of a joint; keys.DRIVE describes its data.
 
@@ -178,6 +197,7 @@ class Arm:
     tip        flange or tool, in the last joint's frame
     effects    of the whole arm
     inertial   identified base inertial parameters; they override the values computed from the links
+    monitor    of the model on the board, or None
     torque     what recorded torques are, unless a recording says something else; None: not stated
     space      False: the arm moves in the plane of x and y, and its file states lengths (see `planar`)
     notes      warnings of the file's reader, a line each; not compared
@@ -191,6 +211,7 @@ class Arm:
     contact: Contact | None = None
     inertial: Values = field(default_factory=dict)
     controller: Control | None = None
+    monitor: ArmMonitor | None = None
     torque: Torque | None = None
     space: bool = True
     notes: tuple[str, ...] = field(default=(), compare=False, repr=False)

@@ -21,7 +21,7 @@ from tomlkit.items import AoT, Comment, InlineTable, Null, Table, Whitespace
 from symbolic.described import AnyEffect, declared, number_name, numbered
 from symbolic.model_file.arm import ROTOR, Arm, ProposedValue
 from symbolic.model_file.checks import SMALLEST, Place, at_joint, identifier, printable
-from symbolic.model_file.keys import CONTROLLER, ENCODER, GAINS, JOINT, LIMITS
+from symbolic.model_file.keys import CONTROLLER, ENCODER, GAINS, JOINT, JOINT_MONITOR, LIMITS, MONITOR
 from symbolic.model_file.reader import ModelError, check_effect, parse
 
 DIGITS = 7
@@ -167,7 +167,9 @@ class ModelText:
         if around == "effects":
             named = {p.name: p for p in declared(table, self.effects).parameters}
             return named[proposed.key].unit.text(kind)
-        fields = {"controller": (*GAINS, *CONTROLLER), "encoder": ENCODER, "limits": LIMITS, "": JOINT}[table]
+        monitor = MONITOR if proposed.joint is None else JOINT_MONITOR
+        tables = {"controller": (*GAINS, *CONTROLLER), "encoder": ENCODER, "limits": LIMITS, "monitor": monitor}
+        fields = {**tables, "": JOINT}[table]
         return next(field for field in fields if field.key == proposed.key).unit_of(kind)
 
     def set_torque_constants(self, values: Mapping[int, float]) -> Self:

@@ -171,6 +171,22 @@ DRIVE = (
     LAW,
     *GAIN_KEYS,
 )
+JOINT_MONITOR = (
+    Number(
+        "floor",
+        "RMS of the joint's residual in the monitor's band while the model holds",
+        unit=("N m", "N"),
+        positive=True,
+    ),
+    Number("load_floor", "what it has more for each N m (N) of rigid-body torque", low=0.0, default=0.0),
+    Number("slowest", "at a lower speed the joint is not judged", unit=("rad/s", "m/s"), low=0.0, default=0.0),
+    Number(
+        "freedom",
+        "degrees of freedom of the residual's energy in a window; those of noise in the band if left out",
+        positive=True,
+        default=None,
+    ),
+)
 EFFECTS = "an active effect with its parameters; an empty table: its values are unknown (tendon effects)"
 
 
@@ -203,6 +219,7 @@ def _joint(*body: Field) -> tuple[Field, ...]:
         Inner("limits", "what motions keep", LIMITS, default={}),
         Inner("controller", "gains of the joint's controller", GAINS, default=None),
         Inner("encoder", "of the motor", ENCODER, default=None),
+        Inner("monitor", "what the board's monitor compares the joint's residual with", JOINT_MONITOR, default=None),
         Inner("drive", "servo drive: on a CAN bus, and the law of its torque", DRIVE, default=None),
     )
 
@@ -219,6 +236,10 @@ CONTROLLER = (
     Number(
         "friction_slope", "c_e of (7): how fast compensation starts from standstill", unit="s/rad (s/m)", positive=True
     ),
+)
+MONITOR = (
+    Number("cutoff", "of the low-pass on the residual", unit="Hz", positive=True),
+    Number("false_alarms", "of the whole arm, in a thousand hours of motion", low=1e-6, high=1e3, default=1.0),
 )
 CONTACT = (
     Number("x", "position of the plate's axis, x_p of (12), in the base frame", unit="m"),
@@ -248,6 +269,7 @@ def _model(gravity: Field, joint: Sequence[Field], *end: Field) -> tuple[Field, 
             default={},
         ),
         Inner("controller", "what the joints' controllers share", CONTROLLER, default=None),
+        Inner("monitor", "of the model on the board, by [joint.monitor]", MONITOR, default=None),
     )
 
 

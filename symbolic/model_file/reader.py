@@ -16,12 +16,14 @@ from symbolic.described import AnyEffect, declared, numbered
 from symbolic.model_file import checks, fields
 from symbolic.model_file.arm import (
     Arm,
+    ArmMonitor,
     Contact,
     Control,
     Drive,
     Frame,
     Gains,
     Joint,
+    JointMonitor,
     Limits,
     Link,
     Values,
@@ -121,6 +123,7 @@ def parse(text: str, where: str, effects: Mapping[str, AnyEffect] | None = None)
     if arm.controller is not None:
         cutoff = arm.controller.velocity_cutoff
         number(top.inside("controller"), "velocity_cutoff", cutoff, "Hz", high=arm.controller.rate / 2)
+    arm = replace(arm, monitor=_monitor(top, said, arm.controller))
     if kind is SPATIAL:
         arm = _in_space(top, replace(arm, tip=Frame(**said["tip"]["origin"])))
     else:
@@ -182,6 +185,23 @@ def _joint(place: Place, said: Mapping[str, Any], effects: Mapping[str, AnyEffec
         origin=Frame(**said["origin"]) if spatial else Frame(),
         link=Link(**link) if spatial else planar_link(link["mass"], link["com"], link["inertia"]),
     )
+
+
+def _monitor(top: Place, said: Mapping[str, Any], controller: Control | None) -> ArmMonitor | None:
+    """The monitor: of all joints or of none, at the control rate. Raises ModelError."""
+    joints = [one["monitor"] for one in said["joint"]]
+    given = [k for k, one in enumerate(joints, 1) if one is not None]
+    if said["monitor"] is None:
+        if given:
+            top.inside(f"joint {given[0]}").fail("[joint.monitor] needs [monitor] with its cutoff; expected both")
+        return None
+    without = [k for k in range(1, len(joints) + 1) if k not in given]
+    if without:
+        top.inside(f"joint {without[0]}").fail("[monitor] needs [joint.monitor] with a floor at every joint")
+    if controller is None:
+        top.fail("[monitor] needs the rate of [controller]; expected both")
+    number(top.inside("monitor"), "cutoff", said["monitor"]["cutoff"], "Hz", high=controller.rate / 4)
+    return ArmMonitor(**said["monitor"], joints=tuple(JointMonitor(**one) for one in joints))
 
 
 def _drive(place: Place, said: Mapping[str, Any], torque_constant: float | None) -> Drive:

@@ -67,7 +67,7 @@ def write(directory: Path, arm: Arm, model: Model, plan: Trajectory, steps: int)
     # Two of the encoders' counters overflow on the way.
     zero = [0, 2**31 - 9000, -(2**31) + 5000, -77]
     (directory / "motion.h").write_text(_header(settings, Controller.of(derived, LIBRARY).document(), zero, steps))
-    for name in ("motion.c", "motion.ld"):
+    for name in ("motion.c", "alone.c", "motion.ld"):
         shutil.copy(HERE / name, directory)
 
 

@@ -1,0 +1,32 @@
+/* A monitor of one joint along a recorded residual, for tests that need many hours of it. */
+#include <stddef.h>
+#include <stdint.h>
+
+#include "arm_monitor_f32.h"
+
+void begin(arm_monitor_config_f32 *config, arm_monitor_state_f32 *state);
+uint32_t watch(
+    const arm_monitor_config_f32 *config, arm_monitor_state_f32 *state, size_t count, const float *residual,
+    const float *load);
+
+void begin(arm_monitor_config_f32 *config, arm_monitor_state_f32 *state)
+{
+    arm_monitor_default_f32(config);
+    arm_monitor_reset_f32(state);
+}
+
+/* Goes along the residual until the model does not hold; returns how many samples that took, `count` if it always
+ * holds. */
+uint32_t watch(
+    const arm_monitor_config_f32 *config, arm_monitor_state_f32 *state, size_t count, const float *residual,
+    const float *load)
+{
+    static const float model[1] = {0.0f};
+    static const float moving[1] = {1.0f};
+    size_t k = 0U;
+    while ((k < count) && (state->joints[0].verdict == ARM_MODEL_HOLDS)) {
+        arm_monitor_step_f32(config, state, &residual[k], model, &load[k], model, moving, model, model);
+        ++k;
+    }
+    return (uint32_t)k;
+}
