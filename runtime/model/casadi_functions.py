@@ -72,6 +72,6 @@ def effect_torque(
     return effect_function(model, effect)(*signals, values, ca.SX(0, 1) if states is None else states, width)
 
 
-def ordered(model: Model, effect: str, values: Mapping[str, float]) -> list[float]:
-    """Parameter values of an effect in declared order, with defaults."""
-    return [float(values.get(p.name, p.default or 0.0)) for p in model.library[effect].parameters]
+def ordered(model: Model, effect: str, values: Mapping[str, Any]) -> list[Any]:
+    """Parameter values of an effect in declared order, with defaults; numbers or expressions."""
+    return [values.get(p.name, p.default or 0.0) for p in model.library[effect].parameters]

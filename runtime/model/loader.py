@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from math import prod
@@ -112,7 +112,11 @@ class Model:
     @property
     def struct_values(self) -> list[float]:
         """Base inertial parameters, then geometry, as the generated functions take them. Raises ModelError."""
-        return [*self.lump_values.tolist(), *self._defaults[len(self.lumps) :].tolist()]
+        return self.struct_of(self.lump_values.tolist())
+
+    def struct_of(self, lumps: Iterable[Any]) -> list[Any]:
+        """The same with other base inertial parameters (p,), numbers or expressions."""
+        return [*lumps, *self._defaults[len(self.lumps) :].tolist()]
 
     def call(self, function: str, arguments: Mapping[str, ArrayLike], lumps: ArrayLike | None = None) -> Array:
         """Calls a generated function by name. Inputs and output (*shape, N); see metadata["functions"].

@@ -25,8 +25,8 @@ from runtime.motion.motion import BandView, Motion
 from runtime.motion.piece import Piece
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import LARGEST, MIN_SAMPLES
+from runtime.simulation.equations import PlantError
 from runtime.simulation.options import SimulationSettings
-from runtime.simulation.plant import PlantError
 from runtime.simulation.settings import (
     AT_REST,
     COUNT,

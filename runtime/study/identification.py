@@ -40,7 +40,7 @@ from runtime.motion.band import choose_band
 from runtime.motion.filters import differentiator
 from runtime.planning.trajectory import Phase, Trajectory
 from runtime.recordings.recording import Recording
-from runtime.simulation.plant import PlantError
+from runtime.simulation.equations import PlantError
 from runtime.simulation.simulate import Hidden
 from runtime.study.published import PRECISION, TABLE_1, TRIALS
 

@@ -17,7 +17,7 @@ from runtime.model.loader import Library, Model
 from runtime.model.terms import Prediction, Structure, Term
 from runtime.motion.piece import Piece
 from runtime.planning import physics
-from runtime.simulation import plant, simulate
+from runtime.simulation import equations, simulate
 from symbolic.controller_law import Site
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL, SIGNALS, Effect, Signal, parameter
@@ -70,14 +70,15 @@ def test_numbers_and_expressions_are_the_same(arm: Model) -> None:
     spatial arms have come from the arm's functions."""
     assert all(s.source is not None for s in SIGNALS if s.space)
     seen = along(arm)
-    equations = plant.PlantEquations(arm, acting(arm), np.full(arm.n, SHARP))
+    known = Prediction(arm.lump_values, acting(arm))
+    moved = equations.PlantEquations(arm, known, np.full(arm.n, SHARP))
     q, qd, qdd = (ca.SX.sym(name, arm.n) for name in ("q", "qd", "qdd"))
     t = ca.SX.sym("t")
-    at = plant.PlantInstant(q, qd, qdd, t)
-    torque = equations.torque(at, ca.SX(0, 1))
+    at = equations.PlantInstant(q, qd, qdd, t)
+    torque = moved.torque(at, ca.SX(0, 1))
     slope = ca.SX.sym("slope")
     for joint, own in places(arm):
-        here = plant._Driven(plant._Signals(equations, at), torque[joint], slope)
+        here = equations._Driven(equations._Signals(moved, at), torque[joint], slope)
         read = [here.signal(s.name, joint, own) for s in there(arm)]
         whole = ca.Function("read", [q, qd, qdd, t, slope], [ca.vertcat(*read)])
         p = seen.piece

@@ -11,7 +11,9 @@ from scipy.integrate import solve_ivp
 from codegen.prepare import prepare_arm
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Structure, Term, structure
-from runtime.simulation.plant import RATE_WIDTH, Plant, PlantError
+from runtime.simulation.equations import PlantError
+from runtime.simulation.plant import Plant
+from runtime.simulation.settings import RATE_WIDTH
 from runtime.simulation.simulate import complete, torque_along
 from symbolic.effects import LIBRARY
 from symbolic.model_file import reader

@@ -23,8 +23,9 @@ from runtime.model.terms import Prediction, Term, structure
 from runtime.recordings.recording import Recording
 from runtime.report.reasons import closed_gates
 from runtime.simulation import simulate as simulation
+from runtime.simulation.equations import PlantError
 from runtime.simulation.options import SimulationSettings
-from runtime.simulation.plant import Plant, PlantError
+from runtime.simulation.plant import Plant
 from runtime.workspace.source import Source
 from tests import one_joint
 from tests.bench_arm import PLAIN, THERE_AND_BACK
