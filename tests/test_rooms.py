@@ -47,6 +47,7 @@ runtime.diagnosis
 runtime.inspection
 runtime.simulation
 runtime.planning
+runtime.replay
 runtime.loop
 runtime.experiments
 runtime.hardware

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +15,7 @@ from runtime.cli.options import AllowGaps, Budget, EffectsFile, HeldOut, Json, M
 from runtime.cli.output import NO, emit, write_page
 from runtime.cli.places import FILLED, WRITTEN
 from runtime.diagnosis.settings import BUDGET_S
+from runtime.documents.replays import ReplayStep
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
@@ -39,6 +41,9 @@ def improve(
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
     budget: Budget = BUDGET_S,
+    replayed: Annotated[
+        bool, typer.Option("--replay", help="Let the recorded torques drive each model, and compare the motions.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """Fits, diagnoses, adds and fits again; nothing is written
@@ -60,6 +65,9 @@ def improve(
     invocation = typed.invocation(source, provenance, model if write else out)
     fitted, kept = data[: len(recordings)], data[len(recordings) :]
     result, summary = improved_summary(source, fitted, kept, invocation, budget)
+    if replayed:
+        with terminal.working("replaying"):
+            summary = replace(summary, replays=replays_of(result, fitted, kept))
     emit(json, summary.document, terminal.printer(loop.sections))
     if result.found.searched.suspicions:
         if (write or out) and json != "-":
@@ -109,3 +117,18 @@ def improved_summary(
     with terminal.working("fitting and looking for missing effects") as say:
         result = improved(source, fitted, held_out, say, budget)
         return result, ResultSummary(result, invocation, floors(result.steps[-1].fit, held_out))
+
+
+def replays_of(
+    result: Improvement, fitted: Sequence[Recording], held_out: Sequence[Recording]
+) -> tuple[ReplayStep, ...]:
+    """How far the motion of each step's model is off, on the held-out recordings or, without any, on those fitted."""
+    from runtime.replay.replay import Replay
+
+    return tuple(
+        ReplayStep(
+            added=None if step.added is None else str(step.added),
+            joints=Replay.of_fit(step.fit, held_out or fitted).joints,
+        )
+        for step in result.steps
+    )

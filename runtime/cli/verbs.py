@@ -40,6 +40,7 @@ GROUPS: Mapping[str, Mapping[str, Verb]] = {
         "compare": Verb("identify", "Show where the model fails."),
         "diagnose": Verb("diagnose", "Find the physical effects that the model lacks."),
         "improve": Verb("improve", "Add missing effects until none improves the model."),
+        "replay": Verb("replay", "Let recorded torques drive the model and compare the motions."),
         "studio": Verb("studio", "Work on a model in the browser."),
         "simulate": Verb("simulate", "Simulate a recording of an arm."),
         "demo": Verb("improve", "Improve the model of a simulated drive with a hidden effect."),

@@ -31,6 +31,7 @@ from runtime.documents.parts import (
     key,
 )
 from runtime.documents.provenance import Origin
+from runtime.documents.replays import ReplayStep
 
 Verdict = Annotated[
     Literal["effect", "clean", "unexplained", "refused"],
@@ -281,6 +282,10 @@ class ImprovementDocument(ImprovementBase, frozen=True, kw_only=True):
     """What was added and what the error did: `tendon improve --json`, `tendon demo --json`."""
 
     held_out_floors: HeldOutFloors = UNSET
+    replay: Annotated[
+        list[ReplayStep] | UnsetType,
+        key("how far each model's motion is off, on held-out recordings if there are any; absent without --replay"),
+    ] = UNSET
     more_is_left: MoreIsLeft
     peaks: Peaks
     commands: Commands

@@ -35,6 +35,7 @@ from runtime.documents.plans import (
 )
 from runtime.documents.provenance import ReportDocument
 from runtime.documents.recordings import ExperimentDocument, InspectDocument, SimulateDocument
+from runtime.documents.replays import ReplayDocument
 
 BY_VERB: dict[str, type[Document]] = {
     "init": InitDocument,
@@ -43,6 +44,7 @@ BY_VERB: dict[str, type[Document]] = {
     "compare": CompareDocument,
     "diagnose": DiagnosisDocument,
     "improve": ImprovementDocument,
+    "replay": ReplayDocument,
     "demo": ImprovementDocument,
     "simulate": SimulateDocument,
     "experiment": ExperimentDocument,

@@ -72,12 +72,19 @@ class DrivenJoint:
         return np.asarray(sum(parts, start=np.zeros(len(next(iter(columns))))))
 
     @property
+    def acting(self) -> dict[str, float]:
+        """The law's coefficients: stated and identified ones. One that is unknown counts for 1 at the command, as if
+        the torque were in the command's unit, and for nothing elsewhere."""
+        names = [term.name for term in self.law.terms]
+        stated = {name: c for name, c in zip(names, self._stated, strict=True) if c is not None}
+        return {name: float(name == names[0]) for name in names} | self._identified | stated
+
+    @property
     def torque(self) -> Array:
-        """(N,) of stated and identified coefficients. One that is unknown counts for 1 at the command, as if the torque
-        were in the command's unit, and for nothing elsewhere."""
-        neutral = {name: float(name == self.law.terms[0].name) for name in self.unknown}
-        open_part = sum(c * self.columns[name] for name, c in (neutral | self._identified).items())
-        return np.asarray(self.law.limited(self.known + open_part, self.gains, _ramp))
+        """(N,) of the acting coefficients."""
+        parts = (c * self.columns[name] for name, c in self.acting.items() if c)
+        made = sum(parts, start=np.zeros(len(next(iter(self.columns.values())))))
+        return np.asarray(self.law.limited(made, self.gains, _ramp))
 
     @property
     def scale(self) -> float:

@@ -14,7 +14,7 @@ from runtime.documents.diagnosis import (
 )
 from runtime.documents.fits import CompareDocument, JudgedFitDocument
 from runtime.documents.parts import given
-from runtime.report import findings, fits
+from runtime.report import findings, fits, replays
 from runtime.report.findings import Context
 from runtime.report.fits import place
 from runtime.report.sections import Commands, Group, Paragraph, Section, texts
@@ -73,7 +73,7 @@ def improvement(document: ImprovementDocument) -> list[Section]:
     """The error after every step, fitted and held out, what was added, and the verdict on what is left."""
     added = [finding for step in document.history if (finding := given(step.finding)) is not None]
     around = context(document, added)
-    made = errors(document)
+    made = [*errors(document), *replays.errors(given(document.replay) or [])]
     for finding in added:
         made += findings.brief(finding, around)
     before, after = document.identification.before, document.identification.after

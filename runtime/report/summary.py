@@ -16,6 +16,7 @@ from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEntry, ImprovementDocument, PeaksEntry
 from runtime.documents.fits import CompareDocument
 from runtime.documents.provenance import Provenance
+from runtime.documents.replays import ReplayStep
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
@@ -128,12 +129,14 @@ class ResultSummary:
     given             files and options of the command line; None: unknown
     held_out_floors   a noise floor a joint, of the held-out recordings; empty without any
     drafted           a guess at what is left was asked for already
+    replays           how far the motion of each step's model is off; empty where nobody asked
     """
 
     result: Result
     given: Invocation | None = None
     held_out_floors: tuple[Floor, ...] = ()
     drafted: bool = False
+    replays: tuple[ReplayStep, ...] = ()
 
     @cached_property
     def document(self) -> LoopDocument:
@@ -151,7 +154,10 @@ class ResultSummary:
         if isinstance(self.result, Diagnosis):
             return diagnosed.document(self.result).as_part_of(DiagnosisDocument, draft=None, **follows)
         floors = self.floor_entries or UNSET
-        return diagnosed.improved(self.result).as_part_of(ImprovementDocument, held_out_floors=floors, **follows)
+        replay = list(self.replays) or UNSET
+        return diagnosed.improved(self.result).as_part_of(
+            ImprovementDocument, held_out_floors=floors, replay=replay, **follows
+        )
 
     @property
     def floor_entries(self) -> list[FloorEntry]:

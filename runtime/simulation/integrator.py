@@ -25,14 +25,22 @@ class Integrator:
 
     known     parameters, all of them numbers        torque  what the drives' torques are
     longest   s, of the steps, if stability allows it
+    posture   (n,) at which stability is checked; an identified inertia may be wrong where no data are; None: zeros
     A state is q (n,), qd (n,), the memories of effects, the torques that act (n,), and the time.
     """
 
     def __init__(
-        self, model: Model, known: Prediction, period: float, torque: Torque = MOTOR_TORQUE, longest: float = STEP
+        self,
+        model: Model,
+        known: Prediction,
+        period: float,
+        torque: Torque = MOTOR_TORQUE,
+        longest: float = STEP,
+        posture: Array | None = None,
     ) -> None:
         check_forward(model, {term: dict(values) for term, values in known.values.items()})
         self.model, self.known, self.torque, self.period = model, known, torque, period
+        self.posture = np.zeros(model.n) if posture is None else posture
         coarsest = max(1, ceil(period / longest - 1e-9))
         for substeps in FINER:
             self.substeps, self.step = substeps * coarsest, period / (substeps * coarsest)
@@ -67,7 +75,7 @@ class Integrator:
         after = self.one(state, command, ca.SX(0, 1))
         derivative = ca.Function("derivative", [state, command], [ca.jacobian(after, state)])
         n = self.model.n
-        begin = np.asarray(self.rest()(np.zeros(n))).ravel()
+        begin = np.asarray(self.rest()(self.posture)).ravel()
         # At rest, a bristle model is not differentiable.
         begin[n : 2 * n] = GROWTH_AT * self.widths
         return np.asarray(derivative(begin, np.zeros(n)))
@@ -92,7 +100,7 @@ class Integrator:
 
     def _rate_widths(self, equations: PlantEquations) -> Array:
         n = self.model.n
-        posture, still = np.zeros(n), np.zeros(n)
+        posture, still = self.posture, np.zeros(n)
         memory = self.rest(equations)(posture)[2 * n : 2 * n + equations.states]
         inertia = np.asarray(equations.balance(posture, still, still, 0.0, memory, [])[1])
         whole = np.diag(self.model.inertia(posture[:, None], self.known.lumps)[..., 0])

@@ -21,7 +21,7 @@ from runtime.loop.improve import Improvement
 from runtime.model.terms import Term
 from runtime.motion import spectra
 from runtime.plain_json import plain
-from runtime.report import diagnosed, findings, fits, loop, origin, reasons
+from runtime.report import diagnosed, findings, fits, loop, origin, reasons, replays
 from runtime.report.diagnosed import finding_entry, ranking_entries
 from runtime.report.findings import Context
 from runtime.report.fits import Names
@@ -63,6 +63,8 @@ def report(result: Result | ResultSummary) -> ReportPage:
     if moving is not None:
         drawings["moving"] = part("arm_motion.html.j2", "arm_motion", moving)
         groups.append(Group("The arm in motion", (Plots(("moving",)),), "motion"))
+    if played := replays.errors(summary.replays):
+        groups.append(Group("The model in motion", tuple(played), "replay"))
     groups += [_joint(summary, i, drawings) for i in summary.joint_order]
     groups += [
         *_findings(summary, drawings),

@@ -216,3 +216,32 @@ def signals_over_time(t: Array, rows: Sequence[tuple[str, str, Array]], pieces: 
             ax.set_title(title)
     axes[-1].set_xlabel("t, s")
     return figure
+
+
+@dataclass(frozen=True)
+class ReplayedJointLines:
+    """A joint's positions over t (F,): recorded (F,), and those of one model or two, before and after."""
+
+    t: Array
+    recorded: Array
+    models: tuple[Array, ...]
+    unit: str
+
+
+@styled
+def replayed_joint(lines: ReplayedJointLines) -> Figure:
+    """Positions of the recording and of the models, and by how much these are off."""
+    figure = Figure(figsize=(WIDTH, 0.5 + 2 * _PANEL), layout="constrained")
+    position, off = figure.subplots(2, 1, sharex=True)
+    colours = (BEFORE, AFTER)[-len(lines.models) :]
+    names = ("before", "after") if len(lines.models) > 1 else ("model",)
+    off.axhline(0.0, color=FAINT, lw=0.8)
+    for q, colour, name in zip(lines.models, colours, names, strict=True):
+        position.plot(lines.t, q, color=colour, lw=1.1, label=name)
+        off.plot(lines.t, q - lines.recorded, color=colour, lw=1.1)
+    position.plot(lines.t, lines.recorded, color=INK, lw=0.9, label="recorded")
+    position.set_ylabel(f"position, {lines.unit}")
+    off.set_ylabel(f"off, {lines.unit}")
+    off.set_xlabel("time, s")
+    figure.align_ylabels()
+    return figure

@@ -1,0 +1,86 @@
+"""The verb that lets recorded torques drive the model: replay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from runtime.cli.inputs import TypedInputs, made_from, opened
+from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report
+from runtime.cli.output import draw, emit
+from runtime.cli.places import READ
+from runtime.documents.replays import ReplayDocument, ReplayStep
+
+if TYPE_CHECKING:
+    from runtime.model.loader import Model
+    from runtime.recordings.recording import Recording
+    from runtime.replay.replay import Replay
+
+app = typer.Typer()
+
+
+@app.command(epilog="Example: tendon replay better.toml run2.csv --before drive.toml --fit run1.csv")
+def replay(
+    model: ModelFile,
+    recordings: Recordings,
+    fit: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RECORDING",
+            help="Fit all parameters to this recording first; without it, the values of MODEL count.",
+        ),
+        READ,
+    ] = None,
+    before: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL", help="A model to compare with, for instance that without the added effect."),
+        READ,
+    ] = None,
+    report: Report = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
+    effects: EffectsFile = None,
+    json: Json = None,
+) -> None:
+    """How far does the model's motion come from the recorded one? In open loop, windows of
+    0.1, 0.3 and 1 s begin at the recorded state; in closed loop, the joints' gains or the
+    law of their drives answer to the model's motion."""
+    from runtime.report import replays, terminal
+
+    fitted = fit or []
+    typed = TypedInputs(model, fitted or recordings, recordings if fitted else (), effects, maps, allow_gaps)
+    source, data, loaded = typed.read()
+    provenance = made_from(
+        "replay",
+        model,
+        source,
+        recordings,
+        further=[*fitted, *([] if before is None else [before])],
+        effects=effects,
+        maps=maps or (),
+        allow_gaps=allow_gaps,
+    )
+    models: list[tuple[str | None, Model]] = [(None, loaded)]
+    if before is not None:
+        with terminal.working("deriving and compiling the model to compare with"):
+            models = [(None, opened(before, effects).compiled.model()), (str(model), loaded)]
+    with terminal.working("replaying"):
+        found = [(name, replayed(each, data[: len(fitted)], data[len(fitted) :])) for name, each in models]
+        steps = [ReplayStep(added=name, joints=one.joints) for name, one in found]
+    document = ReplayDocument(provenance=provenance, arm=loaded.name, fitted=bool(fitted), player="tendon", steps=steps)
+    emit(json, document, terminal.printer(replays.sections))
+    if report is not None:
+        from runtime.report.page.replay_page import replay_page
+
+        draw(lambda: replay_page([one for _, one in found], document).write(report), json)
+
+
+def replayed(model: Model, fitted: Sequence[Recording], recordings: Sequence[Recording]) -> Replay:
+    """The replay of some recordings, with parameters fitted to others or, without any, those of the model file."""
+    from runtime.identification.identify import identify
+    from runtime.replay.replay import Replay
+
+    return Replay.of_fit(identify(model, fitted), recordings) if fitted else Replay.of_file(model, recordings)

@@ -1,0 +1,58 @@
+"""Documents of replays: how far a model's motion comes from the recorded one."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import UNSET, UnsetType
+
+from runtime.documents.models import ArmName
+from runtime.documents.parts import Document, JointName, JointNumber, key
+from runtime.documents.provenance import Origin
+
+
+class MotionErrorEntry(Document, frozen=True, kw_only=True):
+    """The error of a joint's motion in windows that begin at the recorded state."""
+
+    seconds: Annotated[float, key("longest of the windows", "s")]
+    windows: Annotated[int, key("number of windows", "1")]
+    rms: Annotated[float | None, key("modelled less recorded position, rms; null where the motion runs away", "`unit`")]
+    share: Annotated[float | None, key("the same over the motion within the windows, rms; null without any", "1")]
+    promised: Annotated[float | None, key("the part that the torque's error makes, rms", "`unit`")]
+    rest: Annotated[float | None, key("the part that is left without the torque's error, rms", "`unit`")]
+
+
+class ReplayedJoint(Document, frozen=True, kw_only=True):
+    """A joint's motion under the recorded torque (open loop) and under its controller (closed loop)."""
+
+    joint: JointNumber
+    name: JointName
+    unit: Annotated[str, key("unit of positions: rad or m")]
+    controller: Annotated[
+        Literal["gains", "law"] | None,
+        key("what makes the torque in closed loop: gains of the model file, the drive's law; null for nothing"),
+    ]
+    open_loop: Annotated[list[MotionErrorEntry], key("windows of 0.1, 0.3 and 1 s")]
+    closed_loop: Annotated[MotionErrorEntry | None, key("the whole recording; null without any controller")]
+    agrees: Annotated[
+        bool | None, key("whether the torque's error makes most of the motion's; null for a joint that does not move")
+    ]
+    reason: Annotated[str, key("why, in a sentence")]
+
+
+class ReplayStep(Document, frozen=True, kw_only=True):
+    """A model that was replayed."""
+
+    added: Annotated[str | None, key("the effect that was added last, or the model's file; null for the first")]
+    joints: Annotated[list[ReplayedJoint], key("each joint")]
+
+
+class ReplayDocument(Document, frozen=True, kw_only=True):
+    """Recorded torques or commands drive the model: `tendon replay --json`."""
+
+    provenance: Origin = UNSET
+    arm: ArmName
+    fitted: Annotated[bool, key("whether the parameters were fitted to other recordings, with --fit")]
+    player: Annotated[Literal["tendon", "mujoco"], key("whose equations of motion")]
+    steps: Annotated[list[ReplayStep], key("each model, before and after")]
+    page: Annotated[str | UnsetType, key("path of the report")] = UNSET

@@ -1,0 +1,113 @@
+"""The page of a replay: the arm as recorded and as the model moves, and every joint's positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.documents.replays import ReplayDocument
+from runtime.plain_json import plain
+from runtime.replay.replay import Replay
+from runtime.report import replays
+from runtime.report.page.arm_motion import ArmMotion, Course, JointReadings, frames, picture
+from runtime.report.page.html import ReportPage, add_figures, part
+from runtime.report.page.moving import LONGEST
+from runtime.report.page.page_figures import drawn
+from runtime.report.plots import motion_plots
+from runtime.report.sections import Group, Paragraph, Plots, texts
+from runtime.wording import numbered, sentence
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReplayedSeconds:
+    """Some seconds of a recording: times t (F,) s, positions recorded (n, F), and those of every model (n, F)."""
+
+    t: Array
+    recorded: Array
+    models: tuple[Array, ...]
+    closed: bool
+    restart: float
+
+    @property
+    def how(self) -> str:
+        """What drives the model, in words."""
+        return "in closed loop" if self.closed else f"in open loop, anew from the recording every {self.restart:g} s"
+
+
+def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage:
+    """The page of a replay of one model or two; document: what --json gives."""
+    model, seconds = found[-1].model, replayed_seconds(found)
+    drawings, made = {}, []
+    groups = [Group("Errors", tuple(replays.errors(document.steps)), "errors")]
+    if seconds is not None:
+        drawings["moving"] = part("arm_motion.html.j2", "arm_motion", picture(_moving(found, seconds), _said(seconds)))
+        groups.insert(0, Group("The arm in motion", (Plots(("moving",)),), "motion"))
+        for i, joint in enumerate(model.joints):
+            if document.steps[-1].joints[i].agrees is not None:
+                caption = f"Joint {numbered(i + 1, joint.name)}: position, and how far the model is off, {seconds.how}."
+                lines = motion_plots.ReplayedJointLines(
+                    seconds.t, seconds.recorded[i], tuple(q[i] for q in seconds.models), joint.position_unit
+                )
+                made.append(drawn(motion_plots.replayed_joint(lines), f"replayed{i + 1}", caption))
+        legend = "Blue: the model" if len(found) == 1 else "Orange: the model before, blue: the model after"
+        plots = Plots(add_figures(drawings, made, "replayed"))
+        groups.append(Group("Joint by joint", (Paragraph(f"{legend}; black: recorded.", "note"), plots), "joints"))
+    agreement = tuple(texts(map(sentence, replays.agreement(document.steps[-1]))))
+    groups.append(Group(replays.AGAINST, agreement, "agreement"))
+    return ReportPage(
+        title=f"{model.name}: replayed",
+        model=model.name,
+        kind="clean",
+        tag="replay",
+        headline=sentence(replays.headline(document.steps)),
+        short=[],
+        groups=groups,
+        drawings=drawings,
+        document=plain(document),
+    )
+
+
+def replayed_seconds(found: Sequence[Replay]) -> ReplayedSeconds | None:
+    """The seconds in which the first model is off most; in closed loop where the joints have controllers."""
+    closed = found[0].closed_loop is not None
+    played = [one.closed_loop if closed else one.longest for one in found]
+    there = [each for each in played if each is not None]
+    if len(there) < len(found):
+        return None
+    first = there[0]
+    worst = int(np.nanargmax(np.nanmean((first.played - first.recorded) ** 2, axis=(1, 2))))
+    track, begin = first.windows.starts[worst]
+    row = [k for k, (other, start) in enumerate(first.windows.starts) if other == track and start >= begin]
+    most = max(1, round(LONGEST / (first.windows.length * first.dt)))
+    own = row[:most]
+    t = found[0].tracks[track].t[begin : begin + len(own) * first.windows.length]
+    at = frames(len(t))
+
+    def joined(x: Array) -> Array:
+        # The first sample of a window is the recorded state.
+        whole: Array = np.concatenate([x[k, :-1] for k in own]).T[:, at]
+        return whole
+
+    models = tuple(np.nan_to_num(joined(each.played)) for each in there)
+    return ReplayedSeconds(t[at], joined(first.recorded), models, closed, first.windows.length * first.dt)
+
+
+def _moving(found: Sequence[Replay], seconds: ReplayedSeconds) -> ArmMotion:
+    model = found[-1].model
+    units = [joint.position_unit for joint in model.joints]
+    names = ["off"] if len(seconds.models) == 1 else ["off before", "off after"]
+    readings = [JointReadings(name, q - seconds.recorded, units) for name, q in zip(names, seconds.models, strict=True)]
+    courses = (Course("recorded", seconds.recorded), Course("replayed", seconds.models[-1]))
+    return ArmMotion(model=model, t=seconds.t, courses=courses, readings=tuple(readings))
+
+
+def _said(seconds: ReplayedSeconds) -> str:
+    return (
+        f"The arm as recorded, dashed, and as the model moves, {seconds.how}: the seconds from {seconds.t[0]:.1f} s "
+        "on, in which the model is off most."
+    )

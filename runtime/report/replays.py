@@ -1,0 +1,97 @@
+"""Sections of replay: the errors of the model's motion, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+from runtime.documents.replays import MotionErrorEntry, ReplayDocument, ReplayedJoint, ReplayStep
+from runtime.report.fits import place
+from runtime.report.sections import Group, Section, TableSection, table, texts, words
+from runtime.wording import number, percent, quantity
+
+_CLOSED = "closed loop"
+AGAINST = "Against the torque's error"
+
+
+def sections(document: ReplayDocument) -> list[Section]:
+    """As the terminal prints it."""
+    steps = document.steps
+    return [
+        *texts([f"{document.arm}: {headline(steps)}", ""]),
+        *errors(steps),
+        Group(AGAINST, tuple(texts(agreement(steps[-1])))),
+    ]
+
+
+def headline(steps: Sequence[ReplayStep]) -> str:
+    """The worst joint's error in the longest window, before and after."""
+    errors = {j.joint: e for j in steps[-1].joints if (e := _longest(j)) is not None}
+    if not errors:
+        return "no joint moves in a stretch that is long enough for a window"
+    worst = max(errors, key=lambda k: inf if (share := errors[k].share) is None else share)
+    entries = [step.joints[worst - 1] for step in steps]
+    found = [e for entry in entries if (e := _longest(entry)) is not None]
+    where = f"joint {worst}" if len(steps[-1].joints) > 1 else "the joint"
+    after = " → ".join(_error(e, entries[-1].unit) for e in dict.fromkeys(found))
+    return f"after {number(found[-1].seconds, 3)} s in open loop {where} is off by {after} of its motion (rms)"
+
+
+def errors(steps: Sequence[ReplayStep]) -> list[Section]:
+    """A row a joint and model, a column a length of windows; nothing of no steps."""
+    if not steps:
+        return []
+    seconds = list(dict.fromkeys(e.seconds for step in steps for j in step.joints for e in j.open_loop))
+    closed = any(j.closed_loop is not None for step in steps for j in step.joints)
+    figures = [*(f"{number(s, 3)} s" for s in seconds), *[_CLOSED] * closed]
+    names = {j.joint: j.name for j in steps[-1].joints}
+    rows = []
+    for at in names:
+        for step in steps:
+            joint = step.joints[at - 1]
+            if joint.agrees is None:
+                continue
+            by_length = {e.seconds: e for e in joint.open_loop}
+            cells = [_cell(by_length.get(s), joint.unit) for s in seconds]
+            cells += [_cell(joint.closed_loop, joint.unit)] * closed
+            rows.append([place(at, names), *([called(step)] if len(steps) > 1 else []), *cells])
+    if not rows:
+        return []
+    return [_titled(table([words("joint"), *([words("model")] if len(steps) > 1 else []), *figures], rows))]
+
+
+def _titled(made: TableSection) -> Section:
+    return Group("Error of the motion, rms, and as a share of the motion in the window", (made,))
+
+
+def called(step: ReplayStep) -> str:
+    """A step as tables call it."""
+    return "as given" if step.added is None else f"with {step.added}" if "@" in step.added else step.added
+
+
+def agreement(step: ReplayStep) -> list[str]:
+    """A line a joint: what the torque's error promises of the motion, and what has other causes."""
+    names = {j.joint: j.name for j in step.joints}
+    lines = []
+    for joint in step.joints:
+        error = _longest(joint)
+        said = f"joint {place(joint.joint, names)}: {joint.reason}"
+        if error is not None and error.promised is not None and error.rest is not None:
+            promised, rest = (quantity(x, joint.unit, 2) for x in (error.promised, error.rest))
+            said += f" (after {number(error.seconds, 3)} s the torque's error makes {promised}, all else {rest})"
+        lines.append(f"{said}.")
+    return lines
+
+
+def _longest(joint: ReplayedJoint) -> MotionErrorEntry | None:
+    return joint.open_loop[-1] if joint.open_loop and joint.agrees is not None else None
+
+
+def _cell(error: MotionErrorEntry | None, unit: str) -> str:
+    return "–" if error is None else _error(error, unit)
+
+
+def _error(error: MotionErrorEntry, unit: str) -> str:
+    if error.rms is None or error.share is None:
+        return "runs away"
+    return f"{quantity(error.rms, unit, 2)}, {percent(error.share)}"
