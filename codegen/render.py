@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from codegen import effect_functions as ef
 from codegen import metadata
 from codegen.c import c_code, c_effects, c_lanes
+from codegen.c.arm_effects import ArmEffects
 from codegen.c.c_code import F32, F64, Precision, Routine, identifier
 from codegen.c.controller import Controller
 from codegen.c.monitor import ModelMonitor
@@ -39,16 +40,35 @@ def math_header(precision: Precision) -> str:
 
 
 def _c_files(
-    name: str, origin: str, precision: Precision, types: Sequence[str], routines: Sequence[Routine], lanes: bool = False
+    name: str,
+    origin: str,
+    precision: Precision,
+    types: Sequence[str],
+    routines: Sequence[Routine],
+    includes: Sequence[str] = (),
+    inner: Sequence[Routine] = (),
+    lanes: bool = False,
 ) -> dict[str, str]:
-    """A source, its header and the mathematics. lanes: the routines also compute several samples at once."""
+    """A source, its header and the mathematics.
+
+    includes   of the header     inner   routines that the source alone sees
+    lanes      some routines compute several samples at once
+    """
     stem = f"{name}_{precision.suffix}"
     banner = f"/* {BANNER} {origin} */"
-    holes = {"banner": banner, "routines": routines}
     mathematics = f"tendon_{'lanes' if lanes else 'math'}_{precision.suffix}.h"
     return {
-        f"{stem}.h": page("c/header.h.j2", guard=f"TENDON_{stem.upper()}_H", types=types, **holes),
-        f"{stem}.c": page("c/source.c.j2", includes=[f"{stem}.h", mathematics], **holes),
+        f"{stem}.h": page(
+            "c/header.h.j2",
+            banner=banner,
+            guard=f"TENDON_{stem.upper()}_H",
+            includes=includes,
+            types=types,
+            routines=routines,
+        ),
+        f"{stem}.c": page(
+            "c/source.c.j2", banner=banner, includes=[f"{stem}.h", mathematics], routines=[*inner, *routines]
+        ),
         f"tendon_math_{precision.suffix}.h": math_header(precision),
     }
 
@@ -118,6 +138,23 @@ def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str
 def _monitor_files(name: str, monitor: ModelMonitor) -> dict[str, str]:
     holes = {"banner": f"/* {BANNER} Monitor of the arm {name}. */", **monitor.holes}
     return {f"{name}_monitor_f32.{kind}": page(f"c/monitor.{kind}.j2", **holes) for kind in ("c", "h")}
+
+
+def arm_effect_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
+    """C (float, double) of the effects of an arm's joints. library: all effects by name."""
+    effects, name = ArmEffects.of(model, library), f"{model.arm.name}_effects"
+    files: dict[str, str] = {}
+    for precision in (F32, F64):
+        files |= _c_files(
+            name,
+            f"Effects of the arm {model.arm.name}.",
+            precision,
+            types=effects.types(precision),
+            routines=effects.routines(precision),
+            includes=[f"{model.arm.name}_{precision.suffix}.h"],
+            inner=effects.inner(precision),
+        )
+    return dict(sorted(files.items()))
 
 
 def probe_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:

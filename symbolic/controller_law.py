@@ -135,15 +135,15 @@ def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation
         # Of several that give the same signal, the first.
         if not any(p.gives and site.effect.giving(p.gives) for site in touched for p in effect.parameters):
             touched.append(Site(effect))
-    active = [(site, values) for site, values in _active(model, library) if not site.effect.brought]
-    known = [(site, values) for site, values in active if site.obstacle is None]
+    stated = [(site, values) for site, values in active(model, library) if not site.effect.brought]
+    known = [(site, values) for site, values in stated if site.obstacle is None]
     compensated, effects = tuple(site for site, _ in known), _struct(model, known)
     return Compensation(
         springs,
         tuple(touched),
         effects,
         compensated=compensated,
-        uncompensated=tuple(site for site, _ in active if site.obstacle is not None),
+        uncompensated=tuple(site for site, _ in stated if site.obstacle is not None),
         functions=(
             _joints(model, effects, springs, touched=touched, sites=compensated),
             _contact(model, effects, touched, compensated),
@@ -151,7 +151,7 @@ def compensation(model: ArmModel, library: Mapping[str, Effect]) -> Compensation
     )
 
 
-def _active(model: ArmModel, library: Mapping[str, Effect]) -> Iterable[tuple[Site, Mapping[str, float]]]:
+def active(model: ArmModel, library: Mapping[str, Effect]) -> Iterable[tuple[Site, Mapping[str, float]]]:
     """The model file's effects with their values."""
     for number, joint in enumerate(model.arm.joints, 1):
         yield from ((Site(declared(name, library), number), values) for name, values in joint.effects.items())

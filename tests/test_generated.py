@@ -6,6 +6,7 @@ from pathlib import Path
 
 from codegen import disk, render
 from codegen.firmware import source_tree
+from codegen.package.package import package_files
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
@@ -15,9 +16,7 @@ GENERATED = Path(__file__).resolve().parent.parent / "generated"
 
 def test_the_arm_of_the_paper(vishard4: Arm) -> None:
     """If this fails: tendon generate symbolic/arms/vishard4.toml"""
-    model = derive(vishard4)
-    files = render.arm_files(model) | render.controller_files(model, LIBRARY)
-    assert disk.stale(files, GENERATED / "vishard4") == []
+    assert disk.stale(package_files(derive(vishard4), LIBRARY), GENERATED / "vishard4") == []
 
 
 def test_the_firmware_of_the_arm_of_the_paper(vishard4: Arm) -> None:

@@ -30,6 +30,7 @@ codegen.casadi
 codegen.metadata
 codegen.render
 codegen.toolchain
+codegen.package
 codegen.firmware
 codegen.verify
 codegen.descriptions codegen.prepare

@@ -74,7 +74,8 @@ def _scalars(effect: Effect) -> list[Argument]:
     ]
 
 
-def _state_type(effect: Effect, precision: Precision) -> str:
+def state_type(effect: Effect, precision: Precision) -> str:
+    """The name of the struct of an effect's states."""
     return f"tendon_{effect.name}_state_{precision.suffix}"
 
 
@@ -86,7 +87,10 @@ def types(effects: Sequence[Effect], precision: Precision) -> list[str]:
 def _struct(effect: Effect, precision: Precision) -> str:
     fields = [f"    {precision.kind} {s.name}; {comment(f'{s.unit.text()}: {s.meaning}')}" for s in effect.states]
     note = comment(f"The memory of {effect.name}.")
-    return "\n".join([note, "typedef struct {", *fields, f"}} {_state_type(effect, precision)};"])
+    name = state_type(effect, precision)
+    # The headers of the library and of an arm both have it.
+    first = [f"#ifndef {name.upper()}", f"#define {name.upper()}"]
+    return "\n".join([note, *first, "typedef struct {", *fields, f"}} {name};", "#endif"])
 
 
 def routines(effect: Effect, precision: Precision) -> list[Routine]:
@@ -105,10 +109,10 @@ def _call(effect: Effect, function: SymbolicFunction, precision: Precision) -> R
     arguments = [f"{precision.kind} {a.name}" for a in takes.inputs]
     if takes.writes_state:
         lines += _stored(effect, texts, takes.reads_state, precision)
-        arguments.append(f"{_state_type(effect, precision)} *state")
+        arguments.append(f"{state_type(effect, precision)} *state")
     else:
         lines.append(f"return {texts[0]};")
-        arguments += [f"const {_state_type(effect, precision)} *state"] * takes.reads_state
+        arguments += [f"const {state_type(effect, precision)} *state"] * takes.reads_state
     head = f"{'void' if takes.writes_state else precision.kind} tendon_{function.name}_{precision.suffix}"
     return Routine(_comment(effect, function, takes, tape), declaration(head, arguments or ["void"]), indent(lines, 1))
 

@@ -4,6 +4,10 @@
 
 #include <stddef.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* An array a signal; those that an effect does not read may be null. */
 typedef struct {
     const double *q;
@@ -55,8 +59,8 @@ void tendon_coulomb_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* coulomb_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coulomb_torque_batch_f64(
@@ -64,8 +68,8 @@ void tendon_coulomb_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* coulomb_asymmetric_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_coulomb_asymmetric_columns_batch_f64(
@@ -73,8 +77,8 @@ void tendon_coulomb_asymmetric_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* coulomb_asymmetric_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coulomb_asymmetric_torque_batch_f64(
@@ -82,8 +86,8 @@ void tendon_coulomb_asymmetric_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_columns_batch_f64(
@@ -91,8 +95,8 @@ void tendon_viscous_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_torque_batch_f64(
@@ -100,8 +104,8 @@ void tendon_viscous_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_asymmetric_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_viscous_asymmetric_columns_batch_f64(
@@ -109,8 +113,8 @@ void tendon_viscous_asymmetric_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_asymmetric_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_asymmetric_torque_batch_f64(
@@ -118,8 +122,8 @@ void tendon_viscous_asymmetric_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_cubic_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_cubic_columns_batch_f64(
@@ -127,8 +131,8 @@ void tendon_viscous_cubic_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_cubic_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_cubic_torque_batch_f64(
@@ -136,8 +140,8 @@ void tendon_viscous_cubic_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_power_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_viscous_power_columns_batch_f64(
@@ -145,8 +149,8 @@ void tendon_viscous_power_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* viscous_power_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_viscous_power_torque_batch_f64(
@@ -154,8 +158,8 @@ void tendon_viscous_power_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* stribeck_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_stribeck_columns_batch_f64(
@@ -163,8 +167,8 @@ void tendon_stribeck_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* stribeck_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_stribeck_torque_batch_f64(
@@ -172,8 +176,8 @@ void tendon_stribeck_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* velocity_strengthening_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_velocity_strengthening_columns_batch_f64(
@@ -181,8 +185,8 @@ void tendon_velocity_strengthening_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* velocity_strengthening_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_velocity_strengthening_torque_batch_f64(
@@ -190,8 +194,8 @@ void tendon_velocity_strengthening_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* load_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_load_friction_columns_batch_f64(
@@ -199,8 +203,8 @@ void tendon_load_friction_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* load_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_load_friction_torque_batch_f64(
@@ -208,8 +212,8 @@ void tendon_load_friction_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* friction_patch_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_friction_patch_columns_batch_f64(
@@ -217,8 +221,8 @@ void tendon_friction_patch_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* friction_patch_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_friction_patch_torque_batch_f64(
@@ -226,8 +230,8 @@ void tendon_friction_patch_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* lugre_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_lugre_columns_batch_f64(
@@ -235,8 +239,8 @@ void tendon_lugre_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* lugre_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_lugre_torque_batch_f64(
@@ -244,8 +248,8 @@ void tendon_lugre_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* lugre_states along `count` samples, 2 rows a joint in `out`. */
 void tendon_lugre_states_batch_f64(
@@ -253,8 +257,8 @@ void tendon_lugre_states_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* lugre_columns of 8 choices of parameters, p (8, 2); out (joints, 2, count, 8). */
 void tendon_lugre_columns_at_once_f64(
@@ -262,8 +266,8 @@ void tendon_lugre_columns_at_once_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* thermal_friction_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_thermal_friction_columns_batch_f64(
@@ -271,8 +275,8 @@ void tendon_thermal_friction_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* thermal_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_thermal_friction_torque_batch_f64(
@@ -280,8 +284,8 @@ void tendon_thermal_friction_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* offset_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_offset_columns_batch_f64(
@@ -289,8 +293,8 @@ void tendon_offset_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* offset_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_offset_torque_batch_f64(
@@ -298,8 +302,8 @@ void tendon_offset_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* linear_spring_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_linear_spring_columns_batch_f64(
@@ -307,8 +311,8 @@ void tendon_linear_spring_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* linear_spring_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_linear_spring_torque_batch_f64(
@@ -316,8 +320,8 @@ void tendon_linear_spring_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* parallel_spring_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_parallel_spring_columns_batch_f64(
@@ -325,8 +329,8 @@ void tendon_parallel_spring_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* parallel_spring_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_parallel_spring_torque_batch_f64(
@@ -334,8 +338,8 @@ void tendon_parallel_spring_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* cable_columns along `count` samples, 5 rows a joint in `out`. */
 void tendon_cable_columns_batch_f64(
@@ -343,8 +347,8 @@ void tendon_cable_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* cable_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_cable_torque_batch_f64(
@@ -352,8 +356,8 @@ void tendon_cable_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* end_stop_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_end_stop_columns_batch_f64(
@@ -361,8 +365,8 @@ void tendon_end_stop_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* end_stop_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_end_stop_torque_batch_f64(
@@ -370,8 +374,8 @@ void tendon_end_stop_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* spring_hysteresis_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_spring_hysteresis_columns_batch_f64(
@@ -379,8 +383,8 @@ void tendon_spring_hysteresis_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* spring_hysteresis_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_spring_hysteresis_torque_batch_f64(
@@ -388,8 +392,8 @@ void tendon_spring_hysteresis_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* spring_hysteresis_states along `count` samples, 5 rows a joint in `out`. */
 void tendon_spring_hysteresis_states_batch_f64(
@@ -397,8 +401,8 @@ void tendon_spring_hysteresis_states_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* spring_hysteresis_columns of 8 choices of parameters, p (8, 2); out (joints, 2, count, 8). */
 void tendon_spring_hysteresis_columns_at_once_f64(
@@ -406,8 +410,8 @@ void tendon_spring_hysteresis_columns_at_once_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_ripple_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_torque_ripple_columns_batch_f64(
@@ -415,8 +419,8 @@ void tendon_torque_ripple_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_ripple_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_ripple_torque_batch_f64(
@@ -424,8 +428,8 @@ void tendon_torque_ripple_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_saturation_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_saturation_columns_batch_f64(
@@ -433,8 +437,8 @@ void tendon_torque_saturation_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_saturation_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_saturation_torque_batch_f64(
@@ -442,8 +446,8 @@ void tendon_torque_saturation_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_scale_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_scale_columns_batch_f64(
@@ -451,8 +455,8 @@ void tendon_torque_scale_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_scale_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_scale_torque_batch_f64(
@@ -460,8 +464,8 @@ void tendon_torque_scale_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_delay_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_delay_columns_batch_f64(
@@ -469,8 +473,8 @@ void tendon_torque_delay_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_delay_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_delay_torque_batch_f64(
@@ -478,8 +482,8 @@ void tendon_torque_delay_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* command_delay_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_command_delay_columns_batch_f64(
@@ -487,8 +491,8 @@ void tendon_command_delay_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* command_delay_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_command_delay_torque_batch_f64(
@@ -496,8 +500,8 @@ void tendon_command_delay_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_lag_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_torque_lag_columns_batch_f64(
@@ -505,8 +509,8 @@ void tendon_torque_lag_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* torque_lag_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_torque_lag_torque_batch_f64(
@@ -514,8 +518,8 @@ void tendon_torque_lag_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* command_lag_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_command_lag_columns_batch_f64(
@@ -523,8 +527,8 @@ void tendon_command_lag_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* command_lag_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_command_lag_torque_batch_f64(
@@ -532,8 +536,8 @@ void tendon_command_lag_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* elasticity_columns along `count` samples, 1 row a joint in `out`. */
 void tendon_elasticity_columns_batch_f64(
@@ -541,8 +545,8 @@ void tendon_elasticity_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* elasticity_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_elasticity_torque_batch_f64(
@@ -550,8 +554,8 @@ void tendon_elasticity_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* elasticity_states along `count` samples, 4 rows a joint in `out`. */
 void tendon_elasticity_states_batch_f64(
@@ -559,8 +563,8 @@ void tendon_elasticity_states_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* elasticity_columns of 8 choices of parameters, p (8, 2); out (joints, 1, count, 8). */
 void tendon_elasticity_columns_at_once_f64(
@@ -568,8 +572,8 @@ void tendon_elasticity_columns_at_once_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* backlash_columns along `count` samples, 1 row a joint in `out`. */
 void tendon_backlash_columns_batch_f64(
@@ -577,8 +581,8 @@ void tendon_backlash_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* backlash_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_backlash_torque_batch_f64(
@@ -586,8 +590,8 @@ void tendon_backlash_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* backlash_states along `count` samples, 5 rows a joint in `out`. */
 void tendon_backlash_states_batch_f64(
@@ -595,8 +599,8 @@ void tendon_backlash_states_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* backlash_columns of 8 choices of parameters, p (8, 3); out (joints, 1, count, 8). */
 void tendon_backlash_columns_at_once_f64(
@@ -604,8 +608,8 @@ void tendon_backlash_columns_at_once_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* gravity_columns along `count` samples, 3 rows a joint in `out`. */
 void tendon_gravity_columns_batch_f64(
@@ -613,8 +617,8 @@ void tendon_gravity_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* gravity_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_gravity_torque_batch_f64(
@@ -622,8 +626,8 @@ void tendon_gravity_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* payload_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_payload_columns_batch_f64(
@@ -631,8 +635,8 @@ void tendon_payload_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* payload_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_payload_torque_batch_f64(
@@ -640,8 +644,8 @@ void tendon_payload_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* coupled_friction_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_coupled_friction_columns_batch_f64(
@@ -649,8 +653,8 @@ void tendon_coupled_friction_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* coupled_friction_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coupled_friction_torque_batch_f64(
@@ -658,8 +662,8 @@ void tendon_coupled_friction_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* coupled_gear_columns along `count` samples, 4 rows a joint in `out`. */
 void tendon_coupled_gear_columns_batch_f64(
@@ -667,8 +671,8 @@ void tendon_coupled_gear_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* coupled_gear_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_coupled_gear_torque_batch_f64(
@@ -676,8 +680,8 @@ void tendon_coupled_gear_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* plate_columns along `count` samples, 4 rows a joint in `out`. */
 void tendon_plate_columns_batch_f64(
@@ -685,8 +689,8 @@ void tendon_plate_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* plate_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_plate_torque_batch_f64(
@@ -694,8 +698,8 @@ void tendon_plate_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* plate_damping_columns along `count` samples, 2 rows a joint in `out`. */
 void tendon_plate_damping_columns_batch_f64(
@@ -703,8 +707,8 @@ void tendon_plate_damping_columns_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* plate_damping_torque along `count` samples, 1 row a joint in `out`. */
 void tendon_plate_damping_torque_batch_f64(
@@ -712,8 +716,8 @@ void tendon_plate_damping_torque_batch_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
-    double *restrict out);
+    const double *p,
+    double *out);
 
 /* FIR filter with decimation: out[k] = sum over i < taps of kernel[i] x[k factor + i], for k < count.
  * Eight lanes, so that the sum has one order whatever the width of the processor's vectors. */
@@ -721,9 +725,9 @@ void tendon_decimate_f64(
     size_t count,
     size_t factor,
     size_t taps,
-    const double *restrict kernel,
-    const double *restrict x,
-    double *restrict out);
+    const double *kernel,
+    const double *x,
+    double *out);
 
 /* The same of the first `filled` of 8 columns, x (..., 8), each into a row of `out`; the rows begin `apart` from
  *   each other. */
@@ -733,9 +737,9 @@ void tendon_decimate_at_once_f64(
     size_t apart,
     size_t factor,
     size_t taps,
-    const double *restrict kernel,
-    const double *restrict x,
-    double *restrict out);
+    const double *kernel,
+    const double *x,
+    double *out);
 
 /* Columns of `choices` choices of `width` parameters, p (choices, width) filled up to whole lanes, filtered and
  *   decimated: out (choices, rows, kept).
@@ -750,11 +754,15 @@ void tendon_in_band_f64(
     size_t joints,
     const tendon_signals_f64 *s,
     double dt,
-    const double *restrict p,
+    const double *p,
     size_t factor,
     size_t taps,
-    const double *restrict kernel,
-    double *restrict scratch,
-    double *restrict out);
+    const double *kernel,
+    double *scratch,
+    double *out);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,17 +4,26 @@
 
 #include <stddef.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* What each effect adds to the motor torque of a joint, on the motor's side: friction has the sign of qd.
  * Units are those of a revolute joint; at a prismatic one N stands for N m, and m for rad.
  * An effect with a memory: _start before the first sample, then for every sample _torque and, after it, _step. */
 
 /* The memory of lugre. */
+#ifndef TENDON_LUGRE_STATE_F32
+#define TENDON_LUGRE_STATE_F32
 typedef struct {
     float bristle; /* N m: torque of the bent bristles, between the two Coulomb levels */
     float position; /* rad: q of the last sample */
 } tendon_lugre_state_f32;
+#endif
 
 /* The memory of spring_hysteresis. */
+#ifndef TENDON_SPRING_HYSTERESIS_STATE_F32
+#define TENDON_SPRING_HYSTERESIS_STATE_F32
 typedef struct {
     float element1; /* rad: deflection of element 1 */
     float element2; /* rad: deflection of element 2 */
@@ -22,16 +31,22 @@ typedef struct {
     float element4; /* rad: deflection of element 4 */
     float position; /* rad: q of the last sample */
 } tendon_spring_hysteresis_state_f32;
+#endif
 
 /* The memory of elasticity. */
+#ifndef TENDON_ELASTICITY_STATE_F32
+#define TENDON_ELASTICITY_STATE_F32
 typedef struct {
     float deflection; /* rad: motor less link */
     float rate; /* rad/s: of the deflection */
     float acceleration; /* rad/s^2: of the deflection */
     float load; /* N m: of the last sample */
 } tendon_elasticity_state_f32;
+#endif
 
 /* The memory of backlash. */
+#ifndef TENDON_BACKLASH_STATE_F32
+#define TENDON_BACKLASH_STATE_F32
 typedef struct {
     float deflection; /* rad: motor less link */
     float rate; /* rad/s: of the deflection */
@@ -39,6 +54,7 @@ typedef struct {
     float acceleration_before; /* rad/s^2: the same, of the step before */
     float load; /* N m: of the last sample */
 } tendon_backlash_state_f32;
+#endif
 
 /* coulomb_torque: Dry friction: constant, against the motion, whatever the speed. F sgn(qd)
  * in   qd [rad/s]: joint rate
@@ -601,5 +617,9 @@ float tendon_plate_damping_torque_f32(
     float tip_row,
     float plate_y,
     float coefficient);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,17 +4,26 @@
 
 #include <stddef.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* What each effect adds to the motor torque of a joint, on the motor's side: friction has the sign of qd.
  * Units are those of a revolute joint; at a prismatic one N stands for N m, and m for rad.
  * An effect with a memory: _start before the first sample, then for every sample _torque and, after it, _step. */
 
 /* The memory of lugre. */
+#ifndef TENDON_LUGRE_STATE_F64
+#define TENDON_LUGRE_STATE_F64
 typedef struct {
     double bristle; /* N m: torque of the bent bristles, between the two Coulomb levels */
     double position; /* rad: q of the last sample */
 } tendon_lugre_state_f64;
+#endif
 
 /* The memory of spring_hysteresis. */
+#ifndef TENDON_SPRING_HYSTERESIS_STATE_F64
+#define TENDON_SPRING_HYSTERESIS_STATE_F64
 typedef struct {
     double element1; /* rad: deflection of element 1 */
     double element2; /* rad: deflection of element 2 */
@@ -22,16 +31,22 @@ typedef struct {
     double element4; /* rad: deflection of element 4 */
     double position; /* rad: q of the last sample */
 } tendon_spring_hysteresis_state_f64;
+#endif
 
 /* The memory of elasticity. */
+#ifndef TENDON_ELASTICITY_STATE_F64
+#define TENDON_ELASTICITY_STATE_F64
 typedef struct {
     double deflection; /* rad: motor less link */
     double rate; /* rad/s: of the deflection */
     double acceleration; /* rad/s^2: of the deflection */
     double load; /* N m: of the last sample */
 } tendon_elasticity_state_f64;
+#endif
 
 /* The memory of backlash. */
+#ifndef TENDON_BACKLASH_STATE_F64
+#define TENDON_BACKLASH_STATE_F64
 typedef struct {
     double deflection; /* rad: motor less link */
     double rate; /* rad/s: of the deflection */
@@ -39,6 +54,7 @@ typedef struct {
     double acceleration_before; /* rad/s^2: the same, of the step before */
     double load; /* N m: of the last sample */
 } tendon_backlash_state_f64;
+#endif
 
 /* coulomb_torque: Dry friction: constant, against the motion, whatever the speed. F sgn(qd)
  * in   qd [rad/s]: joint rate
@@ -601,5 +617,9 @@ double tendon_plate_damping_torque_f64(
     double tip_row,
     double plate_y,
     double coefficient);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

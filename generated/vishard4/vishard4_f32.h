@@ -4,6 +4,10 @@
 
 #include <stddef.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Inputs come first and outputs last; an output may not overlap an input. Matrices stand row by row: element (i,
  *   j) of one with n columns, both from 0, at [n i + j]. q, qd and qdd begin with joint 1. */
 
@@ -217,5 +221,9 @@ void vishard4_contact_acceleration_f32(
     const float qd[4],
     const float wdd[4],
     float qdd[4]);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -4,6 +4,10 @@
 
 #include <stddef.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Inputs come first and outputs last; an output may not overlap an input. Matrices stand row by row: element (i,
  *   j) of one with n columns, both from 0, at [n i + j]. q, qd and qdd begin with joint 1. */
 
@@ -47,10 +51,10 @@ void vishard4_inverse_dynamics_f64(
 void vishard4_inverse_dynamics_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    const double *restrict qdd,
-    double *restrict tau);
+    const double *q,
+    const double *qd,
+    const double *qdd,
+    double *tau);
 
 /* link_load: Torque that every joint transmits to its link: inverse dynamics without the joint's own rotor.
  * in   q (4) [rad]: joint positions
@@ -70,10 +74,10 @@ void vishard4_link_load_f64(
 void vishard4_link_load_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    const double *restrict qdd,
-    double *restrict load);
+    const double *q,
+    const double *qd,
+    const double *qdd,
+    double *load);
 
 /* inertia: Inertia matrix D(q), rotors included.
  * in   q (4) [rad]: joint positions
@@ -86,8 +90,8 @@ void vishard4_inertia_f64(const vishard4_parameters_f64 *parameters, const doubl
 void vishard4_inertia_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict D);
+    const double *q,
+    double *D);
 
 /* link_inertia: Inertia of the links as the joints see it: D(q) less the rotors.
  * in   q (4) [rad]: joint positions
@@ -100,8 +104,8 @@ void vishard4_link_inertia_f64(const vishard4_parameters_f64 *parameters, const 
 void vishard4_link_inertia_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict D);
+    const double *q,
+    double *D);
 
 /* coriolis: Coriolis and centrifugal matrix C(q, qd) from Christoffel symbols.
  * in   q (4) [rad]: joint positions
@@ -119,9 +123,9 @@ void vishard4_coriolis_f64(
 void vishard4_coriolis_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    double *restrict C);
+    const double *q,
+    const double *qd,
+    double *C);
 
 /* gravity: Gravity torques g(q) = dV/dq; zero where the model file has no gravity.
  * in   q (4) [rad]: joint positions
@@ -134,8 +138,8 @@ void vishard4_gravity_f64(const vishard4_parameters_f64 *parameters, const doubl
 void vishard4_gravity_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict g);
+    const double *q,
+    double *g);
 
 /* forward_dynamics: qdd = D(q)^-1 (tau - C(q, qd) qd - g(q)).
  * in   q (4) [rad]: joint positions
@@ -155,10 +159,10 @@ void vishard4_forward_dynamics_f64(
 void vishard4_forward_dynamics_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    const double *restrict tau,
-    double *restrict qdd);
+    const double *q,
+    const double *qd,
+    const double *tau,
+    double *qdd);
 
 /* regressor: tau = Y(q, qd, qdd) lumps, exactly: the torques have no part that is constant in the lumps.
  * in   q (4) [rad]: joint positions
@@ -178,10 +182,10 @@ void vishard4_regressor_f64(
 void vishard4_regressor_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    const double *restrict qdd,
-    double *restrict Y);
+    const double *q,
+    const double *qd,
+    const double *qdd,
+    double *Y);
 
 /* tip: Position and angle of the end-effector, the distal point of the last link.
  * in   q (4) [rad]: joint positions
@@ -194,8 +198,8 @@ void vishard4_tip_f64(const vishard4_parameters_f64 *parameters, const double q[
 void vishard4_tip_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict p);
+    const double *q,
+    double *p);
 
 /* tip_jacobian: Derivative of the end-effector's position and angle by q.
  * in   q (4) [rad]: joint positions
@@ -208,8 +212,8 @@ void vishard4_tip_jacobian_f64(const vishard4_parameters_f64 *parameters, const 
 void vishard4_tip_jacobian_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict J);
+    const double *q,
+    double *J);
 
 /* tip_rate: Rate of the end-effector's position and angle.
  * in   q (4) [rad]: joint positions
@@ -227,9 +231,9 @@ void vishard4_tip_rate_f64(
 void vishard4_tip_rate_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    double *restrict v);
+    const double *q,
+    const double *qd,
+    double *v);
 
 /* tip_load: Torques that a unit mass at the end-effector asks of the joints: J^T (acceleration - gravity).
  * in   q (4) [rad]: joint positions
@@ -249,10 +253,10 @@ void vishard4_tip_load_f64(
 void vishard4_tip_load_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    const double *restrict qdd,
-    double *restrict load);
+    const double *q,
+    const double *qd,
+    const double *qdd,
+    double *load);
 
 /* moment_jacobian: Derivative of the arm's first mass moment, the sum of mass times position, by q; masses of the
  *   model file.
@@ -266,8 +270,8 @@ void vishard4_moment_jacobian_f64(const vishard4_parameters_f64 *parameters, con
 void vishard4_moment_jacobian_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict M);
+    const double *q,
+    double *M);
 
 /* contact_coordinates: Coordinates w = phi(q) of the contact phase.
  * in   q (4) [rad]: joint positions
@@ -283,8 +287,8 @@ void vishard4_contact_coordinates_f64(
 void vishard4_contact_coordinates_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict w);
+    const double *q,
+    double *w);
 
 /* contact_jacobian: J_w = dw/dq, singular exactly where sin q_2 = 0: det J_w = l_1 l_2 sin q_2.
  * in   q (4) [rad]: joint positions
@@ -300,8 +304,8 @@ void vishard4_contact_jacobian_f64(
 void vishard4_contact_jacobian_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    double *restrict J_w);
+    const double *q,
+    double *J_w);
 
 /* contact_bias: b_w = (dJ_w/dt) qd.
  * in   q (4) [rad]: joint positions
@@ -319,9 +323,9 @@ void vishard4_contact_bias_f64(
 void vishard4_contact_bias_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    double *restrict b_w);
+    const double *q,
+    const double *qd,
+    double *b_w);
 
 /* contact_inverse: q = phi^-1(w) on the side of the elbow that is asked for; q_1 and q_2 within (-pi, pi].
  * in   w (4) [m, m, rad, rad]: p_4x, p_2y, absolute angle of link 3, q_4
@@ -339,9 +343,9 @@ void vishard4_contact_inverse_f64(
 void vishard4_contact_inverse_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict w,
-    const double *restrict elbow,
-    double *restrict q);
+    const double *w,
+    const double *elbow,
+    double *q);
 
 /* contact_acceleration: qdd = J_w^-1 (wdd - b_w); infinite where sin q_2 = 0.
  * in   q (4) [rad]: joint positions
@@ -361,9 +365,13 @@ void vishard4_contact_acceleration_f64(
 void vishard4_contact_acceleration_batch_f64(
     size_t count,
     const vishard4_parameters_f64 *parameters,
-    const double *restrict q,
-    const double *restrict qd,
-    const double *restrict wdd,
-    double *restrict qdd);
+    const double *q,
+    const double *qd,
+    const double *wdd,
+    double *qdd);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

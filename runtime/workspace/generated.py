@@ -77,6 +77,7 @@ def render_all(source: Source, out: Path | None, effects: Path | None) -> Render
     Raises UsageError where a generated file would replace one of the two files that are read.
     """
     from codegen import render
+    from codegen.package.package import package_files
     from symbolic.model import derive
 
     arm = source.arm()
@@ -88,7 +89,7 @@ def render_all(source: Source, out: Path | None, effects: Path | None) -> Render
     check_directory(beside)
     library = source.compiled.library
     model = derive(arm)
-    files = render.arm_files(model) | render.controller_files(model, library)
+    files = package_files(model, library)
     effect_files = render.effect_files(tuple(library.values()))
     places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
     keep([source.path, *([effects] if effects else [])], places)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import sympy as sp
-from random_arms import MIXED
+from random_arms import MIXED, loaded
 
 from codegen import disk, render
 from codegen.c import c_code
@@ -34,7 +34,7 @@ from codegen.pages import BANNER
 from codegen import disk, render
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
-from random_arms import MIXED
+from random_arms import MIXED, loaded
 files = render.effect_files(tuple(LIBRARY.values())) | render.arm_files(derive(MIXED["rprrp"]))
 print(hashlib.sha256(repr(sorted(files.items())).encode()).hexdigest())
 """
@@ -70,7 +70,8 @@ def test_names_of_the_files(paper: dict[str, str], effects: dict[str, str]) -> N
 
 def test_no_warnings(paper: dict[str, str], effects: dict[str, str]) -> None:
     """All the flags that embedded developers compile with, as errors, for both precisions; kept by hash."""
-    files = paper | effects | render.arm_files(derive(MIXED["rprrp"]))
+    busy = derive(loaded(MIXED["rprrp"]))
+    files = paper | effects | render.arm_files(busy) | render.arm_effect_files(busy, LIBRARY)
     sources = [path for path in files if path.endswith(".c")]
     command = [*build.compiler(), "-std=c99", "-O1", "-ffp-contract=off", *build.WARNINGS, "-c", *sources]
 
