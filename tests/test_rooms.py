@@ -13,7 +13,7 @@ from sources import ROOT, imports, modules, reached, tree
 pytestmark = pytest.mark.cheap
 
 ROOMS = """
-symbolic.primitives symbolic.units symbolic.described symbolic.functions
+symbolic.primitives symbolic.units symbolic.elements symbolic.described symbolic.functions
 symbolic.effects
 symbolic.grammar
 symbolic.model_file
@@ -72,6 +72,7 @@ PLAIN = {
     f"symbolic.{name}"
     for name in (
         "described",
+        "elements",
         "model_file.arm",
         "model_file.checks",
         "model_file.drive_laws",

@@ -21,7 +21,7 @@ from runtime.workspace.names import UsageError
 from runtime.workspace.source import effects_described
 
 if TYPE_CHECKING:
-    from symbolic.model_file.exchange.exporting import Language
+    from symbolic.model_file.exchange.ways import Language
 
 app = typer.Typer()
 

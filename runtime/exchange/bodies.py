@@ -11,7 +11,7 @@ Wensing, Kim & Slotine 2018 (pseudo-inertia); Rucker & Wensing 2022 (log-Cholesk
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,19 @@ def full_regressor(arm: Arm, q: Array, qd: Array, qdd: Array) -> Array:
             wrench = np.concatenate([force, moment])
         out[k, PER_BODY * n + k] = qdd[k]
     return out
+
+
+def mobilities(arm: Arm, bodies: Array, rotors: Array, elastic: NDArray[np.bool_]) -> Array:
+    """Each link's acceleration by a unit of torque on it, with all joints at 0, (n,) 1/(kg m²) or 1/kg.
+
+    bodies (n, 10), rotors (n,)      elastic (n,)   whether a joint's rotor is before a spring, so that it stays behind
+    """
+    n = len(arm.joints)
+    still = np.zeros((n, n))
+    moved = full_regressor(replace(arm, gravity=(0.0, 0.0, 0.0)), still, still, np.eye(n))
+    inertia = np.einsum("npN,p->nN", moved, np.concatenate([bodies.ravel(), np.where(elastic, 0.0, rotors)]))
+    found: Array = np.diag(np.linalg.inv(inertia))
+    return found
 
 
 def base_map(arm: Arm, regressor: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array]:

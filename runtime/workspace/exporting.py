@@ -13,7 +13,8 @@ from runtime.workspace.source import CompiledArm
 if TYPE_CHECKING:
     from runtime.experiments.options import MotionOptions
     from runtime.model.loader import Model
-    from symbolic.model_file.exchange.exporting import ExportedArm, Language
+    from symbolic.model_file.exchange.exporting import ExportedArm
+    from symbolic.model_file.exchange.ways import Language
 
 
 def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | None = None) -> ExportDocument:
@@ -24,7 +25,8 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
     they are possible bodies with the file's base parameters, as near to the file's as these allow. Raises ModelError
     where a base parameter is unknown, and OSError.
     """
-    from symbolic.model_file.exchange import exporting
+    from symbolic.model_file.exchange.exporting import urdf_text
+    from symbolic.model_file.exchange.mjcf_writer import mjcf_text
     from symbolic.model_file.exchange.urdf import urdf_onto
 
     made, missing = _with_bodies(compiled, language)
@@ -32,7 +34,7 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
     if onto is not None:
         data, kept = urdf_onto(made, onto)
     else:
-        data = (exporting.urdf_text if language == "urdf" else exporting.mjcf_text)(made).encode()
+        data = (urdf_text if language == "urdf" else mjcf_text)(made).encode()
     files.replace(out, data)
     joints = [
         ExportedJointEntry(
@@ -43,10 +45,10 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
             com=list(joint.body.com),
             inertia=list(joint.body.inertia),
             rotor_inertia=joint.rotor,
-            damping=joint.dynamics.get("damping"),
-            friction=joint.dynamics.get("friction"),
-            stiffness=joint.dynamics.get("stiffness"),
-            rest=joint.dynamics.get("rest"),
+            damping=joint.damping or None,
+            friction=joint.friction or None,
+            stiffness=None if joint.spring is None else joint.spring.stiffness,
+            rest=None if joint.spring is None else joint.spring.rest,
         )
         for k, joint in enumerate(made.joints, 1)
     ]
@@ -94,7 +96,7 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
     file does not state, or that are impossible, are possible ones with the model's base parameters."""
     import numpy as np
 
-    from runtime.exchange.bodies import base_map, is_possible, project, rotors_asked
+    from runtime.exchange.bodies import base_map, is_possible, mobilities, project, rotors_asked
     from symbolic.model_file import likely
     from symbolic.model_file.exchange import exporting
     from symbolic.model_file.frames import parameters
@@ -106,14 +108,17 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
         for joint, body in zip(arm.joints, bodies, strict=True)
     ]
     near = np.array([parameters(body) for body in bodies])
+    behind = np.array(exporting.elastic(arm, compiled.library))
     stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
     if stated and all(map(is_possible, near)):
-        return exporting.exported(arm, compiled.library, language, bodies=bodies, rotors=rotors), 0.0
+        moved = mobilities(arm, near, np.array(rotors), behind).tolist()
+        return exporting.exported(arm, compiled.library, language, bodies, rotors, moved), 0.0
     model = compiled.model()
     B, W = base_map(arm, model.regressor)
     guessed = np.array([joint.rotor_inertia is None for joint in arm.joints])
     asked = rotors_asked(B, W, model.lump_values, near, likely=np.array(rotors), guessed=guessed)
     found = project(B, W, model.lump_values, bodies=near, rotors=asked)
     made = [exporting.body_of(body) for body in found.bodies]
-    arms = exporting.exported(arm, compiled.library, language, bodies=made, rotors=found.rotors.tolist())
+    moved = mobilities(arm, found.bodies, found.rotors, behind).tolist()
+    arms = exporting.exported(arm, compiled.library, language, made, found.rotors.tolist(), moved)
     return arms, found.mismatch

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass, replace
 from types import NoneType, UnionType
 from typing import Any, Final, Literal, TypeVar, Union, get_args, get_origin
@@ -23,6 +23,7 @@ from symbolic import units as u
 from symbolic.described import DescribedEffect, DescribedParameter, Grid, UnitOfJoint, field_types
 from symbolic.effects.signals import SIGNAL as SIGNAL
 from symbolic.effects.signals import SIGNALS, Signal
+from symbolic.elements import Element, converted
 from symbolic.primitives import WIDTHS
 from symbolic.units import Unit
 
@@ -102,11 +103,13 @@ class Effect(DescribedEffect[Parameter]):
     torque   added to the motor torque of the joint whose signals are given
     states   memory; empty for a static effect
     form     coefficients in which the torque is linear, if these are not the linear parameters
+    elements what its law is the sum of in simulators, in the parameters; empty: simulators have nothing like it
     """
 
     torque: sp.Expr
     states: tuple[State, ...] = ()
     form: LinearForm | None = None
+    elements: tuple[Element, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gives_way", any(s.between for s in self.signals))
@@ -141,6 +144,11 @@ class Effect(DescribedEffect[Parameter]):
     def _linear_torque(self) -> sp.Expr:
         return self.form.torque if self.form else self.torque
 
+    def elements_at(self, values: Mapping[str, float]) -> tuple[Element, ...]:
+        """The elements in numbers. values: of the parameters; those that are given may be left out."""
+        known = {p.symbol: values.get(p.name, p.default) for p in self.parameters}
+        return tuple(converted(e, lambda law: float(sp.sympify(law).subs(known))) for e in self.elements)
+
     def in_plane(self) -> Effect:
         """The effect on a planar arm: parameters that only spatial arms have are zero and omitted.
 
@@ -148,7 +156,8 @@ class Effect(DescribedEffect[Parameter]):
         """
         kept = tuple(p for p in self.parameters if not p.space)
         torque = _without(self.torque, self.parameters)
-        effect = replace(self, parameters=kept, torque=torque, form=self._form_in_plane(torque))
+        elements = tuple(converted(e, lambda law: _without(law, self.parameters)) for e in self.elements)
+        effect = replace(self, parameters=kept, torque=torque, form=self._form_in_plane(torque), elements=elements)
         if beyond := [s.name for s in effect.signals if s.space]:
             raise ValueError(f'effect "{self.name}" reads {beyond[0]}, which only a spatial arm has')
         return effect
@@ -286,7 +295,7 @@ def _mistyped(value: Any, where: str) -> Iterator[str]:
 
 
 def _mistake(value: Any, hint: Any, where: str) -> Iterator[str]:
-    hint = Parameter if isinstance(hint, TypeVar) else hint
+    hint = Parameter if isinstance(hint, TypeVar) else sp.Expr if hint is Any else hint
     if get_origin(hint) in (Union, UnionType):
         if value is None and NoneType in get_args(hint):
             return
@@ -309,7 +318,8 @@ def _mistake(value: Any, hint: Any, where: str) -> Iterator[str]:
         if isinstance(value, bool) or not isinstance(value, int | float | sp.Expr):
             yield f"{where} is {_shown(value)}; expected an expression of SymPy"
     elif is_dataclass(hint) and hint is not Unit:
-        if type(value) is not hint:
+        fits = isinstance(value, hint) if hint is Element else type(value) is hint
+        if not fits:
             yield f"{where} is {_shown(value)}; expected {_word(hint)}(...)"
         else:
             yield from _mistyped(value, where)

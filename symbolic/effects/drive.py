@@ -10,6 +10,7 @@ import sympy as sp
 
 from symbolic import units as u
 from symbolic.effects.declaration import SIGNAL, Effect, Grid, LinearForm, Parameter, parameter
+from symbolic.elements import Delay, Gain, Lag, Wave
 
 Q, RATIO = SIGNAL["q"].symbol, SIGNAL["ratio"].symbol
 PREDICTED, PREDICTED_RATE = SIGNAL["predicted"].symbol, SIGNAL["predicted_rate"].symbol
@@ -51,6 +52,7 @@ TORQUE_RIPPLE = _drive(
             sp.atan2(-parameter("sine"), parameter("cosine")),
         ),
     ),
+    elements=(Wave(parameter("amplitude"), parameter("order"), parameter("phase")),),
     summary="A torque that repeats with the motor's revolution: cogging, commutation, wave generator.",
     equation="A cos(n N q + phi)",
     trace="Over the motor's angle, a wave that repeats every revolution or fraction of one, at any speed.",
@@ -81,6 +83,7 @@ TORQUE_SCALE = _drive(
     name="torque_scale",
     torque=(parameter("factor") - 1) * PREDICTED,
     parameters=(Parameter("factor", u.ONE, "recorded torque over true torque", bounds=NOT_NEGATIVE, neutral=1.0),),
+    elements=(Gain(parameter("factor")),),
     summary="The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.",
     equation="(factor - 1) tau, tau the predicted torque",
     trace="The residual is proportional to the torque; if all parameters are fitted, they absorb it.",
@@ -103,6 +106,7 @@ TORQUE_DELAY = _drive(
             kind="lead",
         ),
     ),
+    elements=(Delay(parameter("time")),),
     summary="Torque and motion are not recorded at the same instant: hold, bus cycle, filter.",
     equation="T d(tau)/dt, tau the predicted torque",
     trace="The residual is proportional to the torque's time derivative, so that it grows with frequency.",
@@ -136,6 +140,7 @@ TORQUE_LAG = _drive(
             abroad="lag",
         ),
     ),
+    elements=(Lag(parameter("time_constant")),),
     summary="The acting torque follows the recorded one with a first-order lag: winding, current control, filter.",
     equation="T d(tau)/dt, tau the predicted torque: u = tau + T d(tau)/dt is recorded",
     trace="At low frequency that of torque_delay; near 1/T, the recorded torque is larger than the acting one.",

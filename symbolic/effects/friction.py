@@ -9,6 +9,17 @@ import sympy as sp
 
 from symbolic import units as u
 from symbolic.effects.declaration import SIGNAL, Effect, Grid, Parameter, State, parameter, state
+from symbolic.elements import (
+    AbsoluteDamper,
+    Bristles,
+    ConstantTorque,
+    CreepFriction,
+    CubicDamper,
+    Damper,
+    DryFriction,
+    LoadFriction,
+    PowerDamper,
+)
 from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, WIDTH_RATE, absolute, ramp, sgn, step
 
 Q, QD, T = SIGNAL["q"].symbol, SIGNAL["qd"].symbol, SIGNAL["t"].symbol
@@ -33,6 +44,7 @@ COULOMB = _friction(
             "torque", u.FORCE, "friction torque, the same in both directions", bounds=NOT_NEGATIVE, abroad="friction"
         ),
     ),
+    elements=(DryFriction(parameter("torque")),),
     summary="Dry friction: constant, against the motion, whatever the speed.",
     equation="F sgn(qd)",
     trace="At every reversal, a step of the same height in both directions; constant in between.",
@@ -51,6 +63,11 @@ COULOMB_ASYMMETRIC = _friction(
             "negative", u.FORCE, "friction torque, as a magnitude, while qd < 0", bounds=NOT_NEGATIVE, abroad="friction"
         ),
     ),
+    # At rest any torque between the two levels: the symmetric friction about a constant one.
+    elements=(
+        DryFriction((parameter("positive") + parameter("negative")) / 2),
+        ConstantTorque((parameter("positive") - parameter("negative")) / 2),
+    ),
     summary="Dry friction of a different height in each direction.",
     equation="F+ for qd > 0, -F- for qd < 0",
     trace="At every reversal, a step between two levels of different magnitude.",
@@ -66,6 +83,7 @@ VISCOUS = _friction(
     name="viscous",
     torque=parameter("coefficient") * QD,
     parameters=(Parameter("coefficient", u.VISCOUS, "torque per rate", bounds=NOT_NEGATIVE, abroad="damping"),),
+    elements=(Damper(parameter("coefficient")),),
     summary="Friction in proportion to the speed: lubricant, and the motor's back-EMF where it is not compensated.",
     equation="c qd",
     trace="Over the rate, a straight line through zero.",
@@ -81,6 +99,10 @@ VISCOUS_ASYMMETRIC = _friction(
     parameters=(
         Parameter("positive", u.VISCOUS, "torque per rate while qd > 0", bounds=NOT_NEGATIVE, abroad="damping"),
         Parameter("negative", u.VISCOUS, "torque per rate while qd < 0", bounds=NOT_NEGATIVE, abroad="damping"),
+    ),
+    elements=(
+        Damper((parameter("positive") + parameter("negative")) / 2),
+        AbsoluteDamper((parameter("positive") - parameter("negative")) / 2),
     ),
     summary="Viscous friction with a different slope in each direction.",
     equation="c+ qd for qd > 0, c- qd for qd < 0",
@@ -102,6 +124,7 @@ VISCOUS_CUBIC = _friction(
             "within the speeds at which it was identified",
         ),
     ),
+    elements=(CubicDamper(parameter("coefficient")),),
     summary="The curvature of viscous friction over the speed, odd in the rate.",
     equation="c qd^3",
     trace="Over the rate, a cubic curve: close to zero at low speed, large near the highest speed.",
@@ -129,6 +152,7 @@ VISCOUS_POWER = _friction(
             grid=Grid(0.05, 2.85, 15, spacing="linear"),
         ),
     ),
+    elements=(PowerDamper(parameter("torque"), parameter("exponent")),),
     summary="Friction that grows with a power of the speed other than the first.",
     equation="F |qd/(1 rad/s)|^p sgn(qd)",
     trace="Over the rate, steep at low speed and flat at high speed (p < 1), or the other way round (p > 1).",
@@ -155,6 +179,7 @@ STRIBECK = _friction(
             grid=Grid(0.003, 0.6, 18, "rate"),
         ),
     ),
+    elements=(CreepFriction(parameter("torque"), parameter("speed")),),
     summary="Extra friction at creep that a lubricating film takes away as the speed rises.",
     equation="dF exp(-(qd/v_s)^2) sgn(qd)",
     trace="A narrow peak on both sides of zero rate with opposite signs; nothing at higher speed.",
@@ -179,6 +204,7 @@ VELOCITY_STRENGTHENING = _friction(
             grid=Grid(0.003, 0.15, 14, "rate"),
         ),
     ),
+    elements=(DryFriction(parameter("torque")), CreepFriction(-parameter("torque"), parameter("speed"))),
     summary="Friction that rises from rest to a plateau at a low speed, the opposite of Stribeck's.",
     equation="F (1 - exp(-(qd/v_s)^2)) sgn(qd)",
     trace="Over the rate, a notch on both sides of zero with opposite signs; a constant at higher speed.",
@@ -195,6 +221,7 @@ LOAD_FRICTION = _friction(
     name="load_friction",
     torque=parameter("coefficient") * absolute(LOAD, WIDTH_FORCE) * SIGN,
     parameters=(Parameter("coefficient", u.ONE, "friction torque per transmitted torque", bounds=NOT_NEGATIVE),),
+    elements=(LoadFriction(parameter("coefficient")),),
     summary="Gear friction in proportion to the torque that the gear transmits.",
     equation="mu |load| sgn(qd)",
     trace="At every reversal, a step whose height grows with the predicted load.",
@@ -273,6 +300,7 @@ LUGRE = _friction(
         State("position", u.POSITION, "q of the last sample", Q, initial=Q),
     ),
     one_form=True,
+    elements=(Bristles(parameter("stiffness"), parameter("damping")),),
     summary="Presliding: after a reversal, dry friction builds up like a spring until it slides.",
     equation="z - F sgn(qd) + d (qd - |qd| z/F),  dz/dt = k (qd - |qd| z/F),  F the joint's Coulomb friction",
     trace="After each reversal, a decay over a fixed distance, at any speed.",

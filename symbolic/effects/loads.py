@@ -9,6 +9,7 @@ import sympy as sp
 from symbolic import units as u
 from symbolic.effects.declaration import SIGNAL, Effect, Grid, LinearForm, Parameter, parameter
 from symbolic.effects.signals import OFF_TIP
+from symbolic.elements import CoupledDrive, TiltedGravity, TipMass
 from symbolic.primitives import WIDTH_RATE, WIDTH_TIME, sgn, step
 
 QD, QDD, ELAPSED = (SIGNAL[name].symbol for name in ("qd", "qdd", "elapsed"))
@@ -34,6 +35,7 @@ GRAVITY = Effect(
         Parameter("gz", _ACCELERATION, _BEYOND.format("z"), bounds=TWICE_G, abroad="gravity z", space=True),
     ),
     carried=True,
+    elements=(TiltedGravity(*(parameter(f"g{axis}") for axis in "xyz")),),
     summary="Gravity that the model leaves out, or a base that is not level.",
     equation="-(g_x dm_x/dq + g_y dm_y/dq), in space g_z dm_z/dq too, m the arm's first mass moment",
     trace="Torques that depend on posture as a constant acceleration in one direction does, at all joints.",
@@ -84,6 +86,7 @@ PAYLOAD = Effect(
         recover=(_MASS, *(_MASS * _MOMENTS[axis] / (_MASS**2 + _WEIGHTLESS**2) for axis in "xyz")),
     ),
     carried=True,
+    elements=(TipMass(_MASS, _TIME, *_CENTRE.values()),),
     summary="A mass at the end-effector that the model does not know, from a moment on.",
     equation="m tau_tip(q, qd, qdd) for t > t_0, tau_tip the torque of a unit mass at the end-effector, in space at "
     "(x, y, z) from it",
@@ -102,6 +105,7 @@ COUPLED_FRICTION = Effect(
     family="load",
     torque=parameter("torque") * sgn(_RELATIVE, WIDTH_RATE),
     parameters=(Parameter("torque", u.FORCE, "friction torque on the relative rate", bounds=(0.0, inf)),),
+    elements=(CoupledDrive(sp.S.One, parameter("torque"), sp.S.Zero, inertia=sp.S.Zero),),
     summary="Dry friction between two links that are not neighbours: a belt, cable or shaft that passes a joint.",
     equation="F sgn(qd_i + qd_(i+1)), on both joints",
     trace="Simultaneous steps at two joints when the sum of their rates changes sign.",
@@ -142,6 +146,7 @@ COUPLED_GEAR = Effect(
             grid=Grid(-1.0, 1.0, 2, of="one", spacing="linear"),
         ),
     ),
+    elements=(CoupledDrive(_RATIO, parameter("coulomb"), parameter("viscous"), parameter("inertia")),),
     summary="A motor that turns with two joints at once, as in wrists: its friction and inertia are felt at both.",
     equation="F sgn(w) + c w + I w_d,  w = qd_i + r qd_(i+1), on joint i; r times that on joint i+1",
     trace="Friction and inertia at two joints that follow the sum or difference of their rates.",

@@ -9,6 +9,15 @@ import sympy as sp
 
 from symbolic import units as u
 from symbolic.effects.declaration import SIGNAL, Effect, Grid, LinearForm, Parameter, State, parameter, state
+from symbolic.elements import (
+    ConstantTorque,
+    CurvedSpring,
+    JointSpring,
+    OneSidedDamper,
+    OneSidedSpring,
+    OneSidedTorque,
+    YieldingSpring,
+)
 from symbolic.primitives import WIDTH_POSITION, ramp, step
 
 Q, QD = SIGNAL["q"].symbol, SIGNAL["qd"].symbol
@@ -20,6 +29,7 @@ OFFSET = _spring(
     name="offset",
     torque=parameter("torque"),
     parameters=(Parameter("torque", u.FORCE, "constant part of the recorded torque"),),
+    elements=(ConstantTorque(parameter("torque")),),
     summary="A constant torque: an amplifier's offset, a constant pull.",
     equation="tau_0",
     trace="The residual has a constant mean.",
@@ -44,6 +54,7 @@ LINEAR_SPRING = _spring(
         from_parameters=(parameter("stiffness"), -parameter("stiffness") * parameter("rest")),
         recover=(parameter("stiffness"), -parameter("bias") / parameter("stiffness")),
     ),
+    elements=(JointSpring(parameter("stiffness"), parameter("rest")),),
     summary="A spring that pulls the joint to a rest position from both sides.",
     equation="k (q - q_0)",
     trace="Over the position, a straight line, the same in both directions and at every speed.",
@@ -110,6 +121,10 @@ PARALLEL_SPRING = _spring(
             parameter("joint_pretension") / parameter("radius"),
         ),
     ),
+    elements=(
+        OneSidedSpring(-sp.S.One, parameter("offset"), parameter("radius") ** 2 * parameter("stiffness")),
+        OneSidedTorque(-sp.S.One, parameter("offset"), parameter("radius") * parameter("pretension")),
+    ),
     summary="An extension spring on a pulley, parallel to the drive, that pulls on one side of an offset only.",
     equation="-(r_p^2 k_s (q_s0 - q) + r_p F_s0) for q < q_s0, else 0",
     trace="Over the position, a straight line below the offset, with a step there if pretensioned; zero above.",
@@ -130,6 +145,7 @@ CABLE = _spring(
     # A polynomial: a dress pack bends and does not repeat with the turn, so harmonics of q have no meaning, and the
     # fourth degree is what the source found sufficient over a joint's range. Its constant is the effect `offset`.
     one_form=True,
+    elements=(CurvedSpring(*(parameter(f"c{k}") for k in range(1, 5))),),
     summary="The pull of hoses and wires along the arm: a smooth curve over the position.",
     equation="c1 q + c2 q^2 + c3 q^3 + c4 q^4",
     trace="Over the position, a smooth curve, the same in both directions and at every speed.",
@@ -169,6 +185,10 @@ END_STOP = _spring(
         ),
     ),
     one_form=True,
+    elements=(
+        OneSidedSpring(_SIDE, parameter("position"), parameter("stiffness")),
+        OneSidedDamper(_SIDE, parameter("position"), parameter("damping")),
+    ),
     summary="A soft mechanical stop at one end of the range.",
     equation="k (q - q_e)+ + d qd in contact, mirrored for side = -1",
     trace="Over the position, zero up to a point near one end of the range, then a steep rise.",
@@ -184,22 +204,24 @@ END_STOP = _spring(
 _ELEMENTS = 4
 
 
+def _limit(number: int) -> sp.Expr:
+    return parameter("width") * sp.Rational(2 * number - 1, 2 * _ELEMENTS - 1)
+
+
 def _held(number: int) -> sp.Expr:
     """Deflection of an element at this sample: it follows q within its limit, exactly for any path without a turn."""
-    limit = parameter("width") * sp.Rational(2 * number - 1, 2 * _ELEMENTS - 1)
+    limit = _limit(number)
     free = state(f"element{number}") + Q - state("position")
     return free - ramp(free - limit, WIDTH_POSITION) + ramp(-free - limit, WIDTH_POSITION)
 
 
 _HELD = tuple(_held(number) for number in range(1, _ELEMENTS + 1))
+# The limits' sum is this part of N^2 widths.
+_OF_ONE = parameter("torque") * sp.Rational(2 * _ELEMENTS - 1, _ELEMENTS**2) / parameter("width")
 
 SPRING_HYSTERESIS = _spring(
     name="spring_hysteresis",
-    # The limits' sum is this part of N^2 widths.
-    torque=parameter("torque")
-    * sp.Rational(2 * _ELEMENTS - 1, _ELEMENTS**2)
-    * sum(_HELD, sp.S.Zero)
-    / parameter("width"),
+    torque=_OF_ONE * sum(_HELD, sp.S.Zero),
     parameters=(
         Parameter("torque", u.FORCE, "when all elements slide: half the height of the loop", bounds=NOT_NEGATIVE),
         Parameter(
@@ -219,6 +241,7 @@ SPRING_HYSTERESIS = _spring(
         State("position", u.POSITION, "q of the last sample", Q, initial=Q),
     ),
     one_form=True,
+    elements=tuple(YieldingSpring(_OF_ONE, _limit(number)) for number in range(1, _ELEMENTS + 1)),
     summary="A loop over the position, the same at any speed: inner friction of a flexspline, belt or cable.",
     equation="F sum_j z_j / sum_j w_j,  dz_j = dq while |z_j| < w_j, else held,  w_j = width (2 j - 1)/7,  j = 1..4",
     trace="After each reversal the residual follows the same parabola over twice the width, at any speed.",

@@ -9,6 +9,7 @@ import sympy as sp
 
 from symbolic import units as u
 from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, Parameter, State, parameter, state
+from symbolic.elements import Compliance, Gap
 from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, sgn, step
 
 LOAD, LINK_INERTIA, COUPLING = (SIGNAL[name].symbol for name in ("load", "link_inertia", "coupling"))
@@ -99,6 +100,7 @@ ELASTICITY = _transmission(
         ),
         State("load", u.FORCE, "of the last sample", LOAD, initial=LOAD),
     ),
+    elements=(Compliance(_K, _D),),
     summary="The link hangs on the motor by a spring: the transmission gives way and resonates.",
     equation="-(J delta_dd + c delta_d + g delta),  J delta_dd + d delta_d + k delta = load,  J, c and g how the link "
     "side's torque grows with acceleration, rate and position",
@@ -210,6 +212,7 @@ BACKLASH = _transmission(
         State("acceleration_before", u.ACCELERATION, "the same, of the step before", state("acceleration")),
         State("load", u.FORCE, "of the last sample", LOAD, initial=LOAD),
     ),
+    elements=(Gap(parameter("gap"), _K, _D),),
     summary="The link hangs behind a gap: where the load changes its sign it is free, then it strikes the other flank.",
     equation="-(J delta_dd + c delta_d + g delta),  J delta_dd + T = load,  T = s (k x + d x_d)+ for "
     "x = |delta| - gap/2 > 0, s = sgn(delta)",

@@ -1,29 +1,33 @@
-"""An arm written as URDF or MJCF: what these formats can express of it, and a list of what they cannot."""
+"""An arm to be written for other programs: what a format can express of it, and a list of what it cannot; URDF."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from statistics import fmean
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
+from symbolic.described import declared
+from symbolic.elements import (
+    Compliance,
+    CreepFriction,
+    Damper,
+    Delay,
+    DryFriction,
+    Element,
+    Gap,
+    JointSpring,
+    TiltedGravity,
+)
 from symbolic.model_file.arm import Arm, Frame, Joint, Values
 from symbolic.model_file.exchange.tree import FREE, joints_of
+from symbolic.model_file.exchange.ways import WAYS, Language, Standing, standing
 from symbolic.model_file.frames import StatedBody, scaled
 
 if TYPE_CHECKING:
     from symbolic.effects.declaration import Effect
 
-Language = Literal["urdf", "mjcf"]
-WORDS: Mapping[Language, tuple[str, ...]] = {
-    "urdf": ("damping", "friction"),
-    "mjcf": ("damping", "friction", "stiffness", "rest", "lag"),
-}
-"""The words of each format for a joint's effects; see DescribedParameter.abroad."""
-GRAVITY = ("gravity x", "gravity y", "gravity z")
-"""Words of parameters that add to the model's gravity, along the base axes."""
 DOWN = (0.0, 0.0, -9.81)
 """m/s²; gravity where a file states none, as programs assume it: URDF's z axis points up by convention (REP 103)."""
 ROUNDING = 1e-12
@@ -31,15 +35,54 @@ ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
+class ExportedEffect:
+    """An effect of the model and how it stands in the file. joint: from 1; None: of the whole arm."""
+
+    name: str
+    joint: int | None
+    standing: Standing
+    elements: tuple[Element, ...]
+
+
+@dataclass(frozen=True)
 class ExportedJoint:
-    """A joint to be written. dynamics: values by the format's words; unknown: words whose values are unknown."""
+    """A joint to be written.
+
+    mobility   its acceleration by a unit of torque on its link, with all joints at 0, 1/(kg m²) or 1/kg
+    elements   what the file holds of its effects on the motor's side, in numbers
+    carried    the same, of what the transmission carries to the link
+    unknown    elements of effects whose values are unknown
+    """
 
     name: str
     joint: Joint
     body: StatedBody
     rotor: float
-    dynamics: Mapping[str, float]
-    unknown: frozenset[str] = frozenset()
+    mobility: float
+    elements: tuple[Element, ...] = ()
+    carried: tuple[Element, ...] = ()
+    unknown: frozenset[type[Element]] = frozenset()
+
+    def of(self, *kinds: type[Element]) -> list[Any]:
+        """Its elements of these kinds, on either side."""
+        return [element for element in (*self.elements, *self.carried) if isinstance(element, kinds)]
+
+    @property
+    def damping(self) -> float:
+        """Viscous friction, the mean of both directions, N m s/rad or N s/m."""
+        return float(sum(damper.coefficient for damper in self.of(Damper)))
+
+    @property
+    def friction(self) -> float:
+        """Dry friction, the mean of both directions, N m or N."""
+        return float(sum(dry.torque for dry in self.of(DryFriction)))
+
+    @property
+    def spring(self) -> JointSpring | None:
+        """The sum of its springs, if it has any."""
+        springs = self.of(JointSpring)
+        stiffness = float(sum(spring.stiffness for spring in springs))
+        return JointSpring(stiffness, sum(s.stiffness * s.rest for s in springs) / stiffness) if stiffness else None
 
 
 @dataclass(frozen=True)
@@ -48,11 +91,12 @@ class ExportedArm:
 
     arm: Arm
     joints: tuple[ExportedJoint, ...]
+    effects: tuple[ExportedEffect, ...]
     unsaid: tuple[str, ...]
 
-
-Unsaid = dict[tuple[str, str], set[int]]
-"""Effects that a file cannot express, and why or how not -> the joints, from 1."""
+    def of(self, kind: type[Element]) -> list[tuple[int | None, Any]]:
+        """Its elements of a kind, each with its joint."""
+        return [(e.joint, element) for e in self.effects for element in e.elements if isinstance(element, kind)]
 
 
 def exported(
@@ -61,25 +105,112 @@ def exported(
     language: Language,
     bodies: Sequence[StatedBody],
     rotors: Sequence[float],
+    mobilities: Sequence[float],
 ) -> ExportedArm:
-    """The arm with complete bodies and the effects that the format can express.
+    """The arm with complete bodies and what the format can express of its effects.
 
-    bodies   possible bodies, in their joints' frames     rotors   inertias at the output
+    bodies   possible bodies, in their joints' frames     rotors   inertias at the output     mobilities   of the links
     """
-    missing: Unsaid = {}
+    effects: list[ExportedEffect] = []
     joints = []
     alike = {name: values for name, values in arm.effects.items() if _at_joints(name, library)}
-    for k, (joint, body, rotor) in enumerate(zip(arm.joints, bodies, rotors, strict=True), 1):
-        said, unknown = _dynamics({**joint.effects, **alike}, library, language, joint=k, unsaid=missing)
-        joints.append(
-            ExportedJoint(joint.name or f"joint{k}", joint, body, rotor=rotor, dynamics=said, unknown=unknown)
+    for k, (joint, body, rotor, mobility) in enumerate(zip(arm.joints, bodies, rotors, mobilities, strict=True), 1):
+        made = Placed(library, language, k, rotor)
+        for name, values in {**joint.effects, **alike}.items():
+            made.add(name, values)
+        effects += made.effects
+        name = joint.name or f"joint{k}"
+        sides = (tuple(made.elements), tuple(made.carried), frozenset(made.unknown))
+        joints.append(ExportedJoint(name, joint, body, rotor, mobility, *sides))
+    whole = Placed(library, language, None, rotor=0.0)
+    for name in arm.effects.keys() - alike.keys():
+        whole.add(name, arm.effects[name])
+    effects += whole.effects
+    tilts = [element for element in whole.elements if isinstance(element, TiltedGravity)]
+    x, y, z = (sum(parts) for parts in zip(arm.gravity, *((t.x, t.y, t.z) for t in tilts), strict=True))
+    unsaid = [*_unsaid_effects(effects, len(joints)), *_unsaid_keys(arm, language, rotors)]
+    if language == "urdf" and (x, y, z) != DOWN:
+        unsaid.append(f"gravity {[x, y, z]}: loaders take {list(DOWN)}")
+    return ExportedArm(replace(arm, gravity=(x, y, z)), tuple(joints), tuple(effects), tuple(unsaid))
+
+
+def _at_joints(name: str, library: Mapping[str, Effect]) -> bool:
+    """Whether an effect of the arm is one of every joint, with the same values."""
+    return name in library and bool(library[name].alike_at_joints)
+
+
+def elastic(arm: Arm, library: Mapping[str, Effect]) -> list[bool]:
+    """For each joint, whether its link is behind a spring."""
+    return [
+        any(
+            isinstance(element, Compliance | Gap)
+            for name in joint.effects
+            for element in declared(name, library).elements
         )
-    made, of_arm = _with_gravity(arm, library)
-    all_joints = range(1, len(arm.joints) + 1)
-    lacking = ((effect, how, [k in there for k in all_joints]) for (effect, how), there in missing.items())
-    unsaid = [*(f"{effect} at {joints_of(which)}{how}" for effect, how, which in lacking), *of_arm]
+        for joint in arm.joints
+    ]
+
+
+@dataclass
+class Placed:
+    """Effects of a joint, or of the arm where joint is None, sorted into what the file holds of them."""
+
+    library: Mapping[str, Effect]
+    language: Language
+    joint: int | None
+    rotor: float
+    effects: list[ExportedEffect] = field(default_factory=list)
+    elements: list[Element] = field(default_factory=list)
+    carried: list[Element] = field(default_factory=list)
+    unknown: set[type[Element]] = field(default_factory=set)
+
+    def add(self, name: str, values: Values) -> None:
+        """Add an effect of the model file."""
+        effect = declared(name, self.library)
+        kinds = [type(element) for element in effect.elements]
+        found: tuple[Element, ...] = ()
+        there = standing(kinds, self.language)
+        if any(p.name not in values and p.default is None for p in effect.parameters):
+            self.unknown |= set(kinds)
+            there = Standing("not", "", "its values are not known", 0.0)
+        elif why := next(filter(None, map(self._impossible, effect.elements_at(values))), ""):
+            there = Standing("not", "", why, 0.0)
+        else:
+            # Gravity is a vector of the written tree, whatever the format says of it.
+            ways = {*WAYS[self.language], TiltedGravity}
+            found = tuple(element for element in effect.elements_at(values) if type(element) in ways)
+        self.effects.append(ExportedEffect(name, self.joint, there, found))
+        (self.carried if effect.carried and self.joint else self.elements).extend(found)
+
+    def _impossible(self, element: Element) -> str:
+        """Why these numbers cannot be played; "" if they can."""
+        if isinstance(element, Delay) and element.time < 0:
+            return "no torque acts before its command"
+        if isinstance(element, Compliance | Gap) and not self.rotor > 0:
+            return "a motor before a spring needs a rotor_inertia above 0"
+        if isinstance(element, CreepFriction) and any(
+            isinstance(other, CreepFriction) and other.speed != element.speed for other in self.elements
+        ):
+            return "other friction of the joint falls with another speed"
+        return ""
+
+
+def _unsaid_effects(effects: Sequence[ExportedEffect], n: int) -> Iterator[str]:
+    """What a file does not say of the effects, an item for all joints alike."""
+    lacking: dict[tuple[str, str], set[int | None]] = {}
+    for effect in effects:
+        tilted = any(isinstance(element, TiltedGravity) for element in effect.elements)
+        if effect.standing.played != "exact" and not tilted:
+            lacking.setdefault((effect.name, effect.standing.but), set()).add(effect.joint)
+    for (name, but), there in lacking.items():
+        place = "of the arm" if None in there else f"at {joints_of([k in there for k in range(1, n + 1)])}"
+        yield f"{name} {place}{': ' * bool(but)}{but}"
+
+
+def _unsaid_keys(arm: Arm, language: Language, rotors: Sequence[float]) -> Iterator[str]:
+    """What a file does not say of the model file's other keys."""
     if arm.contact is not None:
-        unsaid.append("the contact with a plate")
+        yield "the contact with a plate"
     stated: dict[str, list[bool]] = {
         "torque_constant": [joint.torque_constant is not None for joint in arm.joints],
         "encoder": [joint.encoder_counts is not None for joint in arm.joints],
@@ -88,57 +219,7 @@ def exported(
         "limits.speed": [language == "mjcf" and joint.limits.speed is not None for joint in arm.joints],
         "rotor_inertia": [language == "urdf" and bool(rotor) for rotor in rotors],
     }
-    unsaid += [f"{key} of {joints_of(which)}" for key, which in stated.items() if any(which)]
-    if language == "urdf" and made.gravity != DOWN:
-        unsaid.append(f"gravity {list(made.gravity)}: loaders take {list(DOWN)}")
-    return ExportedArm(made, tuple(joints), tuple(unsaid))
-
-
-def _at_joints(name: str, library: Mapping[str, Effect]) -> bool:
-    """Whether an effect of the arm is one of every joint, with the same values."""
-    return name in library and bool(library[name].alike_at_joints)
-
-
-def _with_gravity(arm: Arm, library: Mapping[str, Effect]) -> tuple[Arm, list[str]]:
-    """The arm with its gravity effects added to gravity, and a list of its other or unknown effects."""
-    gravity, unsaid = list(arm.gravity), []
-    for name, values in arm.effects.items():
-        if _at_joints(name, library):
-            continue
-        own = [p for p in library[name].parameters if arm.space or not p.space] if name in library else []
-        if not own or any(p.abroad not in GRAVITY for p in own):
-            unsaid.append(f"{name} of the arm")
-        elif any(p.name not in values for p in own):
-            unsaid.append(f"{name} of the arm: its values are not known")
-        else:
-            for p in own:
-                gravity[GRAVITY.index(p.abroad)] += values[p.name]
-    x, y, z = gravity
-    return replace(arm, gravity=(x, y, z)), unsaid
-
-
-def _dynamics(
-    effects: Mapping[str, Values], library: Mapping[str, Effect], language: Language, joint: int, unsaid: Unsaid
-) -> tuple[dict[str, float], frozenset[str]]:
-    """A joint's effects by the format's words, and the words whose values are unknown; the rest goes into `unsaid`."""
-    said: dict[str, float] = {}
-    unknown: set[str] = set()
-    for name, values in effects.items():
-        words = {p.name: p.abroad for p in library[name].parameters} if name in library else {}
-        if not words or not set(words.values()) <= set(WORDS[language]):
-            unsaid.setdefault((name, ""), set()).add(joint)
-            continue
-        if not words.keys() <= values.keys():
-            unsaid.setdefault((name, ": its values are not known"), set()).add(joint)
-            unknown |= set(words.values())
-            continue
-        for word in dict.fromkeys(words.values()):
-            stated = [values[key] for key, other in words.items() if other == word]
-            said[word] = said.get(word, 0.0) + fmean(stated)
-            if len(set(stated)) > 1:
-                how = " in each direction: the mean of both is written"
-                unsaid.setdefault((name, how), set()).add(joint)
-    return said, frozenset(unknown - said.keys())
+    yield from (f"{key} of {joints_of(which)}" for key, which in stated.items() if any(which))
 
 
 # --- bodies ---
@@ -173,7 +254,7 @@ BASE, TIP = "base", "tip"
 
 def urdf_text(made: ExportedArm) -> str:
     """The text of a URDF. Unknown limits of effort and speed are FREE."""
-    lines = ['<?xml version="1.0"?>', *_about(made), f"<robot name={quoteattr(made.arm.name)}>"]
+    lines = ['<?xml version="1.0"?>', *about(made), f"<robot name={quoteattr(made.arm.name)}>"]
     lines.append(f'  <link name="{BASE}"/>')
     parent = BASE
     for joint in made.joints:
@@ -197,7 +278,8 @@ def urdf_text(made: ExportedArm) -> str:
     return "\n".join([*lines, "</robot>"]) + "\n"
 
 
-def _about(made: ExportedArm) -> list[str]:
+def about(made: ExportedArm) -> list[str]:
+    """Comments at the top of a file."""
     lines = [f"<!-- {made.arm.name}: written by tendon export; its bodies give the torques of the model. -->"]
     return [*lines, *(f"<!-- Not said here: {item}. -->" for item in made.unsaid)]
 
@@ -220,7 +302,8 @@ def _between(parent: str, child: str) -> list[str]:
     return [f"    <parent link={quoteattr(parent)}/>", f"    <child link={quoteattr(child)}/>"]
 
 
-def _unit(joint: ExportedJoint) -> tuple[float, float, float]:
+def unit_axis(joint: ExportedJoint) -> tuple[float, float, float]:
+    """The joint's axis, of length 1."""
     return scaled(1 / math.hypot(*joint.joint.axis), joint.joint.axis)
 
 
@@ -242,60 +325,9 @@ def _urdf_joint(joint: ExportedJoint, parent: str, child: str) -> Iterator[str]:
     yield f'  <joint name={quoteattr(joint.name)} type="{kind}">'
     yield from _between(parent, child)
     yield f"    {_origin(joint.joint.origin)}"
-    yield f'    <axis xyz="{numbers(_unit(joint))}"/>'
+    yield f'    <axis xyz="{numbers(unit_axis(joint))}"/>'
     low, high = limits.position or (-FREE, FREE)
     place = "" if kind == "continuous" else f'lower="{number(low)}" upper="{number(high)}" '
     yield f'    <limit {place}effort="{number(limits.torque or FREE)}" velocity="{number(limits.speed or FREE)}"/>'
-    damping, friction = (number(joint.dynamics.get(word, 0.0)) for word in WORDS["urdf"])
-    yield f'    <dynamics damping="{damping}" friction="{friction}"/>'
+    yield f'    <dynamics damping="{number(joint.damping)}" friction="{number(joint.friction)}"/>'
     yield "  </joint>"
-
-
-# --- MJCF ---
-
-
-def mjcf_text(made: ExportedArm) -> str:
-    """The text of an MJCF: armature is the rotor's inertia, a motor's gear the gear ratio."""
-    lines = [*_about(made), f"<mujoco model={quoteattr(made.arm.name)}>"]
-    lines += ['  <compiler angle="radian" eulerseq="XYZ" autolimits="true"/>']
-    lines += [f'  <option gravity="{numbers(made.arm.gravity)}"/>', "  <worldbody>"]
-    for depth, joint in enumerate(made.joints):
-        lines += _mjcf_body(joint, "  " * (depth + 2))
-    indent = "  " * (len(made.joints) + 2)
-    lines.append(f'{indent}<site name="{TIP}" {_pose(made.arm.tip)}/>')
-    lines += [f"{'  ' * (depth + 2)}</body>" for depth in reversed(range(len(made.joints)))]
-    lines += ["  </worldbody>", "  <actuator>"]
-    for joint in made.joints:
-        name, lag = quoteattr(joint.name), joint.dynamics.get("lag", 0.0)
-        kind, more = ("general", f' dyntype="filterexact" dynprm="{number(lag)}"') if lag else ("motor", "")
-        lines.append(f'    <{kind} name={name} joint={name} gear="{number(joint.joint.gear_ratio)}"{more}/>')
-    return "\n".join([*lines, "  </actuator>", "</mujoco>"]) + "\n"
-
-
-def _pose(frame: Frame) -> str:
-    return f'pos="{numbers(frame.xyz)}" euler="{numbers(frame.rpy)}"'
-
-
-def _mjcf_body(joint: ExportedJoint, indent: str) -> Iterator[str]:
-    limits, said = joint.joint.limits, joint.dynamics
-    attributes = {
-        "name": joint.name,
-        "type": "hinge" if joint.joint.type == "revolute" else "slide",
-        "axis": numbers(_unit(joint)),
-        "armature": number(joint.rotor),
-        "damping": number(said.get("damping", 0.0)),
-        "frictionloss": number(said.get("friction", 0.0)),
-    }
-    if said.get("stiffness"):
-        attributes |= {"stiffness": number(said["stiffness"]), "springref": number(said.get("rest", 0.0))}
-    if limits.position is not None:
-        attributes["range"] = numbers(limits.position)
-    if limits.torque is not None:
-        attributes["actuatorfrcrange"] = numbers((-limits.torque, limits.torque))
-    xx, xy, xz, yy, yz, zz = joint.body.inertia
-    yield f"{indent}<body name={quoteattr(f'{joint.name}_link')} {_pose(joint.joint.origin)}>"
-    yield f"{indent}  <joint {' '.join(f'{key}={quoteattr(value)}' for key, value in attributes.items())}/>"
-    yield (
-        f'{indent}  <inertial pos="{numbers(joint.body.com)}" mass="{number(joint.body.mass)}" '
-        f'fullinertia="{numbers((xx, yy, zz, xy, xz, yz))}"/>'
-    )

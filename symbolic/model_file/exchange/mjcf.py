@@ -370,7 +370,7 @@ class _Bodies:
 def _drive(model: Any, k: int) -> tuple[tuple[tuple[str, float], ...], float | None, float, float]:
     """The actuators of a joint, at its output: gears with their sources; maximum torque or None; inertia and damping of
     the motors (newer MuJoCo versions)."""
-    at_joint = [a for a in range(model.nu) if int(model.actuator_trnid[a][0]) == k]
+    at_joint = [a for a, at in enumerate(model.actuator_trnid) if int(at[0]) == k and not _is_passive(model, a)]
     gears = {a: ratio for a in at_joint if (ratio := abs(float(model.actuator_gear[a][0])))}
     # Forces, inertias and damping of several actuators at one joint add up.
     forces = []
@@ -387,6 +387,12 @@ def _drive(model: Any, k: int) -> tuple[tuple[tuple[str, float], ...], float | N
     )
     by = tuple((f"actuator {shortened(model.actuator(a).name) or a + 1}", ratio) for a, ratio in gears.items())
     return by, torque if torque < LARGEST else None, rotor, damping
+
+
+def _is_passive(model: Any, a: int) -> bool:
+    """Whether an actuator has no control or no gain: it is friction, a spring or a ripple, and no motor."""
+    controls = getattr(model, "actuator_ctrlnum", None)
+    return not any(model.actuator_gainprm[a]) or (controls is not None and not controls[a])
 
 
 def _largest(ranges: Iterable[Sequence[Any]]) -> list[float]:

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import TypeVar
 from xml.sax.saxutils import quoteattr
 
+from symbolic.elements import Damper, DryFriction
 from symbolic.model_file.arm import Frame
 from symbolic.model_file.checks import ModelError, quote
 from symbolic.model_file.exchange import xml_file
 from symbolic.model_file.exchange.exporting import (
-    WORDS,
     ExportedArm,
     ExportedJoint,
     body_of,
@@ -277,9 +277,9 @@ def _dynamics(there: XmlNode | None, joint: ExportedJoint) -> dict[str, str] | N
     the element already states these numbers."""
     before = {} if there is None else there.attributes
     wanted = dict(before)
-    for word in WORDS["urdf"]:
-        if word not in joint.unknown or word not in wanted:
-            wanted[word] = number(joint.dynamics.get(word, 0.0))
+    for word, kind, value in (("damping", Damper, joint.damping), ("friction", DryFriction, joint.friction)):
+        if kind not in joint.unknown or value or word not in wanted:
+            wanted[word] = number(value)
     if there is None or before.keys() != wanted.keys():
         return wanted
     same = all(value == wanted[key] or there.number(key) == float(wanted[key]) for key, value in before.items())

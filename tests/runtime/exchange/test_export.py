@@ -279,8 +279,8 @@ def test_a_file_that_says_everything_is_exported_as_it_is(run: Run) -> None:
     assert again.tip == arm.tip
     assert set(document["unsaid"]) == {
         "linear_spring at joint 1",
-        "coulomb_asymmetric at joint 1 in each direction: the mean of both is written",
-        "stribeck at joint 1",
+        "coulomb_asymmetric at joint 1: its constant torque is left out",
+        "stribeck at joint 1: its values are not known",
         "rotor_inertia of joints 1, 3",
         "gravity [0.5, 0.0, -9.81]: loaders take [0.0, 0.0, -9.81]",
     }
@@ -482,7 +482,7 @@ def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - a folder with small.
     result = exchanged.export(load("small.toml"), "small.xml", to="mjcf")
     assert Path("small.xml").read_text().count("<joint ") == 3
     assert repr(result).startswith(
-        "small.xml: small\nThe file does not say: coulomb_asymmetric at joint 1 in each direction"
+        "small.xml: small\nThe file does not say: stribeck at joint 1: its values are not known"
     )
     result.show()
 

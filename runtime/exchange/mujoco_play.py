@@ -1,0 +1,153 @@
+"""An exported MJCF played by MuJoCo: the motion that torques at the joints make there, from a state on.
+
+MuJoCo integrates by `implicitfast`, of first order: of its methods those of one step alone advance bristles exactly, so
+that they are stable however stiff. Its step is small enough that half of it changes 0.3 s of motion by less than 1e-3.
+"""
+
+from __future__ import annotations
+
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from runtime.exchange.settings import AT_REST, HOLD, PLAY_STEP
+
+Array = NDArray[np.float64]
+
+
+class PlayError(ValueError):
+    """MuJoCo cannot play the file or the torques; the message says why and what to do."""
+
+
+class Played:
+    """An MJCF that `tendon export` wrote, compiled. Raises PlayError."""
+
+    def __init__(self, path: Path) -> None:
+        mujoco = _mujoco()
+        try:
+            self.model: Any = mujoco.MjModel.from_xml_path(str(path))
+        except (ValueError, OSError) as error:
+            newer = f"this is MuJoCo {mujoco.__version__}, and what `tendon export` writes is for 4.0 or newer"
+            raise PlayError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}; {newer}") from error
+        model = self.model
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self.data = mujoco.MjData(model)
+        # Passive actuators have no control or no gain, and second joints of elastic ones no motor.
+        driven = [k for k in range(model.nactuator) if model.actuator_ctrlnum[k] and model.actuator_gainprm[k, 0]]
+        self.n = len(driven)
+        self.motors: list[int] = model.actuator_trnid[: self.n, 0].tolist()
+        self.behind = [k for k in range(model.njnt) if k not in self.motors]
+        if not driven or driven != list(range(self.n)) or self.motors != sorted(set(self.motors)):
+            raise PlayError(f"{path}: its first actuators are not a motor for each joint; write it by tendon export")
+        self.gear: Array = model.actuator_gear[: self.n, 0]
+
+    def play(
+        self, t: ArrayLike, tau: ArrayLike, q: ArrayLike, qd: ArrayLike, step: float = PLAY_STEP
+    ) -> tuple[Array, Array]:
+        """The motion under torques at the joints, linear between samples.
+
+        t (m,) s, rising; tau (m, n) N m or N     q, qd (n,) at the first sample     step: the longest, s
+        Springs begin in equilibrium with the load, bristles as they are after a long way in the direction of qd, and
+        the drives' lags and delays at the first torque. Returns q and qd (m, n), of the motors where joints are
+        elastic. Raises PlayError.
+        """
+        import mujoco
+
+        times, torques = np.asarray(t, dtype=np.float64), np.asarray(tau, dtype=np.float64)
+        if torques.shape != (len(times), self.n) or len(times) < 2 or not (np.diff(times) > 0).all():
+            raise PlayError(f"torques of shape {torques.shape}: expected ({len(times)}, {self.n}) at rising times")
+        model, data = self.model, self.data
+        self._begin(torques[0], np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64))
+        out = np.empty((2, *torques.shape))
+        at, rate = model.jnt_qposadr[self.motors], model.jnt_dofadr[self.motors]
+        out[:, 0] = data.qpos[at], data.qvel[rate]
+        for k, dt in enumerate(np.diff(times)):
+            pieces = ceil(dt / HOLD)
+            substeps = ceil(dt / pieces / step - 1e-9)
+            model.opt.timestep = dt / pieces / substeps
+            for part in (np.arange(pieces) + 0.5) / pieces:
+                data.ctrl[: self.n] = ((1 - part) * torques[k] + part * torques[k + 1]) / self.gear
+                mujoco.mj_step(model, data, substeps)
+            out[:, k + 1] = data.qpos[at], data.qvel[rate]
+        if not np.isfinite(out).all() or data.warning.number.any():
+            raise PlayError("MuJoCo's motion is not finite; play a shorter window, or a smaller effect")
+        return out[0], out[1]
+
+    def _begin(self, tau: Array, q: Array, qd: Array) -> None:
+        """Set the state of the first sample, with the memories of effects."""
+        import mujoco
+
+        model, data = self.model, self.data
+        mujoco.mj_resetData(model, data)
+        data.qpos[model.jnt_qposadr[self.motors]] = q
+        data.qvel[model.jnt_dofadr[self.motors]] = qd
+        data.ctrl[: self.n] = tau / self.gear
+        for a in range(self.n):
+            if model.actuator_delay[a] > 0:
+                mujoco.mj_initCtrlHistory(
+                    model, data, a, None, np.full((model.actuator_history[a, 0], 1), data.ctrl[a])
+                )
+        self._activate(qd)
+        mujoco.mj_forward(model, data)
+        if model.nplastic:
+            for k in np.flatnonzero(model.tendon_plasticadr >= 0):
+                place = model.tendon_plasticadr[k]
+                data.plastic[place : place + 2] = data.ten_length[k]
+        if self.behind:
+            self._deflect()
+
+    def _activate(self, qd: Array) -> None:
+        """Fill the memories of lags and bristles."""
+        import mujoco
+
+        model, data = self.model, self.data
+        for a in range(model.nactuator):
+            place = model.actuator_actadr[a]
+            if place < 0:
+                continue
+            if a < self.n:
+                data.act[place] = data.ctrl[a]
+            elif model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_DCMOTOR:
+                joint = self.motors.index(model.actuator_trnid[a, 0])
+                # Where the compiler puts the LuGre model's numbers.
+                stiffness, (coulomb, static, speed) = model.actuator_dynprm[a, 5], model.actuator_biasprm[a, 3:6]
+                level = coulomb + (static - coulomb) * np.exp(-((qd[joint] / speed) ** 2))
+                data.act[place] = np.sign(qd[joint]) * (abs(qd[joint]) > AT_REST) * level / stiffness
+
+    def _deflect(self) -> None:
+        """Bend each elastic joint as the load bends it with which the rigid arm would accelerate."""
+        import mujoco
+
+        model, data = self.model, self.data
+        motors, behind = model.jnt_dofadr[self.motors], model.jnt_dofadr[self.behind]
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        force = data.qfrc_actuator + data.qfrc_passive + data.qfrc_constraint - data.qfrc_bias
+        qdd = np.linalg.solve(inertia[np.ix_(motors, motors)], force[motors])
+        load = inertia[np.ix_(behind, motors)] @ qdd + data.qfrc_bias[behind] - data.qfrc_passive[behind]
+        for joint, torque in zip(self.behind, load, strict=True):
+            stiffness, slack = self._spring(joint)
+            data.qpos[model.jnt_qposadr[joint]] = -torque / stiffness - np.sign(torque) * slack
+
+    def _spring(self, joint: int) -> tuple[float, float]:
+        """Stiffness of a second joint, and half the gap before it."""
+        model = self.model
+        if model.jnt_stiffness[joint] > 0:
+            return float(model.jnt_stiffness[joint]), 0.0
+        mobility = model.dof_invweight0[model.jnt_dofadr[joint]]
+        return float(-model.jnt_solref[joint, 0] / mobility), float(model.jnt_range[joint, 1])
+
+
+def _mujoco() -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise PlayError(
+            "the package mujoco is not installed: pip install mujoco, or install Tendon with the extra `mjcf`"
+        ) from error
+    # Warnings are counted in the data; by default they are also written to a file where the user is.
+    mujoco.set_mju_user_warning(lambda _: None)
+    return mujoco
