@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from runtime import files
-from runtime.cli.inputs import opened
-from runtime.cli.options import EffectsFile, Json, ModelFile, with_settings
+from runtime.cli.inputs import TypedInputs, opened
+from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.experiments.options import MotionOptions
@@ -118,7 +118,18 @@ def export_arm(
         typer.Option(metavar="FILE", help="URDF of the arm: write a copy of it with the numbers of the model."),
         READ,
     ] = None,
+    on: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RECORDING",
+            help="Along its motion, which part of the torque are effects that the file lacks? Without it, along a "
+            "simulated motion.",
+        ),
+        READ,
+    ] = None,
     options: MotionOptions = MotionOptions(),
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -141,6 +152,7 @@ def export_arm(
         return
     if options != MotionOptions():
         raise UsageError("--rate, --speed, --unit, --lookahead and --gain are for motions: pass one after MODEL")
+    data = TypedInputs(model, on, (), effects, maps, allow_gaps).read()[1] if on else []
     with terminal.working("looking for physically possible bodies"):
-        document = export(source.compiled, _OF_ARMS[to], out, onto)
+        document = export(source.compiled, _OF_ARMS[to], out, onto, data)
     emit(json, document, terminal.printer(models.exported))

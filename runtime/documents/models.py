@@ -66,6 +66,22 @@ class ExportedJointEntry(Document, frozen=True, kw_only=True):
     rest: Annotated[float | None, key("its rest position; null if there is none", "rad or m")]
 
 
+class ExportedEffectEntry(Document, frozen=True, kw_only=True):
+    """An effect of the model, and how it stands in an exported file."""
+
+    effect: Annotated[str, key("name of the effect, numbered where a joint has several")]
+    joint: Annotated[int | None, key("number of the joint, from 1; null if it is of the whole arm")]
+    played: Annotated[Literal["exact", "approximated", "not"], key("whether the file has its law")]
+    by: Annotated[str, key("the words of the file that stand for it; empty if none does")]
+    but: Annotated[str, key("in what they differ from its law, or why none stands for it")]
+    tolerance: Annotated[
+        float | None, key("by which MuJoCo's motion of 0.3 s may differ; null where no simulator plays it", "1")
+    ]
+    share: Annotated[
+        float | None, key("rms of its torque over that of the joint's torque; null where all of it is in the file", "1")
+    ]
+
+
 class ExportDocument(Document, frozen=True, kw_only=True):
     """The arm written for simulators: `tendon export --json`."""
 
@@ -74,6 +90,7 @@ class ExportDocument(Document, frozen=True, kw_only=True):
     missing: Annotated[float, key("rms of the torque that the bodies miss, over that of the torque", "1")]
     gravity: Gravity
     joints: Annotated[list[ExportedJointEntry], key("joints and bodies from the base outwards")]
+    effects: Annotated[list[ExportedEffectEntry], key("all effects of the model with their places in the file")]
     unsaid: Annotated[list[str], key("what the format has no place for")]
     kept: Annotated[list[str], key("what the file that was written into says otherwise")]
 

@@ -1,7 +1,7 @@
 """An exported MJCF played by MuJoCo: the motion that torques at the joints make there, from a state on.
 
-MuJoCo integrates by `implicitfast`, of first order: of its methods those of one step alone advance bristles exactly, so
-that they are stable however stiff. Its step is small enough that half of it changes 0.3 s of motion by less than 1e-3.
+MuJoCo integrates by `implicitfast`, of first order: its methods of a single step advance bristles exactly, so that they
+are stable however stiff, which its Runge-Kutta method is not.
 """
 
 from __future__ import annotations
@@ -43,6 +43,9 @@ class Played:
         if not driven or driven != list(range(self.n)) or self.motors != sorted(set(self.motors)):
             raise PlayError(f"{path}: its first actuators are not a motor for each joint; write it by tendon export")
         self.gear: Array = model.actuator_gear[: self.n, 0]
+        # MuJoCo delays by whole steps and a half: the torques are shifted here, by the time that the file states.
+        self.delay: Array = model.actuator_delay[: self.n].copy()
+        model.actuator_delay[: self.n] = 0.0
 
     def play(
         self, t: ArrayLike, tau: ArrayLike, q: ArrayLike, qd: ArrayLike, step: float = PLAY_STEP
@@ -51,7 +54,7 @@ class Played:
 
         t (m,) s, rising; tau (m, n) N m or N     q, qd (n,) at the first sample     step: the longest, s
         Springs begin in equilibrium with the load, bristles as they are after a long way in the direction of qd, and
-        the drives' lags and delays at the first torque. Returns q and qd (m, n), of the motors where joints are
+        the drives have had the first torque for long. Returns q and qd (m, n), of the motors where joints are
         elastic. Raises PlayError.
         """
         import mujoco
@@ -68,8 +71,9 @@ class Played:
             pieces = ceil(dt / HOLD)
             substeps = ceil(dt / pieces / step - 1e-9)
             model.opt.timestep = dt / pieces / substeps
-            for part in (np.arange(pieces) + 0.5) / pieces:
-                data.ctrl[: self.n] = ((1 - part) * torques[k] + part * torques[k + 1]) / self.gear
+            for middle in times[k] + dt * (np.arange(pieces) + 0.5) / pieces:
+                acting = [np.interp(middle - late, times, row) for late, row in zip(self.delay, torques.T, strict=True)]
+                data.ctrl[: self.n] = acting / self.gear
                 mujoco.mj_step(model, data, substeps)
             out[:, k + 1] = data.qpos[at], data.qvel[rate]
         if not np.isfinite(out).all() or data.warning.number.any():
@@ -85,11 +89,6 @@ class Played:
         data.qpos[model.jnt_qposadr[self.motors]] = q
         data.qvel[model.jnt_dofadr[self.motors]] = qd
         data.ctrl[: self.n] = tau / self.gear
-        for a in range(self.n):
-            if model.actuator_delay[a] > 0:
-                mujoco.mj_initCtrlHistory(
-                    model, data, a, None, np.full((model.actuator_history[a, 0], 1), data.ctrl[a])
-                )
         self._activate(qd)
         mujoco.mj_forward(model, data)
         if model.nplastic:

@@ -277,7 +277,7 @@ def export_notes(document: ExportDocument) -> list[str]:
             f"{100 * document.missing:.2g} % of its torques."
         )
     if document.unsaid:
-        notes.append(f"The file does not say: {'; '.join(document.unsaid)}.")
+        notes.append(f"The file does not say, or not exactly: {'; '.join(document.unsaid)}.")
     if document.kept:
         notes.append(f"The file into which it was written keeps its own: {'; '.join(document.kept)}.")
     return notes

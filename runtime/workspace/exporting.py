@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from runtime import files
 from runtime.documents.experiments import ExportedMotionDocument
-from runtime.documents.models import ExportDocument, ExportedJointEntry
+from runtime.documents.models import ExportDocument, ExportedEffectEntry, ExportedJointEntry
 from runtime.workspace.source import CompiledArm
 
 if TYPE_CHECKING:
     from runtime.experiments.options import MotionOptions
     from runtime.model.loader import Model
-    from symbolic.model_file.exchange.exporting import ExportedArm
+    from runtime.recordings.recording import Recording
+    from symbolic.model_file.exchange.exporting import ExportedArm, ExportedEffect
     from symbolic.model_file.exchange.ways import Language
 
 
-def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | None = None) -> ExportDocument:
+def export(
+    compiled: CompiledArm,
+    language: Language,
+    out: Path,
+    onto: Path | None = None,
+    recordings: Sequence[Recording] = (),
+) -> ExportDocument:
     """Write the arm for simulators; what was written.
 
-    onto   a URDF; the new file is a copy of it with the model's numbers
+    onto         a URDF; the new file is a copy of it with the model's numbers
+    recordings   along which the shares of the effects that the file lacks are computed; none: along a simulated motion
     The bodies are those of the model file where it states them completely and they are physically possible. Otherwise
     they are possible bodies with the file's base parameters, as near to the file's as these allow. Raises ModelError
     where a base parameter is unknown, and OSError.
@@ -30,6 +40,8 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
     from symbolic.model_file.exchange.urdf import urdf_onto
 
     made, missing = _with_bodies(compiled, language)
+    if any(effect.standing.played != "exact" for effect in made.effects):
+        made = _with_shares(made, compiled.model(), recordings)
     kept: list[str] = []
     if onto is not None:
         data, kept = urdf_onto(made, onto)
@@ -58,7 +70,8 @@ def export(compiled: CompiledArm, language: Language, out: Path, onto: Path | No
         missing=missing,
         gravity=list(made.arm.gravity),
         joints=joints,
-        unsaid=list(made.unsaid),
+        effects=[*map(_entry, made.effects)],
+        unsaid=made.unsaid,
         kept=kept,
     )
 
@@ -89,6 +102,43 @@ def export_motion(model: Model, motion: Path, to: str, out: Path, options: Motio
         start=q[:, 0].tolist(),
         unchecked=played.unchecked,
     )
+
+
+def _entry(effect: ExportedEffect) -> ExportedEffectEntry:
+    there = effect.standing
+    return ExportedEffectEntry(
+        effect=effect.name,
+        joint=effect.joint,
+        played=there.played,
+        by=there.by,
+        but=there.but,
+        tolerance=there.tolerance or None,
+        share=effect.share,
+    )
+
+
+def _with_shares(made: ExportedArm, model: Model, recordings: Sequence[Recording]) -> ExportedArm:
+    """The arm with the share of the torque that each effect is that the file does not hold exactly."""
+    from runtime.model.terms import check_complete, structure
+    from runtime.simulation.shares import shares
+    from symbolic.model_file.checks import ModelError
+
+    known = {}
+    for term, values in structure(model).items():
+        try:
+            check_complete(model, {term: values})
+            known[term] = values
+        except ModelError:
+            continue
+    found = shares(model, known, recordings)
+
+    def share(effect: ExportedEffect) -> float | None:
+        if effect.standing.played == "exact":
+            return None
+        of = [part for (term, k), part in found.items() if term.name == effect.name and effect.joint in (None, k + 1)]
+        return max(of, default=None)
+
+    return replace(made, effects=tuple(replace(effect, share=share(effect)) for effect in made.effects))
 
 
 def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm, float]:

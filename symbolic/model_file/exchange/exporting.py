@@ -36,12 +36,16 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class ExportedEffect:
-    """An effect of the model and how it stands in the file. joint: from 1; None: of the whole arm."""
+    """An effect of the model and how it stands in the file.
+
+    joint   from 1; None: of the whole arm     share   of the joint's torque, where it is known
+    """
 
     name: str
     joint: int | None
     standing: Standing
     elements: tuple[Element, ...]
+    share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -87,12 +91,17 @@ class ExportedJoint:
 
 @dataclass(frozen=True)
 class ExportedArm:
-    """An arm to be written. unsaid: what the format cannot express or the model does not know, an item each."""
+    """An arm to be written. keys: what the format cannot express beside effects, an item each."""
 
     arm: Arm
     joints: tuple[ExportedJoint, ...]
     effects: tuple[ExportedEffect, ...]
-    unsaid: tuple[str, ...]
+    keys: tuple[str, ...]
+
+    @property
+    def unsaid(self) -> list[str]:
+        """What the format cannot express or the model does not know, an item each."""
+        return [*_unsaid_effects(self.effects, len(self.joints)), *self.keys]
 
     def of(self, kind: type[Element]) -> list[tuple[int | None, Any]]:
         """Its elements of a kind, each with its joint."""
@@ -128,10 +137,10 @@ def exported(
     effects += whole.effects
     tilts = [element for element in whole.elements if isinstance(element, TiltedGravity)]
     x, y, z = (sum(parts) for parts in zip(arm.gravity, *((t.x, t.y, t.z) for t in tilts), strict=True))
-    unsaid = [*_unsaid_effects(effects, len(joints)), *_unsaid_keys(arm, language, rotors)]
+    keys = [*_unsaid_keys(arm, language, rotors)]
     if language == "urdf" and (x, y, z) != DOWN:
-        unsaid.append(f"gravity {[x, y, z]}: loaders take {list(DOWN)}")
-    return ExportedArm(replace(arm, gravity=(x, y, z)), tuple(joints), tuple(effects), tuple(unsaid))
+        keys.append(f"gravity {[x, y, z]}: loaders take {list(DOWN)}")
+    return ExportedArm(replace(arm, gravity=(x, y, z)), tuple(joints), tuple(effects), tuple(keys))
 
 
 def _at_joints(name: str, library: Mapping[str, Effect]) -> bool:
@@ -197,14 +206,17 @@ class Placed:
 
 def _unsaid_effects(effects: Sequence[ExportedEffect], n: int) -> Iterator[str]:
     """What a file does not say of the effects, an item for all joints alike."""
-    lacking: dict[tuple[str, str], set[int | None]] = {}
+    lacking: dict[tuple[str, str], list[ExportedEffect]] = {}
     for effect in effects:
         tilted = any(isinstance(element, TiltedGravity) for element in effect.elements)
         if effect.standing.played != "exact" and not tilted:
-            lacking.setdefault((effect.name, effect.standing.but), set()).add(effect.joint)
-    for (name, but), there in lacking.items():
+            lacking.setdefault((effect.name, effect.standing.but), []).append(effect)
+    for (name, but), alike in lacking.items():
+        there = {effect.joint for effect in alike}
         place = "of the arm" if None in there else f"at {joints_of([k in there for k in range(1, n + 1)])}"
-        yield f"{name} {place}{': ' * bool(but)}{but}"
+        share = max((effect.share for effect in alike if effect.share is not None), default=None)
+        part = "" if share is None else f" ({100 * share:.2g} % of the torque)"
+        yield f"{name} {place}{part}{': ' * bool(but)}{but}"
 
 
 def _unsaid_keys(arm: Arm, language: Language, rotors: Sequence[float]) -> Iterator[str]:

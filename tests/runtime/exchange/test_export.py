@@ -259,7 +259,8 @@ def test_a_rotor_of_nothing_stays_so(seven: SimpleNamespace) -> None:
 
 def said(run: Run, *arguments: object) -> dict:
     status, out, err = run("export", *arguments, "--json", "-")
-    assert (status, err.replace("looking for physically possible bodies …\n", "")) == (0, "")
+    progress = r"(looking for physically possible bodies|deriving and compiling the model|reading \S+) …\n"
+    assert (status, re.sub(progress, "", err)) == (0, "")
     document: dict = json.loads(out)
     return document
 
@@ -277,7 +278,7 @@ def test_a_file_that_says_everything_is_exported_as_it_is(run: Run) -> None:
         assert there.link.com == pytest.approx(own.link.com)
     assert [joint.limits for joint in again.joints] == [joint.limits for joint in arm.joints]
     assert again.tip == arm.tip
-    assert set(document["unsaid"]) == {
+    assert {re.sub(r" \(\S+ % of the torque\)", "", item) for item in document["unsaid"]} == {
         "linear_spring at joint 1",
         "coulomb_asymmetric at joint 1: its constant torque is left out",
         "stribeck at joint 1: its values are not known",
@@ -285,6 +286,24 @@ def test_a_file_that_says_everything_is_exported_as_it_is(run: Run) -> None:
         "gravity [0.5, 0.0, -9.81]: loaders take [0.0, 0.0, -9.81]",
     }
     assert '<dynamics damping="0.7" friction="1.25"/>' in Path("small.urdf").read_text()
+
+
+def test_what_the_file_lacks_has_its_share_of_the_torque(run: Run) -> None:
+    """Along a recording, or along a simulated motion: load friction is mu of the torque, while nothing else acts."""
+    tables = "[joint.effects.load_friction]\ncoefficient = 0.25\n[joint.effects.end_stop]\n"
+    Path("loaded.toml").write_text(one_joint.model_text(tables, gravity=-9.81))
+    Path("plain.toml").write_text(one_joint.model_text("", gravity=-9.81))
+    assert run("simulate", "plain.toml", "--seconds", "10", "--out", "run.csv")[0] == 0
+    for more in ((), ("--on", "run.csv")):
+        document = said(run, "loaded.toml", "--to", "mjcf", "--out", "new.xml", *more)
+        friction, stop = document["effects"]
+        assert (friction["effect"], friction["joint"], friction["played"]) == ("load_friction", 1, "not")
+        assert friction["share"] == pytest.approx(0.25, rel=0.1)
+        assert (stop["played"], stop["but"], stop["share"]) == ("not", "its values are not known", None)
+        assert f"load_friction at joint 1 ({100 * friction['share']:.2g} % of the torque)" in document["unsaid"]
+    status, out, err = run("export", "loaded.toml", "--to", "mjcf", "--out", "new.xml", "--on", "absent.csv")
+    assert (status, out) == (2, "")
+    assert "absent.csv" in err
 
 
 def test_what_was_identified_is_exported_with_its_torques(run: Run) -> None:
@@ -482,7 +501,7 @@ def test_in_a_notebook(run: Run) -> None:  # noqa: ARG001 - a folder with small.
     result = exchanged.export(load("small.toml"), "small.xml", to="mjcf")
     assert Path("small.xml").read_text().count("<joint ") == 3
     assert repr(result).startswith(
-        "small.xml: small\nThe file does not say: stribeck at joint 1: its values are not known"
+        "small.xml: small\nThe file does not say, or not exactly: stribeck at joint 1: its values are not known"
     )
     result.show()
 
