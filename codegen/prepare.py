@@ -152,6 +152,22 @@ def prepare_firmware(
     return build.entry(f"firmware-{target}-{arm.name}-{build.key(_digest(UNUSED_BY_FIRMWARE), *content)}", fill)
 
 
+def prepare_residuals(arm: Arm, library: Mapping[str, Effect]) -> Path:
+    """The directory with controller.json and `lib.so`: the residual of the arm's monitor along recordings."""
+
+    def fill(directory: Path) -> None:
+        from codegen import render
+        from symbolic.model import derive
+
+        files = render.residual_files(derive(arm), library)
+        _put(directory, files)
+        compiled = {path: text for path, text in files.items() if not path.endswith(".json")}
+        shutil.copyfile(build.shared_library(compiled, "code"), directory / "lib.so")
+
+    content = [repr(arm), *_active(arm, library)]
+    return build.entry(f"residuals-{arm.name}-{build.key(_digest(UNUSED_BY_ARMS), *content)}", fill)
+
+
 def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
     """The directory with render.effect_files(effects), `lib.so`, and `machine.so`, which evaluates CasADi functions.
 

@@ -166,6 +166,15 @@ def probe_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str
     return chosen | {f"{name}_probe_f32.c": Controller.of(model, library).probe()}
 
 
+def residual_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
+    """The float C that gives the monitor's residual along a recording, and controller.json; the arm has a monitor."""
+    name = model.arm.name
+    files = probe_files(model, library)
+    del files[f"{name}_probe_f32.c"]
+    files[f"{name}_residuals_f32.c"] = page("c/residuals.c.j2", banner=f"/* {BANNER} Arm {name}. */", name=name)
+    return files | {"controller.json": metadata.text(Controller.of(model, library).document())}
+
+
 def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
     """C (float, double, and double along samples), the CasADi module and effects.json of a library."""
     c_effects.check_names(effects)

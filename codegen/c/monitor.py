@@ -165,6 +165,7 @@ class ModelMonitor:
         return {
             "cutoff": self.settings.cutoff,
             "window": WINDOW,
+            "freedom": degrees_of_freedom(self.settings.cutoff),
             "false_alarms": self.settings.false_alarms,
             "alarms": [vars(found) for found in self.alarms],
             "verdicts": VERDICTS,

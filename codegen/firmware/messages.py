@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from codegen.c.controller import COORDINATES, MAX_DEGREE, MIN_DEGREE
+from codegen.c.monitor import SIGNALS, VERDICTS
 from codegen.c.records import Record
 
 MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE = 16, 256, 8
@@ -97,6 +98,10 @@ class Message:
         return sum(item.count or 1 for item in self.fields[:before])
 
 
+def _numbered(table: Mapping[str, int]) -> str:
+    return ", ".join(f"{number} {word}" for word, number in table.items())
+
+
 Row = tuple[Any, ...]
 """Name, type, unit, meaning, and, where they are restricted, the least and the largest accepted value, and the latter
 in C where a board may be built with more. A type ends with [n] for an array with a value a joint; a unit "rad|m" is rad
@@ -182,6 +187,12 @@ _TELEMETRY: tuple[Row, ...] = (
     ("state", "u8", "", "after the step"),
     ("reason", "u8", "", "after the step"),
 )
+_WATCHED: tuple[Row, ...] = (
+    ("verdict", "u8[n]", "", f"whether the model holds as the record is sent: {_numbered(VERDICTS)}"),
+    ("signal", "u8[n]", "", f"which the residual follows: {_numbered(SIGNALS)}"),
+    ("drifting", "u16[n]", "steps", "the sum that tells drift; controller.json has where it is an alarm"),
+)
+"""Behind the telemetry of an arm whose model is watched."""
 _COUNTERS: tuple[Row, ...] = (
     ("bad_frame", "u32", "", "frames that are not valid COBS, too short or too long"),
     ("bad_crc", "u32", "", "frames with a wrong checksum"),
@@ -269,8 +280,8 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
     )
 
 
-def reports(types: Sequence[str]) -> tuple[Message, ...]:
-    """The messages from board to host, for joints of these types."""
+def reports(types: Sequence[str], watched: bool) -> tuple[Message, ...]:
+    """The messages from board to host, for joints of these types. watched: the arm's model has a monitor"""
     rows = (
         ("ack", "Answer to every command.", _ACK),
         ("identity", "Answer to `hello`; the same in every version of the protocol.", IDENTITY),
@@ -278,7 +289,7 @@ def reports(types: Sequence[str]) -> tuple[Message, ...]:
         (
             "telemetry",
             "A control period of a run or of the damping after it, one in `run.every`.",
-            _TELEMETRY,
+            (*_TELEMETRY, *_WATCHED) if watched else _TELEMETRY,
         ),
         ("counters", "Since the board's start. Sent after `query` and at every stop.", _COUNTERS),
     )

@@ -18,6 +18,7 @@ from typing import Literal
 
 from codegen.c.c_code import float32
 from codegen.c.controller import COORDINATES, MAX_DEGREE, STATUS, Controller
+from codegen.c.monitor import SIGNALS, VERDICTS
 from codegen.c.records import Record
 from codegen.firmware.messages import (
     LARGEST,
@@ -310,12 +311,14 @@ def _of_board(name: str) -> Ceiling:
 
 @dataclass(frozen=True)
 class Protocol:
-    """The messages of one arm. types: of its joints; ceilings: the board's limits, whatever is sent."""
+    """The messages of one arm. types: of its joints; ceilings: the board's limits, whatever is sent; watched: its model
+    has a monitor."""
 
     arm: str
     types: tuple[str, ...]
     messages: tuple[Message, ...]
     ceilings: Ceilings
+    watched: bool = False
 
     @classmethod
     def of(cls, controller: Controller) -> Protocol:
@@ -326,7 +329,8 @@ class Protocol:
             raise ValueError(f"{model.arm.name} has {len(types)} joints; a controller takes {MOST_JOINTS}")
         sent = commands(types, records_of(controller), controller.has_contact_coordinates)
         ceilings = Ceilings.of(model.arm.joints, model.arm.controller)
-        return cls(model.arm.name, types, (*sent, *reports(types)), ceilings)
+        watched = controller.monitor is not None
+        return cls(model.arm.name, types, (*sent, *reports(types, watched)), ceilings, watched)
 
     def message(self, name: str) -> Message:
         """The message with this name. Raises StopIteration if there is none."""
@@ -382,6 +386,7 @@ class Protocol:
             "missing": MISSING,
             "status": {flag: bit for flag, (bit, _) in STATUS.items()},
             "coordinates": COORDINATES,
+            **({"verdicts": VERDICTS, "signals": SIGNALS} if self.watched else {}),
         }
 
 

@@ -255,17 +255,29 @@ def _numbers(protocol: Protocol) -> list[dict[str, object]]:
 
 
 def _parts(controller: Controller) -> list[Routine]:
-    """Functions that copy springs and contact from a trajectory's message into the controller's structs."""
+    """Functions that copy springs and contact from a trajectory's message into the controller's structs, and what the
+    monitor says into the message of telemetry."""
     records = records_of(controller)
     springs = [f"        springs[j].{f.name} = message->spring_{f.name}[j];" for f in records["spring"].fields]
     contact = [f"    contact->{f.name} = message->{f.name};" for f in records["contact"].fields]
     loop = ["    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {", *springs, "    }"]
     heads = (("springs", "tendon_spring springs[TENDON_JOINTS]"), ("contact", "tendon_contact *contact"))
     message = "const tendon_trajectory_message *message"
-    return [
+    taken = [
         Routine("", declaration(f"void tendon_take_{name}", [message, to]), "\n".join(body))
         for (name, to), body in zip(heads, (loop, contact), strict=True)
     ]
+    return [*taken, _watched(controller)]
+
+
+def _watched(controller: Controller) -> Routine:
+    said = ("verdict", "uint8_t"), ("signal", "uint8_t"), ("drifting", "uint16_t")
+    body = ["    (void)state;", "    (void)message;"]
+    if controller.monitor is not None:
+        each = [f"        message->{name}[j] = ({kind})state->monitor.joints[j].{name};" for name, kind in said]
+        body = ["    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {", *each, "    }"]
+    arguments = ["const tendon_controller_state *state", "tendon_telemetry_message *message"]
+    return Routine("", declaration("void tendon_take_watched", arguments), "\n".join(body))
 
 
 def _typedef(message: Message) -> str:

@@ -52,6 +52,7 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Map
     types = [
         {"own": record.name, "fixed": f"tendon_{_FIXED.get(short, short)}"}
         for short, record in records_of(controller).items()
+        if controller.monitor is None or record not in controller.monitor.records
     ]
     banner = f"/* {BANNER} Controller of the arm {name}. */"
     files = {
@@ -138,6 +139,7 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
         "name": name,
         "joints": f"{len(model.arm.joints)} joint" + ("s" if len(model.arm.joints) > 1 else ""),
         "stack_size": STACK,
+        "watched": model.arm.monitor is not None,
         "library_sources": " ".join(_library(files)),
         "hot_sources": " ".join(path for path in _library(files) if _is_hot(path)),
         "fast": cross.FAST,

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from runtime.cli.inputs import opened
-from runtime.cli.options import Check, EffectsFile, Json, ModelFile
+from runtime.cli.inputs import TypedInputs, check_own, opened
+from runtime.cli.options import AllowGaps, Check, EffectsFile, Json, Map, ModelFile
 from runtime.cli.output import NO, emit
-from runtime.cli.places import FILLED
+from runtime.cli.places import FILLED, READ
 from runtime.documents.generated import FirmwareDocument
 from runtime.documents.parts import given
 from runtime.workspace.generated import firmware_directory, firmware_of
+from runtime.workspace.names import UsageError
+
+if TYPE_CHECKING:
+    from runtime.model.loader import Model
+    from runtime.recordings.recording import Recording
+    from runtime.workspace.source import Source
 
 app = typer.Typer()
 
@@ -29,6 +35,18 @@ def firmware(
         Path | None, typer.Option(metavar="DIR", help="Output directory; default: ./generated/NAME/firmware."), FILLED
     ] = None,
     check: Check = False,
+    monitor: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--monitor",
+            metavar="RECORDING",
+            help="Recording of the arm while its model holds: each joint's noise floor goes into the model file, and "
+            "the firmware watches the model.",
+        ),
+        READ,
+    ] = None,
+    maps: Map = None,
+    allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
@@ -37,6 +55,12 @@ def firmware(
     from runtime.report import models
     from runtime.report.terminal import printer, working
 
+    if monitor:
+        if check:
+            raise UsageError("--check writes nothing and --monitor writes floors; leave one of them out")
+        check_own(model)
+        typed = TypedInputs(model, monitor, effects=effects, maps=maps, allow_gaps=allow_gaps)
+        _write_floors(*typed.read())
     source = opened(model, effects)
     name = source.arm().name
     if check:
@@ -51,3 +75,13 @@ def firmware(
     build = given(document.build)
     if document.stale or (build is not None and not build.fits):
         raise typer.Exit(NO)
+
+
+def _write_floors(source: Source, data: list[Recording], loaded: Model) -> None:
+    """Put the floors that recordings show into the model file. Raises ControllerError, RecordingError, UsageError."""
+    from runtime.report.terminal import working
+    from runtime.workspace.watching import propose_monitor
+
+    with working("measuring the floors of the monitor"):
+        edits = propose_monitor(source, loaded, data)
+    edits.write()

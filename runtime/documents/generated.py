@@ -130,6 +130,23 @@ class BuildEntry(Document, frozen=True, kw_only=True):
     fits: Annotated[bool, key("whether the stack suffices and nothing forbidden is in it")]
 
 
+class MonitoredJointEntry(Document, frozen=True, kw_only=True):
+    """A joint in the eyes of the monitor on the board."""
+
+    joint: Annotated[int, key("its number, from 1")]
+    floor: Annotated[float, key("RMS of its residual while the model holds", "N m or N")]
+    load_floor: Annotated[float, key("what that has more for each unit of load", "1")]
+    hours: Annotated[float, key("of motion between two false alarms", "h")]
+
+
+class MonitorEntry(Document, frozen=True, kw_only=True):
+    """What the monitor on the board promises."""
+
+    cutoff: Annotated[float, key("of the low-pass on the residual", "Hz")]
+    false_alarms: Annotated[float, key("stated, in a thousand hours of motion", "1")]
+    joints: Annotated[list[MonitoredJointEntry], key("each joint")]
+
+
 class FirmwareDocument(Document, frozen=True, kw_only=True):
     """The controller's firmware: `tendon firmware --json`; with --check only name, directory and stale."""
 
@@ -140,3 +157,4 @@ class FirmwareDocument(Document, frozen=True, kw_only=True):
     kept: Annotated[list[str] | UnsetType, key("files of the user's that were left as they are")] = UNSET
     stale: Annotated[list[str], key("files that --check found out of date")]
     build: Annotated[BuildEntry | UnsetType, key("what was compiled")] = UNSET
+    monitor: Annotated[MonitorEntry | UnsetType, key("with [monitor]: of the model on the board")] = UNSET

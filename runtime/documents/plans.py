@@ -279,6 +279,15 @@ class StopEntry(Document, frozen=True, kw_only=True):
     name: Annotated[str, key("name of the reason")]
 
 
+class WatchedEntry(Document, frozen=True, kw_only=True):
+    """What the board's monitor says of a joint's model at the end of a trial."""
+
+    joint: Annotated[int, key("its number, from 1")]
+    verdict: Annotated[str, key("holds, drifts or broken")]
+    signal: Annotated[str, key("which the residual follows: velocity, position, acceleration, load or none")]
+    since: Annotated[float | None, key("time from which on the model did not hold; null if it holds", "s")]
+
+
 class TrialEntry(Document, frozen=True, kw_only=True):
     """One execution from rest."""
 
@@ -286,6 +295,7 @@ class TrialEntry(Document, frozen=True, kw_only=True):
     seconds: Annotated[float, key("its duration", "s")]
     stop: Annotated[StopEntry | None, key("what stopped it; null if it was completed")]
     cycles: Annotated[list[CycleEntry], key("cycles after the run-in")]
+    watched: Annotated[list[WatchedEntry] | UnsetType, key("with [monitor]: what the board says of each joint")] = UNSET
 
 
 class ImageEntry(Document, frozen=True, kw_only=True):

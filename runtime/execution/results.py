@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from runtime.documents.plans import (
@@ -136,7 +137,8 @@ def trial_entry(number: int, trial: Trial, plan: PlannedCycle, dt: float) -> Tri
     done = int(len(trial.t) * dt / trajectory.duration + 1e-9)
     last = done if trajectory.periodic else min(done, 1)
     cycles = [_cycle(trial, plan, dt, k) for k in range(first, last)]
-    return TrialEntry(trial=number, seconds=len(trial.t) * dt, stop=trial.stop, cycles=cycles)
+    watched = UNSET if trial.watched is None else list(trial.watched)
+    return TrialEntry(trial=number, seconds=len(trial.t) * dt, stop=trial.stop, cycles=cycles, watched=watched)
 
 
 def mean(found: Sequence[CycleEntry]) -> CycleEntry | None:

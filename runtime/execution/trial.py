@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from runtime.documents.plans import StopEntry
+from runtime.documents.plans import StopEntry, WatchedEntry
 from runtime.hardware.session import Ended, Session
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model
@@ -41,7 +41,8 @@ HOST = {
 class Trial:
     """One execution: q as counted, q_desired, tau as commanded (n, N); saturated (N,).
 
-    t   (N,) s by the board's clock, from the first control period on
+    t         (N,) s by the board's clock, from the first control period on
+    watched   what the board's monitor says of each joint; None: it has none
     """
 
     t: Array
@@ -50,6 +51,7 @@ class Trial:
     tau: Array
     saturated: NDArray[np.bool_]
     stop: StopEntry | None
+    watched: tuple[WatchedEntry, ...] | None = None
 
     @classmethod
     def without_motion(cls, n: int, name: str, reason: str) -> Trial:
@@ -82,7 +84,29 @@ def run(
         tau=rows["torque"].T.astype(np.float64),
         saturated=(rows["status"] & page["status"]["saturated"]) > 0,
         stop=stop,
+        watched=_watched(page, rows, settings.dt),
     )
+
+
+def _watched(page: Mapping[str, Any], rows: NDArray[Any], dt: float) -> tuple[WatchedEntry, ...] | None:
+    """What the monitor of a board said at last of each joint, and since when."""
+    if "verdicts" not in page or not len(rows):
+        return None
+    verdicts, signals = ({number: word for word, number in page[name].items()} for name in ("verdicts", "signals"))
+    found = []
+    for k in range(page["joints"]):
+        verdict = rows["verdict"][:, k]
+        held = np.flatnonzero(verdict == page["verdicts"]["holds"])
+        first = 0 if not len(held) else int(held[-1]) + 1
+        found.append(
+            WatchedEntry(
+                joint=k + 1,
+                verdict=verdicts[int(verdict[-1])],
+                signal=signals[int(rows["signal"][-1, k])],
+                since=None if first == len(rows) else dt * float(rows["period"][first]),
+            )
+        )
+    return tuple(found)
 
 
 def _times(rows: NDArray[Any], dt: float) -> Array:

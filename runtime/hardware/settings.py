@@ -104,7 +104,7 @@ class Settings:
                 f'the controller is of arm "{page["name"]}", the model of "{model.name}", the trajectory of '
                 f'"{trajectory.arm}"; expected the same arm'
             )
-        _check_complete(model, page["effects"])
+        check_controllable(model, page["effects"])
         assert model.controller is not None
         turns = np.array([joint.encoder_counts * joint.gear_ratio for joint in model.joints if joint.encoder_counts])
         per_count = 2.0 * pi / turns
@@ -280,8 +280,8 @@ def _points(page: Mapping[str, Any], phase: Phase) -> Array:
 # --- completeness of the model file ---
 
 
-def _check_complete(model: Model, effects: Mapping[str, float | None]) -> None:
-    """Raises ControllerError with everything that is missing."""
+def check_controllable(model: Model, effects: Mapping[str, float | None]) -> None:
+    """Raises ControllerError with everything that is missing. effects: values of those that are compensated"""
     missing: list[str] = []
     if model.controller is None:
         missing.append("[controller]")

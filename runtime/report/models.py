@@ -137,6 +137,13 @@ def firmware_lines(document: FirmwareDocument) -> list[str]:
         ", ".join(build.outputs),
         f"compiled for {build.target} by {build.toolchain.version} ({build.toolchain.why})",
     ]
+    if (monitor := given(document.monitor)) is not None:
+        hours = min(joint.hours for joint in monitor.joints)
+        lines.append(
+            f"monitor: up to {number(monitor.cutoff)} Hz, floors "
+            + ", ".join(f"{number(joint.floor, 3)}" for joint in monitor.joints)
+            + f"; {number(hours, 3)} hours of motion between two false alarms of a joint"
+        )
     if (stack := build.stack) is None:
         return lines
     chain = " > ".join(f"{name} {size}" for name, size in stack.chain)

@@ -315,7 +315,26 @@ def _conditions(document: ExecuteDocument) -> list[str]:
         lines.append(f"The link has damaged {lost} frames on their way to the board and {here} on their way back.")
     if drives := given(document.drives):
         lines += _drives(document, drives)
-    return lines + uncompensated(document)
+    return [*lines, *uncompensated(document), *_watched(document)]
+
+
+def _watched(document: ExecuteDocument) -> list[str]:
+    """Of every trial, the joints whose model the board's monitor no longer believes; a line where it believes all."""
+    names = {joint.joint: joint.name for joint in document.joints}
+    said = [(trial.trial, entry) for trial in document.trials for entry in given(trial.watched) or []]
+    lines = []
+    for trial, entry in said:
+        if entry.since is not None:
+            follows = "" if entry.signal == "none" else f"; the residual follows the {entry.signal}"
+            lines.append(
+                f"Monitor, trial {trial}: the model of joint {numbered(entry.joint, names[entry.joint])} "
+                f"{_SAID[entry.verdict]} since {quantity(entry.since, 's', 3)}{follows}."
+            )
+    return lines or (["Monitor: the model of every joint holds."] if said else [])
+
+
+_SAID = {"drifts": "has drifted", "broken": "no longer holds"}
+"""The monitor's verdicts in words."""
 
 
 def differences(document: ExecuteDocument) -> list[str]:

@@ -8,7 +8,7 @@ from functools import partial
 from json import loads
 from pathlib import Path
 
-from msgspec import convert
+from msgspec import UNSET, convert
 from msgspec.json import decode
 from msgspec.structs import replace
 
@@ -122,6 +122,7 @@ def firmware_directory(source: Source, out: Path | None) -> Path:
 def firmware_of(source: Source, out: Path | None, target: str, toolchain: str | None) -> FirmwareDocument:
     """Write the controller's firmware and compile it for a target of `tendon firmware`. Raises ValueError."""
     from runtime import files
+    from runtime.workspace.watching import monitor_entry
 
     directory = firmware_directory(source, out)
     prepared = source.compiled.controller(target, toolchain)
@@ -139,6 +140,7 @@ def firmware_of(source: Source, out: Path | None, target: str, toolchain: str | 
         kept=list(tree.kept),
         stale=[],
         build=replace(built, outputs=[str(place / path) for path in built.outputs]),
+        monitor=UNSET if (entry := monitor_entry(source)) is None else entry,
     )
 
 

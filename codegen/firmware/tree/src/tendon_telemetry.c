@@ -52,8 +52,9 @@ TENDON_SMALL static void report_identity(tendon_machine *m, uint8_t plain[TENDON
     wrap(&m->link, TENDON_REPORT_IDENTITY, TENDON_SIZE_IDENTITY, plain);
 }
 
-TENDON_SMALL static void report_telemetry(tendon_link *link, uint8_t plain[TENDON_PLAIN_BYTES])
+TENDON_SMALL static void report_telemetry(tendon_machine *m, uint8_t plain[TENDON_PLAIN_BYTES])
 {
+    tendon_link *link = &m->link;
     const tendon_record *record = &link->records[link->record_tail];
     tendon_telemetry_message telemetry;
     telemetry.period = record->period;
@@ -67,6 +68,7 @@ TENDON_SMALL static void report_telemetry(tendon_link *link, uint8_t plain[TENDO
     telemetry.status = (uint8_t)record->output.status;
     telemetry.state = (uint8_t)(record->mode_and_reason & 255U);
     telemetry.reason = (uint8_t)(record->mode_and_reason >> REASON_SHIFT);
+    tendon_take_watched(&m->state.controller, &telemetry);
     tendon_pack_telemetry(&telemetry, &plain[TENDON_HEADER]);
     link->record_tail = (link->record_tail < TENDON_TELEMETRY_RECORDS) ? (link->record_tail + 1U) : 0U;
     ++link->free_records;
@@ -90,7 +92,7 @@ TENDON_SMALL static bool next_report(tendon_machine *m)
     } else if ((link->pending_reports & TENDON_PENDING_IDENTITY) != 0U) {
         report_identity(m, plain);
     } else if (has_record && ((link->sent_telemetry == 0U) || (link->pending_reports == 0U))) {
-        report_telemetry(link, plain);
+        report_telemetry(m, plain);
     } else if ((link->pending_reports & TENDON_PENDING_STATE) != 0U) {
         m->state.report.state = (uint8_t)m->state.mode;
         m->state.report.enabled = (uint8_t)m->state.drives_enabled;

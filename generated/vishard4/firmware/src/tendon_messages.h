@@ -14,7 +14,7 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0x8c360f6aU
+#define TENDON_BUILD 0xf79e0900U
 
 /* Capacity for a trajectory. A board with more memory may be built with more, up to 65535 each: a control point takes
  * 4 bytes a joint, and `tendon execute` needs 32 of them for a second of a motion, and 2 phases. */
@@ -299,7 +299,7 @@ TENDON_SMALL void tendon_pack_telemetry(const tendon_telemetry_message *message,
 
 TENDON_SMALL void tendon_pack_counters(const tendon_counters_message *message, uint8_t *payload);
 
-/* Copy springs and contact from a trajectory's message. */
+/* Copy springs and contact from a trajectory's message, and what the monitor says, if there is one, into telemetry's. */
 
 static inline void tendon_take_springs(const tendon_trajectory_message *message, tendon_spring springs[TENDON_JOINTS])
 {
@@ -317,6 +317,12 @@ static inline void tendon_take_contact(const tendon_trajectory_message *message,
     contact->plate_friction = message->plate_friction;
     contact->plate_position = message->plate_position;
     contact->plate_damping_coefficient = message->plate_damping_coefficient;
+}
+
+static inline void tendon_take_watched(const tendon_controller_state *state, tendon_telemetry_message *message)
+{
+    (void)state;
+    (void)message;
 }
 
 #endif
