@@ -93,13 +93,14 @@ class Format(StrEnum):
 
     URDF = "urdf"
     MJCF = "mjcf"
+    BAM = "bam"
     CSV = "csv"
     JOINT_TRAJECTORY = "joint_trajectory"
     URSCRIPT = "urscript"
     LEROBOT = "lerobot"
 
 
-_OF_ARMS: dict[Format, Language] = {Format.URDF: "urdf", Format.MJCF: "mjcf"}
+_OF_ARMS: dict[Format, Language] = {Format.URDF: "urdf", Format.MJCF: "mjcf", Format.BAM: "bam"}
 
 
 @app.command("export", epilog="Example: tendon export ur10.toml motion.csv --to urscript --out motion.script")
@@ -127,6 +128,9 @@ def export_arm(
         ),
         READ,
     ] = None,
+    servo: Annotated[
+        str | None, typer.Option(metavar="NAME", help="BAM's name of the servo, as mx106; default: the model's name.")
+    ] = None,
     options: MotionOptions = MotionOptions(),
     maps: Map = None,
     allow_gaps: AllowGaps = False,
@@ -140,6 +144,8 @@ def export_arm(
 
     if onto is not None and to is not Format.URDF:
         raise UsageError(f"--onto {onto}: only a URDF can be written into; use --to urdf, or leave --onto out")
+    if servo is not None and to is not Format.BAM:
+        raise UsageError(f"--servo {servo}: only BAM's parameters name one; use --to bam, or leave --servo out")
     if (motion is None) != (to in _OF_ARMS):
         wanted = "a MOTION after MODEL" if motion is None else "no MOTION"
         raise UsageError(f"--to {to.value}: expected {wanted}; {', '.join(_OF_ARMS)} are formats of arms")
@@ -154,5 +160,5 @@ def export_arm(
         raise UsageError("--rate, --speed, --unit, --lookahead and --gain are for motions: pass one after MODEL")
     data = TypedInputs(model, on, (), effects, maps, allow_gaps).read()[1] if on else []
     with terminal.working("looking for physically possible bodies"):
-        document = export(source.compiled, _OF_ARMS[to], out, onto, data)
+        document = export(source.compiled, _OF_ARMS[to], out, onto, data, servo)
     emit(json, document, terminal.printer(models.exported))

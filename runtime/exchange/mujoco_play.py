@@ -80,6 +80,10 @@ class Played:
             raise PlayError("MuJoCo's motion is not finite; play a shorter window, or a smaller effect")
         return out[0], out[1]
 
+    def windows(self, t: Array, tau: Array, q: Array, qd: Array, step: float = PLAY_STEP) -> Array:
+        """Positions (W, K, n) in windows that begin at q, qd (W, n). t (K,) s and tau (W, K, n): as of `play`."""
+        return np.array([self.play(t, *each, step=step)[0] for each in zip(tau, q, qd, strict=True)])
+
     def _begin(self, tau: Array, q: Array, qd: Array) -> None:
         """Set the state of the first sample, with the memories of effects."""
         import mujoco

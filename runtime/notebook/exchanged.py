@@ -49,9 +49,9 @@ def import_(
 
 
 def export(
-    arm: LoadedArm, path: PathOrText, to: Literal["urdf", "mjcf"] = "urdf", onto: PathOrText | None = None
+    arm: LoadedArm, path: PathOrText, to: Literal["urdf", "mjcf", "bam"] = "urdf", onto: PathOrText | None = None
 ) -> ExportResult:
-    """Write the arm as URDF or MJCF, with physically possible bodies. Raises ValueError, OSError.
+    """Write the arm as URDF or MJCF, with physically possible bodies, or BAM's parameters. Raises ValueError, OSError.
 
     onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
     """

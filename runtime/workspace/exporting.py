@@ -26,15 +26,18 @@ def export(
     out: Path,
     onto: Path | None = None,
     recordings: Sequence[Recording] = (),
+    servo: str | None = None,
 ) -> ExportDocument:
     """Write the arm for simulators; what was written.
 
     onto         a URDF; the new file is a copy of it with the model's numbers
     recordings   along which the shares of the effects that the file lacks are computed; none: along a simulated motion
+    servo        BAM's name of it; None: the arm's
     The bodies are those of the model file where it states them completely and they are physically possible. Otherwise
     they are possible bodies with the file's base parameters, as near to the file's as these allow. Raises ModelError
     where a base parameter is unknown, and OSError.
     """
+    from symbolic.model_file.exchange.bam import bam_files, unsaid_of
     from symbolic.model_file.exchange.exporting import urdf_text
     from symbolic.model_file.exchange.mjcf_writer import mjcf_text
     from symbolic.model_file.exchange.urdf import urdf_onto
@@ -43,11 +46,14 @@ def export(
     if any(effect.standing.played != "exact" for effect in made.effects):
         made = _with_shares(made, compiled.model(), recordings)
     kept: list[str] = []
+    written = {out: (urdf_text if language == "urdf" else mjcf_text)(made).encode()} if language != "bam" else {}
     if onto is not None:
-        data, kept = urdf_onto(made, onto)
-    else:
-        data = (urdf_text if language == "urdf" else mjcf_text)(made).encode()
-    files.replace(out, data)
+        written[out], kept = urdf_onto(made, onto)
+    elif language == "bam":
+        written = bam_files(made, out, servo or made.arm.name)
+        made = replace(made, keys=(*made.keys, *unsaid_of(made)))
+    for path, data in written.items():
+        files.replace(path, data)
     joints = [
         ExportedJointEntry(
             joint=k,
@@ -65,7 +71,7 @@ def export(
         for k, joint in enumerate(made.joints, 1)
     ]
     return ExportDocument(
-        out=str(out),
+        out=", ".join(map(str, written)),
         name=made.arm.name,
         missing=missing,
         gravity=list(made.arm.gravity),
@@ -159,6 +165,8 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
     ]
     near = np.array([parameters(body) for body in bodies])
     behind = np.array(exporting.elastic(arm, compiled.library))
+    if language == "bam":
+        return exporting.exported(arm, compiled.library, language, bodies, rotors, [0.0] * len(rotors)), 0.0
     stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
     if stated and all(map(is_possible, near)):
         moved = mobilities(arm, near, np.array(rotors), behind).tolist()

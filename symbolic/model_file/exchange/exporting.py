@@ -224,11 +224,11 @@ def _unsaid_keys(arm: Arm, language: Language, rotors: Sequence[float]) -> Itera
     if arm.contact is not None:
         yield "the contact with a plate"
     stated: dict[str, list[bool]] = {
-        "torque_constant": [joint.torque_constant is not None for joint in arm.joints],
+        "torque_constant": [language != "bam" and joint.torque_constant is not None for joint in arm.joints],
         "encoder": [joint.encoder_counts is not None for joint in arm.joints],
         "controller": [joint.gains is not None for joint in arm.joints],
         "drive": [joint.drive is not None for joint in arm.joints],
-        "limits.speed": [language == "mjcf" and joint.limits.speed is not None for joint in arm.joints],
+        "limits.speed": [language != "urdf" and joint.limits.speed is not None for joint in arm.joints],
         "rotor_inertia": [language == "urdf" and bool(rotor) for rotor in rotors],
     }
     yield from (f"{key} of {joints_of(which)}" for key, which in stated.items() if any(which))

@@ -173,7 +173,7 @@ def test_urscript_starts_only_at_the_start_and_stops_at_the_end(export: Export) 
     [
         (
             ("--to", "urdf", "--out", "m.urdf"),
-            "--to urdf: expected no MOTION; urdf, mjcf are formats of arms",
+            "--to urdf: expected no MOTION; urdf, mjcf, bam are formats of arms",
         ),
         (("--to", "lerobot", "--out", "m.csv"), "--out m.csv: expected a name that ends in .parquet"),
         (("--to", "lerobot", "--out", "m.parquet", "--unit", "turns"), "expected deg, rad, normalised"),
