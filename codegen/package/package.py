@@ -4,10 +4,12 @@ package, and a Python module that needs NumPy alone."""
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Mapping
 from math import prod
 
 from codegen import render
+from codegen.c import misra
 from codegen.c.arm_effects import ArmEffects
 from codegen.pages import BANNER, page
 from codegen.toolchain import build
@@ -55,7 +57,16 @@ def package_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, s
             len(x) for f in model.functions for x in (f.outputs[0].expressions, *(a.symbols for a in f.inputs))
         ),
     }
+    checked = misra.checked()
+    rules = {
+        "checker": misra.CHECKER,
+        "count": len(checked),
+        "checked": textwrap.wrap(", ".join(checked), 120),
+        "rows": misra.rows(name, made),
+    }
     pages = {
+        "MISRA.md": page("package/MISRA.md.j2", **holes, **rules),
+        "misra.txt": page("c/misra.txt.j2", banner_text=holes["banner_text"], lines=misra.suppressions(name, made)),
         f"tendon_{name}.hpp": page("package/arm.hpp.j2", **holes, **cpp),
         "CMakeLists.txt": page("package/CMakeLists.txt.j2", **holes, sources=sources, headers=headers),
         "pyproject.toml": page("package/pyproject.toml.j2", **holes),
