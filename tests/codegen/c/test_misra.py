@@ -64,17 +64,21 @@ Checked = list[tuple[str, dict[str, str], set[tuple[str, str]]]]
 
 
 @pytest.fixture(scope="module")
-def arms(vishard4: Arm) -> Checked:
-    watched = reader.parse(watched_arm.watched_text(2), "watched.toml", LIBRARY)
-    chosen = [vishard4, loaded(replace(MIXED["r"], name="busy")), replace(watched, name="watched")]
+def watched() -> Arm:
+    return replace(reader.parse(watched_arm.watched_text(2), "watched.toml", LIBRARY), name="watched")
+
+
+@pytest.fixture(scope="module")
+def arms(vishard4: Arm, watched: Arm) -> Checked:
+    chosen = [vishard4, loaded(replace(MIXED["r"], name="busy")), watched]
     trees = [(arm.name, package_files(derive(arm), LIBRARY)) for arm in chosen]
     return [(name, files, found(files, r"\w+_f32\.c")) for name, files in trees]
 
 
 @pytest.fixture(scope="module")
-def firmware(vishard4: Arm) -> Checked:
-    files = source_tree.firmware_files(derive(vishard4), LIBRARY)
-    return [(vishard4.name, files, found(files, r"src/.*\.c|boards/mps2/.*\.c", "-Isrc"))]
+def firmware(vishard4: Arm, watched: Arm) -> Checked:
+    trees = [(arm.name, source_tree.firmware_files(derive(arm), LIBRARY)) for arm in (vishard4, watched)]
+    return [(name, files, found(files, r"src/.*\.c|boards/mps2/.*\.c", "-Isrc")) for name, files in trees]
 
 
 def unlisted(checked: Checked) -> list[tuple[str, str, str]]:
