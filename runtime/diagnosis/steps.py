@@ -289,7 +289,7 @@ def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
     """Per joint (M,) what a fit, all its values as they are, leaves of the torque on another motion; zero in rows
     that do not count."""
     model = fit.model
-    problem = Problem(model, motion, tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
+    problem = Problem(model, fit.on(motion), tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
     found = []
     for i in range(model.n):
         with np.errstate(over="ignore", invalid="ignore"):  # what is simulated along another motion may have no end
@@ -301,7 +301,7 @@ def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
 
 def series_elsewhere(fit: Fit, motion: Motion) -> tuple[JointSeries, ...]:
     """Every joint's torque and prediction of a fit, all its values as they are, on another motion."""
-    problem = Problem(fit.model, motion, tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
+    problem = Problem(fit.model, fit.on(motion), tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
     return series_on(fit, problem, residuals_elsewhere(fit, motion))
 
 

@@ -51,6 +51,10 @@ def with_gains(model: Model, recordings: Sequence[Recording], fitted: int) -> li
         fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
         told = _told(fit, found[:fitted])
         found = [r.with_gains(told) for r in found]
+    for _ in range(2 if model.n > 1 else 0):  # linear in a small change
+        fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
+        told = {i: _scaled(gains, _torque_over_true(fit, i)) for i, gains in told.items()}
+        found = [r.with_gains(told) for r in found]
     _check_scales(model, found[0], told)
     return found
 
@@ -64,6 +68,23 @@ def _check_scales(model: Model, recording: Recording, told: Mapping[int, Mapping
                 f"{recording.path}: nothing known tells {name} of the drive of joint {i + 1}, without which its "
                 f"torque has another unit than those of other joints; state {name}, or the weight that it moves"
             )
+
+
+def _torque_over_true(fit: Fit, joint: int) -> float:
+    """Of a joint (0-based) with a drive, as the inertias that joints share tell it."""
+    driven, motion = fit.motion.driven[joint], fit.motion
+    if driven is None or (joint, driven.command_gain) not in motion.gains:
+        return 1.0
+    parts = fit.coefficients[fit.problem.layout.gains]
+    return 1.0 + float(parts[motion.gains.index((joint, driven.command_gain))])
+
+
+def _scaled(gains: Mapping[str, ToldGain], by: float) -> dict[str, ToldGain]:
+    """Gains of a drive whose torque is larger by a factor than it should be."""
+    return {
+        name: replace(g, value=g.value / by, interval=g.interval and (g.interval[0] / by, g.interval[1] / by))
+        for name, g in gains.items()
+    }
 
 
 def _told(fit: Fit, recordings: Sequence[Recording]) -> dict[int, dict[str, ToldGain]]:
@@ -201,6 +222,7 @@ def _equation(
     stated, values = stated_lumps(fit.model)
     pinned, pinned_again = (values @ rows[: len(stated)] + f for rows, f in ((x, fixed), (x_again, fixed_again)))
     free = np.append(~stated, np.ones(len(x) - len(stated), dtype=bool)) & x.any(axis=1)
+    free[layout.gains] = False  # they are asked for here
     own = np.stack([*(-columns[name] for name in others), pinned - known])
     noise = np.stack([*(np.zeros_like(known) for _ in others), pinned_again - pinned])
     y = columns[command] if command else known - pinned

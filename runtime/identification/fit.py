@@ -73,6 +73,10 @@ class Fit:
     def motion(self) -> Motion:
         return self.problem.motion
 
+    def on(self, motion: Motion) -> Motion:
+        """Another motion, with the drives' gains that were fitted here."""
+        return replace(motion, gains=self.motion.gains)
+
     @cached_property
     def linearised(self) -> LinearSystem:
         """The equations about the fit: beside what is linear, changes of parameters that are not, and of the skew where
@@ -260,6 +264,7 @@ def _names(problem: Problem, system: LinearSystem) -> list[str]:
     for term in problem.layout.terms:
         names += [f"{term} {c.name}" for c in model.library.effects[term.effect].coefficients]
     names += [f"rotor{k}" for k in range(1, 1 + problem.layout.rotors.stop - problem.layout.rotors.start)]
+    names += [f"{name} {joint + 1}" for joint, name in problem.motion.gains]
     for block in system.blocks:
         if isinstance(block.key, Nonlinear):
             of = block.key

@@ -29,8 +29,9 @@ curvature."""
 
 @dataclass(frozen=True)
 class LinearUnknowns:
-    """Order of the linear unknowns: base inertial parameters, each term's coefficients, then inertias at the motors.
+    """Order of the linear unknowns: base inertial parameters, each term's coefficients, inertias at the motors, gains.
 
+    gains         of drives, by what each is off; of a command's, as a part of it
     rotors        one a joint, where the user's own model gives the rigid-body torque: what that lacks of the rotors
     lower, upper  (K,) bounds     stated  (K,) what the model file says, a neutral value where nothing: what no row
     tells stays there
@@ -40,6 +41,7 @@ class LinearUnknowns:
     slices: dict[Term, slice]
     lumps: slice
     rotors: slice
+    gains: slice
     lower: Array
     upper: Array
     stated: Array
@@ -50,8 +52,8 @@ class LinearUnknowns:
         return len(self.lower)
 
     @classmethod
-    def of(cls, model: Model, terms: Sequence[Term], rigid_given: bool) -> LinearUnknowns:
-        """rigid_given: the inertial parameters act on no torque and stay at the file's values."""
+    def of(cls, model: Model, terms: Sequence[Term], rigid_given: bool, gains: int = 0) -> LinearUnknowns:
+        """rigid_given: the inertial parameters act on no torque and stay at the file's values; gains: how many."""
         start, slices, known = len(model.lumps), {}, structure(model)
         stated = [_neutral(lump) if lump.value is None else lump.value for lump in model.lumps]
         lower = [*stated] if rigid_given else [-np.inf] * start
@@ -69,8 +71,11 @@ class LinearUnknowns:
         count = rotors.stop - rotors.start
         # No rotor has less than none: at the least, all that the file states was in the user's model too often.
         lower += [-(joint.rotor_inertia or 0.0) for joint in model.joints[:count]]
+        lower += [-np.inf] * gains
+        count += gains
         bounds = map(np.array, (lower, upper + [np.inf] * count, stated + [0.0] * count))
-        return cls(tuple(terms), slices, slice(0, len(model.lumps)), rotors, *bounds)
+        told = slice(rotors.stop, rotors.stop + gains)
+        return cls(tuple(terms), slices, slice(0, len(model.lumps)), rotors, told, *bounds)
 
 
 def _neutral(lump: LumpInfo) -> float:
@@ -201,6 +206,15 @@ def _rotors(regressors: Regressors, joint: int) -> Array:
     return rows
 
 
+def _gains(regressors: Regressors, joint: int) -> Array:
+    gains = regressors.motion.gains
+    rows = np.zeros((1 + len(gains), len(regressors.motion.row_piece(joint))))
+    for k, (own, name) in enumerate(gains, start=1):
+        if own == joint:
+            rows[k] = regressors.gain(joint, name)
+    return rows
+
+
 class Problem:
     """Least squares of one structure on one motion, for any shapes and skew."""
 
@@ -213,7 +227,7 @@ class Problem:
         ahead: Ahead | None = None,
     ) -> None:
         self.model, self.motion = model, motion
-        self.layout = LinearUnknowns.of(model, terms, motion.rigid_given)
+        self.layout = LinearUnknowns.of(model, terms, motion.rigid_given, len(motion.gains))
         self.regressors = Regressors(model, motion, prediction, ahead and ahead.of(model, terms))
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
@@ -252,7 +266,7 @@ class Problem:
         return x, fixed
 
     def _parts(self, shapes: Mapping[Term, Values]) -> Iterator[_Part]:
-        """The arm's, then each term's, then the rotors'."""
+        """The arm's, then each term's, the rotors' and the drives'."""
         layout, every = self.layout, tuple(range(self.model.n))
         yield _Part("arm", every, layout.lumps, _arm, self.regressors)
         for term in layout.terms:
@@ -262,6 +276,8 @@ class Problem:
             yield _Part(key, joints_of(self.model, term), layout.slices[term], rows, self.regressors)
         if self.motion.rigid_given:
             yield _Part("rotors", every, layout.rotors, _rotors, self.regressors)
+        if self.motion.gains:
+            yield _Part("gains", every, layout.gains, _gains, self.regressors)
 
     def _given(self, term: Term, shapes: Mapping[Term, Values]) -> Values:
         """Signals of a term that are shape parameters of others: of these shapes, not of an earlier fit."""

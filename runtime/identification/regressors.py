@@ -325,6 +325,18 @@ class Regressors:
 
         return self._of_all("acceleration", joint, lambda s, joints: s.piece.equations(s.piece.qdd, joints))
 
+    def gain(self, joint: int, name: str) -> Array:
+        """(M,) what is wrong with the torque of a joint (0-based) whose drive has one unit less of a gain than the
+        motion's torque was made with; of the gain of its command, all of it less."""
+        pieces, driven = self.motion.pieces_of(joint), self.motion.driven[joint]
+        if driven is not None and name == driven.command_gain:
+            none = np.zeros(len(self.model.lumps))
+            lumps = self.model.lumps_or(none) if self.prediction is None else self.prediction.lumps
+            made = np.concatenate([np.full(len(p.centres), (joint, name) in p.gains) for p in pieces])
+            return np.where(made, lumps @ self.rigid(joint), 0.0)
+        own = [p.gains.get((joint, name), np.zeros(len(p.t))) for p in pieces]
+        return -np.concatenate([p.equation(p.in_band(x), joint) for p, x in zip(pieces, own, strict=True)])
+
     def columns(
         self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN
     ) -> Array:

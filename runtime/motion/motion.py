@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,7 +14,7 @@ from runtime.model.loader import Model
 from runtime.motion.band import Band, wiener_filter
 from runtime.motion.clock import EvenGrid, Stretch, grid
 from runtime.motion.filters import Differentiator, LowPass, differentiator, low_pass, moving_mean, smoother
-from runtime.motion.piece import Piece, measured_in_all, read_sensors
+from runtime.motion.piece import Gain, Piece, measured_in_all, read_sensors
 from runtime.motion.rests import dry_friction
 from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
 from runtime.recordings.contents import unpowered
@@ -69,6 +69,7 @@ class Motion:
     quiet       (n,) torque noise in the band over dry friction
     left_out    a joint, (M,) further rows that do not count; empty where all do
     driven      as `drives_of` its recordings
+    gains       those of drives that were identified and that a fit may change
     cells       field of each signal in the first recording, as `--map` takes it; units: those that were stated
     """
 
@@ -80,6 +81,7 @@ class Motion:
     units: Mapping[str, str] = field(default_factory=dict)
     left_out: tuple[Mask, ...] = ()
     driven: tuple[DrivenJoint | None, ...] = ()
+    gains: tuple[Gain, ...] = ()
 
     @property
     def n(self) -> int:
@@ -285,13 +287,26 @@ def prepare(recordings: Sequence[Recording], band: Band, model: Model) -> Motion
         raise RecordingError(f"{names}: no stretch without gaps is long enough to be filtered; record some seconds")
     first = recordings[0]
     motion = Motion(band, views, np.zeros(n), quiet=np.zeros(n), cells=first.cells, units=first.units)
-    motion = replace(motion, driven=drives_of(recordings)).resting(_standstill(motion, recordings), np.zeros(n))
+    driven = drives_of(recordings)
+    motion = replace(motion, driven=driven, gains=tuple(_gains(driven)))
+    motion = motion.resting(_standstill(motion, recordings), np.zeros(n))
     if not any(motion.moving(i).any() for i in range(n)):
         raise RecordingError(f"{names}: no joint moves faster than the noise of its encoder; record real motion")
     friction = np.maximum(_dry_friction(motion, model), 1e-300)
     with np.errstate(over="ignore"):  # noise over no friction
         quiet = band.torque_floor()[:n] / friction
     return motion.resting(motion.standstill, quiet)
+
+
+def _gains(driven: Sequence[DrivenJoint | None]) -> Iterator[Gain]:
+    """Gains that were identified. A torque's scale is told by other joints alone: of one joint none, and where nobody
+    states any, of all joints but the first."""
+    scales = [i for i, joint in enumerate(driven) if joint is not None and joint.command_gain in joint.identified]
+    told = scales[1:] if len(scales) == len(driven) else scales
+    for i, joint in ((i, joint) for i, joint in enumerate(driven) if joint is not None):
+        for name in joint.identified:
+            if name != joint.command_gain or i in told:
+                yield i, name
 
 
 def with_torques_of(motion: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
@@ -346,7 +361,11 @@ def _piece(
         if temperature is not None:
             beginning = np.median(temperature[:200])
             warmth[i] = stretch.on_grid(_smooth_temperature(temperature, dt))[half:-half] - beginning
-    torque = (stretch.held if band.held else stretch.on_grid)(recording.tau)
+    on_grid = stretch.held if band.held else stretch.on_grid
+    torque, gains = on_grid(recording.tau), dict[Gain, Array]()
+    for i, joint in ((i, joint) for i, joint in enumerate(recording.driven) if joint is not None):
+        for name in joint.identified:
+            gains[i, name] = np.ascontiguousarray(on_grid(joint.columns[name][None])[0, half:-half])
     wiener = tuple(smoother(wiener_filter(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
     start = stretch.samples.start
     run = recording.run[start]
@@ -371,6 +390,7 @@ def _piece(
         places=None if stretch.places is None else stretch.places - half,
         began=_began(recording, first),
         torque=recording.torque or MOTOR_TORQUE,
+        gains=gains,
     )
 
 

@@ -19,6 +19,8 @@ from symbolic.model_file.arm import MOTOR_TORQUE, Torque
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Gain = tuple[int, str]
+"""A joint (0-based) and the name of a coefficient of its drive's law."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,7 @@ class Piece:
     places          places of interpolated samples, in periods from the first; None where none were interpolated
     began           s from the recording's start to that of the run, the runs one after another
     torque          what tau is
+    gains           parts of the torque (N,) per unit of identified gains of drives
     without         elimination of each joint's unknown torque; empty where every torque is known
     """
 
@@ -143,6 +146,7 @@ class Piece:
     places: Array | None = None
     began: float = 0.0
     torque: Torque = MOTOR_TORQUE
+    gains: Mapping[Gain, Array] = field(default_factory=dict)
     without: tuple[UnknownTorque, ...] = ()
 
     def perturbed(self, band: Band, seed: int) -> Piece:
@@ -197,6 +201,7 @@ class Piece:
             qdd=part(self.qdd),
             qdd_denoised=part(self.qdd_denoised),
             tau=part(self.tau),
+            gains={gain: np.ascontiguousarray(x[window]) for gain, x in self.gains.items()},
             warmth=part(self.warmth),
             sensors=self.sensors.cut(window),
             places=places,

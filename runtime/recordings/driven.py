@@ -54,6 +54,11 @@ class DrivenJoint:
     prismatic: bool = False
 
     @property
+    def command_gain(self) -> str:
+        """Name of the command's coefficient."""
+        return self.law.terms[0].name
+
+    @property
     def unknown(self) -> tuple[str, ...]:
         """Names of the law's coefficients that the model file leaves open."""
         return tuple(t.name for t, c in zip(self.law.terms, self._stated, strict=True) if c is None)
@@ -89,7 +94,7 @@ class DrivenJoint:
     @property
     def scale(self) -> float:
         """Torque per unit of the command, on the average; 1 where it is unknown."""
-        name = self.law.terms[0].name
+        name = self.command_gain
         gain = self._stated[0] if self._stated[0] is not None else self._identified.get(name, 1.0)
         if COMMANDS[self.law.command].kind == "position":
             return gain
@@ -101,9 +106,14 @@ class DrivenJoint:
     @property
     def without_scale(self) -> str:
         """The name of the command's coefficient, if it is unknown and the data do not tell it; else ""."""
-        name = self.law.terms[0].name
+        name = self.command_gain
         sure = name not in self.unknown or (name in self.told and self.told[name].interval is not None)
         return "" if sure else name
+
+    @property
+    def identified(self) -> tuple[str, ...]:
+        """Names of unknown coefficients that were identified and that no effect has."""
+        return tuple(name for name in self.unknown if name in self.told and not self.told[name].imitated)
 
     @property
     def to_write(self) -> dict[str, float]:
@@ -236,5 +246,9 @@ def _complete(
 
 
 def rate(x: Array, t: Array, runs: Sequence[slice]) -> Array:
-    """(N,) rate of x (N,) by differences within each run."""
-    return np.concatenate([np.gradient(x[r], t[r]) if r.stop - r.start > 1 else np.zeros(1) for r in runs])
+    """(N,) rate of x (N,) within each run: that of a cubic spline, since a servo takes differences over steps that are
+    far shorter than a logger's, and a difference of samples is too small by (frequency / rate of samples)^2 times 6.6.
+    """
+    from scipy.interpolate import CubicSpline  # where it is used: it takes longer to load than a fit
+
+    return np.concatenate([CubicSpline(t[r], x[r])(t[r], 1) if r.stop - r.start > 1 else np.zeros(1) for r in runs])

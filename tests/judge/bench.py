@@ -46,6 +46,7 @@ class Setting:
     gravity: tuple[float, ...] = (0.0, 0.0)  # m/s^2, in the plant; the model file has it, too, unless it is hidden
     logger: Logger = field(default_factory=Logger)
     simulator: str = ""  # "mujoco", or the judge's own plant
+    drive: str = ""  # of drives.FORMS: what is recorded in place of a torque
 
     def __str__(self) -> str:
         parts = [self.excitation, self.noise, f"x{self.coarse:g}"]
@@ -56,6 +57,7 @@ class Setting:
         parts += [f"N {self.gear_ratio:g}"] if self.gear_ratio != 100.0 else []
         parts += [f"g {','.join(f'{x:g}' for x in self.gravity)}"] if any(self.gravity) else []
         parts += [self.simulator] if self.simulator else []
+        parts += [f"by {self.drive}"] if self.drive else []
         return " ".join([*parts, str(self.logger)]).strip()
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,12 +11,12 @@ from numpy.typing import NDArray
 
 from runtime.recordings.recording import Recording
 
-from . import forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
+from . import drives, forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
 from .bench import NOISE, Bench, Setting, bench, specimen
 from .bodies import BELIEVED, Bodies, in_space
 from .hidden import ENTRIES, PAIRS, Entry, Hidden, Rows, Setup
 from .limits import AMOUNTS
-from .plant import PERIOD, RanAwayError
+from .plant import PERIOD, RanAwayError, Run
 from .situations import SITUATIONS
 from .size import orthogonal
 from .space import DOWN, HOME
@@ -78,6 +79,7 @@ class Made:
     parameters: Parameters | None  # what a fit must find, where the model's own parameters can take all of it
     bodies: Bodies
     knows: bool  # whether true values are known of the parameters that a fit finds
+    motors: tuple[drives.Motor, ...] = ()  # of the drives that make the torque, if none is recorded
 
 
 def _grown(measure: Callable[[float], float], hidden: Hidden, target: float) -> tuple[float, float]:
@@ -114,6 +116,19 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
 
     amounts   of the hidden effects; without them they are grown to the case's size, if it has one
     """
+    form = case.setting.drive
+    made, runs = _simulated(replace(case, setting=replace(case.setting, drive="")), amounts and tuple(amounts))
+    if not form:
+        return made
+    motors = drives.motors(runs[0][0])
+    recording, held_out = (drives.recording(bench, run, motors, form) for bench, run in runs)
+    text = drives.stated(made.model, form, motors)
+    return replace(made, case=case, model=text, recording=recording, held_out=held_out, motors=motors)
+
+
+@functools.lru_cache(maxsize=1)
+def _simulated(case: Case, amounts: tuple[float, ...] | None) -> tuple[Made, tuple[tuple[Bench, Run], ...]]:
+    """The case's recordings of torque, and the two runs; all forms of drives share them."""
     setting, world = case.setting, world_of(case.setting)
     bodies = world.arms(setting.joints)
     (plant_rng, motion_rng, other_rng), wanted, hidden, joints = _drawn(case)
@@ -136,7 +151,7 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
     left = orthogonal(together, bodies, believed, main.background, known, True, setting.band) / main.floor()
     plant, arm = main.plant(inside_it)
     held_out = other.recording(apart)
-    return Made(
+    made = Made(
         case,
         known,
         world.model_text(setting, case.seed, believed, known),
@@ -156,6 +171,7 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
         bodies,
         world.knows,
     )
+    return made, ((main, together), (other, apart))
 
 
 def _known_gravity(setting: Setting, hidden: Sequence[Hidden]) -> tuple[float, ...]:

@@ -20,9 +20,11 @@ import numpy as np
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.experiments import asking, design
+from runtime.identification.drive_gains import with_gains
 from runtime.identification.identify import fit_document
 from runtime.recordings import recording
 from runtime.recordings.columns import RecordedArm
+from runtime.recordings.recording import Recording
 from runtime.report.diagnosed import document as diagnosed
 from runtime.simulation.simulate import SimulationError
 from runtime.workspace.source import Source
@@ -45,6 +47,7 @@ class Line:
     rivals; exact: what is hidden was named, and nothing else; other_form: one is said to have another form; lines: of a
     ripple, those found of those hidden; inside, of: true parameters in their intervals, of how many; covered: all
     intervals whose true value is known, see coverage.py; ratio: error over floor on the recording that was not fitted;
+    drive: form of drives.py; gains: of the drives, identified over true;
     pysindy, sysidentpy: what they named, and whether it was right; code: digest of what was judged;
     said: of the remainders."""
 
@@ -73,6 +76,8 @@ class Line:
     floor: float = _NONE
     held_out_after: float = _NONE
     ratio: float = _NONE
+    drive: str = ""
+    gains: str = ""
     inside: int = 0
     of: int = 0
     covered: str = ""
@@ -101,7 +106,10 @@ class Line:
 
 def blank(case: Case) -> Line:
     """The row of a case before it is made."""
-    return Line(case.label, case.kind, case.setting.joints, case.seed, str(case.setting), case.size, code=code())
+    setting = case.setting
+    return Line(
+        case.label, case.kind, setting.joints, case.seed, str(setting), case.size, drive=setting.drive, code=code()
+    )
 
 
 def line(case: Case, held_out: bool = False, compared: bool = False, experiments: bool = False) -> Line:
@@ -123,6 +131,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         out.beyond_delay = made.beyond_delay
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
         made = logged(made)
+        out.gains = _gains(made)
         compiled = opened(made.model).compiled
         model = compiled.model()
         start = time.process_time()
@@ -146,14 +155,29 @@ def opened(text: str) -> Source:
 
 
 def logged(made: Made) -> Made:
-    """The case with recordings that went through a file, as a user's do."""
+    """The case with recordings that went through a file, as a user's do: without torques where drives are told what to
+    make, with the gains that are identified."""
+    driven = bool(made.case.setting.drive)
+    source = opened(made.model) if driven else None
+    arm = source.recorded_arm() if source else RecordedArm.without_model(made.case.setting.joints)
     with tempfile.TemporaryDirectory() as directory:
-        path, n = Path(directory) / "judge.csv", made.case.setting.joints
-        recordings = []
+        path, found = Path(directory) / "judge.csv", list[Recording]()
         for recorded in (made.recording, made.held_out):
-            recorded.save(path)
-            recordings.append(replace(recording.read(path, RecordedArm.without_model(n)), path=recorded.path))
-    return replace(made, recording=recordings[0], held_out=recordings[1])
+            (recorded.with_torques(np.full_like(recorded.tau, _NONE)) if driven else recorded).save(path)
+            found.append(replace(recording.read(path, arm), path=recorded.path))
+    if source:
+        found = with_gains(source.compiled.model(), found, 1)
+    return replace(made, recording=found[0], held_out=found[1])
+
+
+def _gains(made: Made) -> str:
+    """Identified gains over the true ones, joint by joint."""
+    words = []
+    for number, (driven, motor) in enumerate(zip(made.recording.driven, made.motors, strict=False), 1):
+        true = motor.gains
+        told = {} if driven is None else {k: x.value for k, x in driven.told.items() if k in true and not x.imitated}
+        words += [f"{name}{number} {value / true[name]:.3f}" for name, value in told.items()]
+    return ", ".join(words)
 
 
 def _at_its_limit(case: Case) -> Made | None:

@@ -17,6 +17,7 @@ import numpy as np
 from .bodies import ARMS, in_space
 from .cases import CLEAN, KINDS, PAIR_NAMES, Case, Setting, cases
 from .hidden import ENTRIES
+from .recorder import Logger
 from .situations import SITUATIONS
 
 FIRST_JUDGING_SEED = 5000
@@ -95,6 +96,47 @@ def short() -> Iterator[Case]:
     """The short judging set; its seeds are above those of the whole one."""
     rng = np.random.default_rng([FIRST_SHORT_SEED, *map(ord, "short")])
     yield from drawn(SHORT, FIRST_SHORT_SEED, rng, Setting(), _situation, SIZES)
+
+
+FIRST_DRIVEN_SEED = 700
+RATES = (2, 4, 5)
+"""Periods of the drives a step, of recordings without torque: 500 to 200 Hz."""
+LATE = ("delay_of_samples", "torque_delay")
+"""What the controller of an arm of four joints does not bear at these rates."""
+UNTOLD = ("torque_scale", *GEARED)
+"""What no drive of unknown gains shows, and lines that slow loggers fold back."""
+DRIVEN = {
+    "": (
+        Share(tuple(x for x in _of_kind("single", 1) if x not in UNTOLD), 1, 20),
+        Share(tuple(x for x in _of_kind("single", 4) if x not in (*UNTOLD, *LATE)), 4, 10, excitation="brief"),
+        Share(("clean",), 1, 6),
+        Share(("clean",), 4, 4, excitation="brief"),
+    ),
+    "mujoco": (
+        Share(
+            ("stribeck", "linear_spring", "friction_patch", "load_friction_upright", "stop_tendon"),
+            1,
+            5,
+            "large",
+            "fourier",
+        ),
+        Share(("stribeck", "linear_spring", "coupled_friction", "torque_ripple"), 4, 4, "large", "fourier"),
+        Share(("clean",), 1, 1, "large", "fourier"),
+        Share(("clean",), 4, 1, "large", "fourier"),
+    ),
+}
+"""By simulator, cases to be recorded with and without torque."""
+
+
+def driven(simulator: str) -> list[Case]:
+    """A development set for recordings without torque, all with one."""
+    rng = np.random.default_rng([FIRST_DRIVEN_SEED, *map(ord, "driven" + simulator)])
+    return drawn(DRIVEN[simulator], FIRST_DRIVEN_SEED, rng, Setting(simulator=simulator), _slow, SIZES)
+
+
+def _slow(case: Case, rng: np.random.Generator) -> Setting:
+    """The case's setting, plain, at a rate that is drawn."""
+    return replace(case.setting, coarse=1.0, noise="white", logger=Logger(every=int(rng.choice(RATES))))
 
 
 def drawn(

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from .coverage import FAMILIES, Covered, from_text
+from .drives import FORMS
 from .line import Line
 from .others import MEMORY
 
@@ -207,6 +208,28 @@ def errors_table(lines: Sequence[Line]) -> list[str]:
                 f"    median {np.median(seconds):.1f}  most {seconds.max():.1f}"
             )
     return out
+
+
+def drives_table(lines: Sequence[Line]) -> list[str]:
+    """What becomes of the same recordings where drives' commands stand in the torque's place; empty without any."""
+    groups = {form: [x for x in lines if x.drive == form] for form in ("", *FORMS)}
+    if not any(rows for form, rows in groups.items() if form):
+        return []
+    out = [f"{'in place of a torque':22s} effects  named first  at its joint   false names (of which nothing hidden)"]
+    for form, rows in groups.items():
+        hidden, clean = ([x for x in rows if bool(x.truth) == there] for there in (True, False))
+        first, joint = (sum(hit(x) for x in hidden) for hit in (lambda x: x.outcome == "right", _at_joint))
+        of_clean = sum(len(x.named.split()) for x in clean)
+        false = of_clean + sum(x.extra + (x.outcome == "wrong") for x in hidden)
+        if rows:
+            out.append(f"{form or 'the torque':22s} {len(hidden):7d}  {first:11d}  {joint:12d}   {false} ({of_clean})")
+    return out
+
+
+def _at_joint(x: Line) -> bool:
+    """Whether what was named first is at the joint of what is hidden, or of the arm as that is."""
+    first, truth = ((word.split() or [""])[0].partition("@")[2] for word in (x.named, x.truth))
+    return bool(x.named) and first == truth
 
 
 def _named(x: Line) -> bool:

@@ -5,6 +5,7 @@
     python -m tests.judge.run --short --csv short.csv --resume --budget 1500
     python -m tests.judge.run --cases cable_pack --situation low_noise --size 2 --save cases
     python -m tests.judge.run --simulator mujoco --csv developed.csv --resume
+    python -m tests.judge.run --drive torque servo servo_open pwm --csv driven.csv --resume
     python -m tests.judge.run --simulator mujoco --first-seed 4103 --seeds 1
     python -m tests.judge.run --simulator mujoco --cases gap_tendon --size 2 --joints 6 --first-seed 12 --every 8
 
@@ -49,6 +50,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 from . import cases as judging  # noqa: E402
 from . import confusion, plan, rates  # noqa: E402
 from .cases import Case  # noqa: E402
+from .drives import FORMS  # noqa: E402
 from .line import Line, append, blank, code, line, read, write  # noqa: E402
 from .others import METHODS  # noqa: E402
 from .save import save  # noqa: E402
@@ -140,6 +142,8 @@ def report(lines: Sequence[Line]) -> list[str]:
     out += ["--- rates", *rates.rates_table(ordered), "--- errors and times", *rates.errors_table(ordered)]
     covered = rates.coverage_table(ordered)
     out += ["--- 95 % intervals that hold the true value", *covered] if covered else []
+    driven = rates.drives_table(ordered)
+    out += ["--- drives that are told what to make", *driven] if driven else []
     compared = rates.comparison(ordered)
     return [*out, "--- beside other tools, on the same recordings", *compared] if compared else out
 
@@ -156,6 +160,12 @@ def _arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--excitation", choices=judging.motion.KINDS)
     parser.add_argument("--simulator", choices=["mujoco"], help="instead of the judge's own")
+    parser.add_argument(
+        "--drive",
+        nargs="+",
+        choices=["torque", *FORMS],
+        help="what is recorded in place of a torque; each case in each form. Without --cases: the set of plan.driven",
+    )
     parser.add_argument("--every", type=int, help="periods of the drives, 1 ms, a sample")
     parser.add_argument("--level", type=float, help="N m, of the torque's noise")
     parser.add_argument("--coarse", type=float, help="encoder counts as multiples of 2 pi / 200000")
@@ -183,8 +193,15 @@ def _mujoco(purpose: str) -> list[Case]:
 
 
 def wanted(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[Case]:
-    """The cases that the arguments ask for; the parser's error for impossible ones."""
+    """The cases that the arguments ask for, in each form; the parser's error for impossible ones."""
+    forms = ["" if form == "torque" else form for form in given.drive or ["torque"]]
+    return [replace(c, setting=replace(c.setting, drive=form)) for c in _chosen(parser, given) for form in forms]
+
+
+def _chosen(parser: argparse.ArgumentParser, given: argparse.Namespace) -> list[Case]:
     try:
+        if given.drive and not given.cases:
+            return plan.driven(given.simulator or "")
         if given.simulator and (given.judging or not given.cases):
             seeds = range(given.first_seed, given.first_seed + given.seeds) if given.seeds else range(2**31)
             return [c for c in _mujoco("judging" if given.judging else "development") if c.seed in seeds]
