@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from runtime.cli.inputs import TypedInputs, check_own
 from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report
 from runtime.cli.output import NO, emit, write_page
 from runtime.documents.fits import IdentifyDocument, JudgedFitDocument
+from runtime.documents.replays import OutputErrorEntry
 from runtime.identification.settings import SKEW_RANGE
 from symbolic.model_file.arm import ROTOR
 
@@ -31,6 +33,13 @@ def identify(
             help="Offset between the clocks of torque and motion, in samples; estimated by default.",
         ),
     ] = None,
+    motion: Annotated[
+        bool,
+        typer.Option(
+            "--output-error",
+            help="Refine the fit: make the error of the simulated motion small, not that of the torque.",
+        ),
+    ] = False,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
@@ -38,7 +47,7 @@ def identify(
 ) -> None:
     """With 95 % confidence intervals. Exit status 1 if the
     fit is not to be believed."""
-    from runtime.report import diagnosed, fits, terminal
+    from runtime.report import diagnosed, replays, terminal
 
     if write:
         check_own(model)
@@ -54,14 +63,24 @@ def identify(
     with terminal.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
         document = diagnosed.judged(found)
+    refined: OutputErrorEntry | UnsetType = UNSET
+    if motion and found.verdict == "fitted":
+        from runtime.replay import output_error
+
+        with terminal.working("simulating the motion"):
+            inference, data, refined = output_error.refined(found.fit, data)
+        own = inference.document(loaded)
+        document = replace(document, inertial=own.inertial, effects=own.effects)
     written = []
     if write and found.verdict == "fitted":
         gains = {i: joint.to_write for i, joint in enumerate(drives_of(data), 1) if joint is not None}
         source.edits.set(document).set_drive_gains(gains).write()
         written = [*_written(document), *(f"{name}@{i}" for i, own in gains.items() for name in own)]
     origin = replace(document.skew, given=skew is not None)
-    whole = document.as_part_of(IdentifyDocument, skew=origin, written=written, provenance=provenance)
-    emit(json, whole, terminal.printer(fits.identification))
+    whole = document.as_part_of(
+        IdentifyDocument, skew=origin, written=written, output_error=refined, provenance=provenance
+    )
+    emit(json, whole, terminal.printer(replays.identification))
     if written and json != "-":
         terminal.say(f"Written to {source.path}: {', '.join(written)}.")
     if found.verdict == "refused":

@@ -21,6 +21,7 @@ from runtime.documents.parts import (
     key,
 )
 from runtime.documents.provenance import Origin
+from runtime.documents.replays import OutputErrorEntry
 
 
 class InertialEntry(Document, frozen=True, kw_only=True):
@@ -192,4 +193,7 @@ class IdentifyDocument(JudgedFitDocument, frozen=True, kw_only=True):
     """The fitted parameters: `tendon identify --json`."""
 
     written: Annotated[list[str], key("parameters and effects that --write put into the model file")]
+    output_error: Annotated[
+        OutputErrorEntry | UnsetType, key("with --output-error: what the motion says; the values above are these")
+    ] = UNSET
     provenance: Origin = UNSET

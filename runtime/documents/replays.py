@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, UnsetType
 
 from runtime.documents.models import ArmName
-from runtime.documents.parts import Document, JointName, JointNumber, key
+from runtime.documents.parts import Document, JointName, JointNumber, JointOrArm, key
 from runtime.documents.provenance import Origin
 
 
@@ -56,3 +56,30 @@ class ReplayDocument(Document, frozen=True, kw_only=True):
     player: Annotated[Literal["tendon", "mujoco"], key("whose equations of motion")]
     steps: Annotated[list[ReplayStep], key("each model, before and after")]
     page: Annotated[str | UnsetType, key("path of the report")] = UNSET
+
+
+class RefinedParameter(Document, frozen=True, kw_only=True):
+    """A parameter that output error sought."""
+
+    joint: JointOrArm
+    name: Annotated[str, key("base parameter, parameter of an effect or gain of the drive")]
+    before: Annotated[float, key("with the smallest error of the torque", "the parameter's `unit`")]
+    after: Annotated[float, key("with the smallest error of the motion", "the parameter's `unit`")]
+
+
+class RefinedMotion(Document, frozen=True, kw_only=True):
+    """The motion of a joint in windows of the fitted recordings."""
+
+    joint: JointNumber
+    unit: Annotated[str, key("unit of positions: rad or m")]
+    before: Annotated[MotionErrorEntry, key("with the smallest error of the torque")]
+    after: Annotated[MotionErrorEntry, key("with the smallest error of the motion")]
+
+
+class OutputErrorEntry(Document, frozen=True, kw_only=True):
+    """Parameters with which the simulated motion comes nearest to the recorded one."""
+
+    better: Annotated[bool, key("whether the error fell; if not, the parameters are those of the torque")]
+    skew: Annotated[float, key("samples by which the torque is taken later", "samples")]
+    parameters: Annotated[list[RefinedParameter], key("each that was sought")]
+    motions: Annotated[list[RefinedMotion], key("each joint that moves")]

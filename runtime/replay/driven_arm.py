@@ -9,7 +9,7 @@ motion.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -33,11 +33,12 @@ Gain = Mapping[str, Any]
 @dataclass(frozen=True)
 class Feedback:
     """What makes a joint's torque in closed loop: its drive's law, or gains beside the recorded torque, N m/rad and
-    N m s/rad (N/m and N s/m)."""
+    N m s/rad (N/m and N s/m); delay: s after which a controller's answer acts."""
 
     drive: DrivenJoint | None
     kp: float = 0.0
     kd: float = 0.0
+    delay: float = 0.0
 
     @property
     def reads(self) -> list[str]:
@@ -90,6 +91,7 @@ class DrivenArm:
 
     coefficients   of the drives' laws by joint (0-based) and name, numbers or expressions
     equations      those of the integrator, or the same with other parameters
+    free           (k,) the symbols among parameters and coefficients
     """
 
     model: Model
@@ -97,38 +99,35 @@ class DrivenArm:
     feedback: tuple[Feedback, ...]
     coefficients: Mapping[int, Gain]
     equations: PlantEquations
+    free: Any = field(default_factory=lambda: ca.SX(0, 1))
 
     @cached_property
     def step(self) -> ca.Function:
         """The state after a step, of the state, what is read (r,), and the symbols of the parameters.
 
-        A state is that of the integrator, and for every joint the integral of the recorded less the model's position.
+        A state is that of the integrator, and for every joint the integral of the recorded less the model's position,
+        and the acceleration.
         """
         n, h = self.model.n, self.made.step
         one = runge_kutta(self.equations, h)
-        whole = ca.SX.sym("state", one.size1_in(0) + n)
-        own, lagging = whole[:-n], whole[-n:]
+        whole = ca.SX.sym("state", one.size1_in(0) + 2 * n)
+        own, lagging, qdd = whole[: -2 * n], whole[-2 * n : -n], whole[-n:]
         names = [(i, name) for i, each in enumerate(self.feedback) for name in each.reads]
         symbols = ca.SX.sym("read", len(names))
         read: list[dict[str, Any]] = [{} for _ in range(n)]
         for k, (i, name) in enumerate(names):
             read[i][name] = symbols[k]
-        # Commands are those of the middle of a step, and so is the position.
-        q, qd = own[:n] + h / 2 * own[n : 2 * n], own[n : 2 * n]
-        torques = [
-            each.torque(read[i], q[i], qd[i], lagging[i], self.coefficients.get(i, {}))
-            for i, each in enumerate(self.feedback)
-        ]
+        q, qd = own[:n], own[n : 2 * n]
+        torques = []
+        for i, each in enumerate(self.feedback):
+            # Commands are those of the middle of a step; an answer is to the motion of some time before.
+            ahead = h / 2 - each.delay
+            seen = q[i] + ahead * qd[i] + ahead**2 / 2 * qdd[i], qd[i] + ahead * qdd[i]
+            torques.append(each.torque(read[i], *seen, lagging[i], self.coefficients.get(i, {})))
         further = [lagging[i] + h * (read[i]["q"] - q[i]) for i in range(n)]
-        after = ca.vertcat(one(own, ca.vertcat(*torques), self.equations.free), *further)
-        free = self.free
-        return ca.Function("driven", [whole, symbols, free], [ca.cse(after)])
-
-    @cached_property
-    def free(self) -> Any:
-        """The symbols among the parameters and the drives' coefficients, (k,)."""
-        gains = [c for own in self.coefficients.values() for c in own.values()]
-        return ca.vertcat(*ca.symvar(ca.SX(ca.vertcat(self.equations.free, *gains))))
+        moved = one(own, ca.vertcat(*torques), self.equations.free)
+        after = ca.vertcat(moved, *further, (moved[n : 2 * n] - qd) / h)
+        return ca.Function("driven", [whole, symbols, self.free], [ca.cse(after)])
 
     def starts(self, tracks: Sequence[Track], windows: Windows) -> Array:
         """(W, S) states of the recorded motion at the beginning of every window."""
@@ -141,7 +140,7 @@ class DrivenArm:
                         tracks[k].states[:, s],
                         tracks[k].tau[:, s],
                         [tracks[k].t[s]],
-                        np.zeros(self.model.n),
+                        np.zeros(2 * self.model.n),
                     ]
                 )
                 for k, s in windows.starts
@@ -149,27 +148,66 @@ class DrivenArm:
         )
 
     def read(self, tracks: Sequence[Track], windows: Windows, without: float = 0.0) -> Array:
-        """(length + 1, W, r) what is read along every window. without: the part of the unexplained torque that is taken
-        out of the recorded one."""
+        """(length + 3, W, r) what is read along every window, and one sample before and after it.
+
+        without   the part of the unexplained torque that is taken out of the recorded one
+        """
         each = []
         for i, feedback in enumerate(self.feedback):
             for name in feedback.reads:
-                rows = [_row(track, i, name, without) for track in tracks]
-                each.append([rows[k][s : s + windows.length + 1] for k, s in windows.starts])
+                rows = [np.pad(_row(track, i, name, without), 1, mode="edge") for track in tracks]
+                each.append([rows[k][s : s + windows.length + 3] for k, s in windows.starts])
         return np.ascontiguousarray(np.array(each).transpose(2, 1, 0))
 
-    def play(self, start: Array, read: Array, free: Sequence[float] = ()) -> Array:
-        """(W, length + 1, n) positions from states (W, S) under what is read (length + 1, W, r)."""
+    @property
+    def _weights(self) -> Array:
+        """(substeps, 4) of the samples around each step's middle: a cubic, as drives and controllers interpolate
+        smoothly or faster than they are recorded. Source: Catmull & Rom 1974."""
+        x = (np.arange(self.made.substeps) + 0.5) / self.made.substeps
+        ends = (-x + 2 * x**2 - x**3, 2 - 5 * x**2 + 3 * x**3, x + 4 * x**2 - 3 * x**3, -(x**2) + x**3)
+        return np.stack(ends, axis=1) / 2
+
+    @cached_property
+    def slope(self) -> ca.Function:
+        """The state after a step and its derivative in a direction: of the state, what is read, the parameters, and the
+        direction of state and parameters."""
+        state, read = (ca.SX.sym(name, self.step.size1_in(k)) for k, name in enumerate(("state", "read")))
+        both = ca.vertcat(state, self.free)
+        toward = ca.SX.sym("toward", both.size1())
+        after = self.step(state, read, self.free)
+        further = ca.jtimes(after, both, toward)
+        inputs = [state, read, self.free, toward[: state.size1()], toward[state.size1() :]]
+        return ca.Function("slope", inputs, [after, further])
+
+    def slopes(self, start: Array, read: Array, free: Array, toward: Array, toward_free: Array) -> tuple[Array, Array]:
+        """Positions (W, length + 1, n) as `play`, and their derivatives (W, D, length + 1, n) in D directions, toward
+        (D, S) of the state at the start and toward_free (D, k) of the parameters."""
+        count, many, n = len(start), len(toward), self.model.n
+        batch = Batch(Machine(self.model.library.machine), Instructions.of(self.slope), count * many)
+        state, moved = np.repeat(start, many, axis=0), np.tile(toward, (count, 1))
+        directions = np.tile(toward_free, (count, 1))
+        samples = len(read) - 2
+        positions, derivatives = np.empty((samples, count, n)), np.empty((samples, count * many, n))
+        positions[0], derivatives[0] = start[:, :n], moved[:, :n]
+        with np.errstate(all="ignore"):  # a motion that runs away
+            for k in range(1, samples):
+                for now in np.tensordot(self._weights, read[k - 1 : k + 3], axes=1):
+                    after = batch(state, np.repeat(now, many, axis=0), free, moved, directions)
+                    state[:], moved[:] = after[0][:, 0], after[1][:, 0]
+                positions[k], derivatives[k] = state[::many, :n], moved[:, :n]
+        return positions.transpose(1, 0, 2), derivatives.reshape(samples, count, many, n).transpose(1, 2, 0, 3)
+
+    def play(self, start: Array, read: Array, free: Sequence[float] | Array = ()) -> Array:
+        """(W, length + 1, n) positions from states (W, S) under what is read (length + 3, W, r)."""
         count, n = len(start), self.model.n
         batch = Batch(Machine(self.model.library.machine), Instructions.of(self.step), count)
         state, own = start.copy(), np.array(free)
-        found = np.empty((len(read), count, n))
+        found = np.empty((len(read) - 2, count, n))
         found[0] = state[:, :n]
-        parts = (np.arange(self.made.substeps) + 0.5) / self.made.substeps
         with np.errstate(all="ignore"):  # a motion that runs away
-            for k in range(1, len(read)):
-                for part in parts:
-                    state[:] = batch(state, (1 - part) * read[k - 1] + part * read[k], own)[0][:, 0]
+            for k in range(1, len(found)):
+                for now in np.tensordot(self._weights, read[k - 1 : k + 3], axes=1):
+                    state[:] = batch(state, now, own)[0][:, 0]
                 found[k] = state[:, :n]
         return found.transpose(1, 0, 2)
 

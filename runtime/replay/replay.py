@@ -23,12 +23,23 @@ from runtime.model.loader import Model
 from runtime.model.terms import Prediction, check_complete, structure
 from runtime.motion.motion import Motion, prepare
 from runtime.motion.settings import STANDSTILL_NOISE
+from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording, RecordingError, drives_of
 from runtime.replay.driven_arm import OPEN_LOOP, DrivenArm, Feedback, Windows
-from runtime.replay.settings import AGREES, RESTING, RUNAWAY, SHORTEST, START, STEP, STRETCH, WINDOWS
+from runtime.replay.settings import (
+    AGREES,
+    RESTING,
+    RUNAWAY,
+    SHORTEST,
+    START,
+    STEP,
+    STRETCH,
+    WINDOWS,
+)
 from runtime.replay.track import Track, tracks
 from runtime.simulation.integrator import Integrator
 from symbolic.model_file.arm import Gains
+from symbolic.model_file.drive_laws import COMMANDS
 
 Array = NDArray[np.float64]
 
@@ -67,7 +78,7 @@ class Replay:
     """A model with its parameters, driven by what drove the arm in some recordings.
 
     known   parameters      motion   of the recordings, in the band of the fit
-    skew    samples by which the torque is taken later
+    skew    samples by which the torque is taken later      longest_step  s, of the integration
     Raises PlantError, ModelError, RecordingError.
     """
 
@@ -76,6 +87,7 @@ class Replay:
     motion: Motion
     recordings: Sequence[Recording]
     skew: float
+    longest_step: float = STEP
 
     @classmethod
     def of_file(cls, model: Model, recordings: Sequence[Recording]) -> Replay:
@@ -108,7 +120,7 @@ class Replay:
         """The equations and their steps."""
         first = self.motion.pieces[0]
         posture = first.q[:, len(first.t) // 2]
-        return Integrator(self.model, self.known, first.dt, first.torque, STEP, posture)
+        return Integrator(self.model, self.known, first.dt, first.torque, self.longest_step, posture)
 
     @cached_property
     def controllers(self) -> list[Literal["gains", "law"] | None]:
@@ -119,20 +131,42 @@ class Replay:
             for drive, joint in zip(drives, self.model.joints, strict=True)
         ]
 
-    def arm(self, closed: bool) -> DrivenArm:
-        """The model in open or closed loop."""
-        drives = drives_of(self.recordings) if closed else (None,) * self.model.n
-        feedback = [
-            Feedback(drive) if drive is not None else _stated(joint.gains) if closed else OPEN_LOOP
-            for drive, joint in zip(drives, self.model.joints, strict=True)
-        ]
-        coefficients = {i: drive.acting for i, drive in enumerate(drives) if drive is not None}
+    @cached_property
+    def torqued(self) -> DrivenArm:
+        """The model under the recorded torques."""
+        return self._arm([OPEN_LOOP] * self.model.n)
+
+    @cached_property
+    def commanded(self) -> DrivenArm:
+        """The model under recorded torques, and under recorded commands where drives have laws."""
+        return self._arm([OPEN_LOOP if drive is None else self._law(drive) for drive in drives_of(self.recordings)])
+
+    @cached_property
+    def controlled(self) -> DrivenArm:
+        """The model in closed loop: with the drives' laws and with stated gains."""
+        pairs = zip(drives_of(self.recordings), self.model.joints, strict=True)
+        return self._arm([self._gains(joint.gains) if drive is None else self._law(drive) for drive, joint in pairs])
+
+    @property
+    def _answer(self) -> float:
+        """s after which a controller's answer acts: as its recorded torque, since both are of the same instants."""
+        return self.skew * self.motion.pieces[0].dt
+
+    def _law(self, drive: DrivenJoint) -> Feedback:
+        controls = COMMANDS[drive.law.command].kind == "position"
+        return Feedback(drive, delay=self._answer if controls else 0.0)
+
+    def _gains(self, gains: Gains | None) -> Feedback:
+        return OPEN_LOOP if gains is None else Feedback(None, gains.kp, gains.kd, self._answer)
+
+    def _arm(self, feedback: Sequence[Feedback]) -> DrivenArm:
+        coefficients = {i: each.drive.acting for i, each in enumerate(feedback) if each.drive is not None}
         return DrivenArm(self.model, self.made, tuple(feedback), coefficients, self.made.equations)
 
     @cached_property
     def opened(self) -> list[PlayedWindows]:
         """Windows under the recorded torque, of all lengths for which a stretch is long enough."""
-        played = (self._played(self.arm(closed=False), self._windows(seconds)) for seconds in WINDOWS)
+        played = (self._played(self.torqued, self._windows(seconds)) for seconds in WINDOWS)
         return [each for each in played if each is not None]
 
     @property
@@ -146,7 +180,7 @@ class Replay:
         if not any(self.controllers):
             return None
         longest = max(len(track.t) for track in self.tracks) - 1
-        return self._played(self.arm(closed=True), self._windows(min(STRETCH, longest * self.motion.pieces[0].dt)))
+        return self._played(self.controlled, self._windows(min(STRETCH, longest * self.motion.pieces[0].dt)))
 
     def _windows(self, seconds: float) -> Windows | None:
         length = round(seconds / self.motion.pieces[0].dt)
@@ -200,10 +234,6 @@ class Replay:
             return False, f"the rate at which a window begins is known to {rate:.2g} {unit}/s only"
         cutoff = self.motion.cutoff(i)
         return False, f"what is left comes from the states in which windows begin, or from torque above {cutoff:.3g} Hz"
-
-
-def _stated(gains: Gains | None) -> Feedback:
-    return OPEN_LOOP if gains is None else Feedback(None, gains.kp, gains.kd)
 
 
 def _rms(x: Array) -> float:

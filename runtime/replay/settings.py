@@ -37,3 +37,37 @@ RUNAWAY: Final = 100.0
 
 SHORTEST: Final = 10
 """samples; a shorter window says nothing of a motion; a choice."""
+
+# output error --------------------------------------------------------------------------------------------------------
+
+SHOOTING: Final = 0.5
+"""s; length of the windows: long enough for what friction and gains do to the motion, short enough that a bad start is
+forgiven; Ljung, System Identification, 1999, on multiple shooting."""
+
+MOST_WINDOWS: Final = 60
+"""number; windows of a search, evenly spread: half a minute of motion; more take longer and tell hardly more."""
+
+SHOOTING_STEP: Final = 1 / 2000
+"""s; the longest step of the integration, if stability allows it; its error is below that of a fit's parameters."""
+
+GAUSS_NEWTON_STEPS: Final = 10
+"""number; steps of the search at most; it begins at a fit, and three or four are the rule."""
+
+TRIAL_STEPS: Final = 2
+"""number; steps for each lateness of the torque that is tried; what they leave compares them; a choice."""
+
+ENOUGH_FALL: Final = 1e-3
+"""part of the cost; a step that lowers it by less is the last; a choice."""
+
+SKEWS: Final = (0.0, 0.5, 1.0)
+"""samples; tried where a fit could not estimate by how much the torque is late: from none to a whole hold and a half; a
+parabola through the costs has the best."""
+
+SURE: Final = 1e-3
+"""part of a parameter; the least size by which steps in it are scaled; a choice."""
+
+TANGLED: Final = 0.05
+"""part of a parameter; the same for one that the data tell only together with others; a choice."""
+
+DAMPINGS: Final = (1e-6, 1e-4, 1e-2, 1.0, 100.0)
+"""part of the diagonal of the normal matrix; tried until a step lowers the cost, the boldest first; Marquardt 1963."""

@@ -27,12 +27,13 @@ class Track:
     """One stretch of a recording without gaps.
 
     recording    its number, from 0     dt  s     t  (N,) s since the start of the run
-    q, qd        (n, N) of the motors, smoothed
+    q, qd        (n, N) of the motors, smoothed     q_read  (n, N) as the encoders gave it
     tau          (n, N) the torque as it acts: recorded or of the drive's law, less that which a measured force makes
     residual     (n, N) of it in the band, what the model does not explain; zero where a joint rests
     commands     (N,) what a drive's law reads, by joint (0-based) and signal
     states       (S, N) of effects along this motion, in the order of their terms
     resting      (n,) part of the samples at which a joint rests
+    start_noise  (2, n) standard deviations of q and qd, from what the smoothing takes away
     """
 
     recording: int
@@ -40,11 +41,13 @@ class Track:
     t: Array
     q: Array
     qd: Array
+    q_read: Array
     tau: Array
     residual: Array
     commands: Mapping[tuple[int, str], Array]
     states: Array
     resting: Array
+    start_noise: Array
 
 
 def tracks(
@@ -58,6 +61,7 @@ def tracks(
     """
     commands = _commands(model, motion, recordings)
     wide = prepare(recordings, _of_states(motion), model)
+    readings = _on_grid(model, motion, recordings, [r.q for r in recordings])
     found = []
     for k, narrow in enumerate(motion.pieces):
         q, qd, tau, residual = (np.empty(narrow.q.shape) for _ in range(4))
@@ -73,6 +77,8 @@ def tracks(
         along = next(p for p in wide.pieces if _holds(p, narrow))
         rests = np.abs(qd) < np.where(_rubs(model, known), motion.standstill, 0.0)[:, None]
         late = narrow.t - skew * narrow.dt
+        q_read = np.array([rows[k] for rows in readings])
+        off = np.sqrt(np.mean((q_read - q) ** 2, axis=1))
         found.append(
             Track(
                 narrow.recording,
@@ -80,11 +86,13 @@ def tracks(
                 narrow.t,
                 q,
                 qd,
+                q_read,
                 tau,
                 np.where(rests, 0.0, residual),
                 {key: np.interp(late, narrow.t, rows[k]) for key, rows in commands.items()},
                 _shared(_states(model, known, along), along, narrow),
                 rests.mean(axis=1),
+                np.array([off, off * 2 * np.pi * wide.band.cutoffs]),
             )
         )
     return found
@@ -161,9 +169,16 @@ def _commands(model: Model, motion: Motion, recordings: Sequence[Recording]) -> 
     found: dict[tuple[int, str], list[Array]] = {}
     for i, joint in enumerate(drives_of(recordings)):
         for name in () if joint is None else read_by(joint):
-            rows = [r.with_torques(np.tile(_of(r, i).signals[name], (model.n, 1))) for r in recordings]
-            found[i, name] = [piece.tau[i] for piece in with_torques_of(motion, rows, model).pieces]
+            rows = [np.tile(_of(r, i).signals[name], (model.n, 1)) for r in recordings]
+            found[i, name] = _on_grid(model, motion, recordings, rows)[i]
     return found
+
+
+def _on_grid(model: Model, motion: Motion, recordings: Sequence[Recording], rows: Sequence[Array]) -> list[list[Array]]:
+    """Of each joint and piece (N,): signals (n, N'), those of each recording, at the even samples of the pieces."""
+    others = [r.with_torques(x) for r, x in zip(recordings, rows, strict=True)]
+    pieces = with_torques_of(motion, others, model).pieces
+    return [[piece.tau[i] for piece in pieces] for i in range(model.n)]
 
 
 def read_by(joint: DrivenJoint) -> list[str]:

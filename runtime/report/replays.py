@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf
 
-from runtime.documents.replays import MotionErrorEntry, ReplayDocument, ReplayedJoint, ReplayStep
+from runtime.documents.fits import IdentifyDocument
+from runtime.documents.parts import given
+from runtime.documents.replays import (
+    MotionErrorEntry,
+    OutputErrorEntry,
+    ReplayDocument,
+    ReplayedJoint,
+    ReplayStep,
+)
+from runtime.report import fits
 from runtime.report.fits import place
 from runtime.report.sections import Group, Section, TableSection, table, texts, words
 from runtime.wording import number, percent, quantity
@@ -95,3 +104,22 @@ def _error(error: MotionErrorEntry, unit: str) -> str:
     if error.rms is None or error.share is None:
         return "runs away"
     return f"{quantity(error.rms, unit, 2)}, {percent(error.share)}"
+
+
+def identification(document: IdentifyDocument) -> list[Section]:
+    """A fit, and what the simulated motion says of it."""
+    found = given(document.output_error)
+    return [*fits.identification(document), *(refined(found) if found is not None else [])]
+
+
+def refined(found: OutputErrorEntry) -> list[Section]:
+    """What output error changed: parameters, and the error of each joint's motion."""
+    first = found.motions[0].after.seconds if found.motions else 0.0
+    rows = [(place(p.joint, {}), p.name, number(p.before), number(p.after)) for p in found.parameters]
+    lines = [
+        f"joint {m.joint}: {_error(m.before, m.unit)} before, {_error(m.after, m.unit)} after." for m in found.motions
+    ]
+    changed = "Refined by the motion" if found.better else "Not refined: no parameters lower the error of the motion"
+    title = f"{changed}, in windows of {number(first, 3)} s with the torque {number(found.skew, 2)} samples late"
+    made = table((words("joint"), words("parameter"), "by the torque", "by the motion"), rows)
+    return [Group(title, (made, *texts(lines)))]

@@ -1,0 +1,400 @@
+"""Output error: the parameters with which the model, driven as the arm was, moves as the arm did.
+
+The equation error of a fit has the noise of positions on both sides where the torque is made of them: a servo's is
+k_p (q_desired − q). The simulated motion has no such noise. Windows of the recording are simulated from their recorded
+starts, which are unknowns, too (multiple shooting), and the squared error of the motion is made small by Gauss-Newton
+steps from the fit, with the derivatives of the integrator's steps.
+
+Source: Ljung, System Identification, 1999, sections 3.3 and 7.2, for the method; Bock, Modelling of Chemical Reaction
+Systems, 1981, for starts as unknowns; Liang & Zeger, Biometrika 73(1), 1986, for the intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.documents.replays import MotionErrorEntry, OutputErrorEntry, RefinedMotion, RefinedParameter
+from runtime.identification.estimate import Estimate
+from runtime.identification.fit import Fit, Inference, interval
+from runtime.model.terms import Prediction, Term
+from runtime.recordings.driven import ToldGain
+from runtime.recordings.recording import Recording, drives_of
+from runtime.replay.driven_arm import DrivenArm, Windows
+from runtime.replay.replay import Replay
+from runtime.replay.settings import (
+    DAMPINGS,
+    ENOUGH_FALL,
+    GAUSS_NEWTON_STEPS,
+    MOST_WINDOWS,
+    SHOOTING,
+    SHOOTING_STEP,
+    SKEWS,
+    SURE,
+    TANGLED,
+    TRIAL_STEPS,
+)
+from runtime.simulation.equations import PlantEquations
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sought:
+    """A parameter: a base inertial one (`lump`, 0-based), one of a term, or a coefficient of a joint's (0-based) drive.
+
+    size   by which a step in it is scaled     low, high   its bounds
+    """
+
+    name: str
+    value: float
+    size: float
+    low: float
+    high: float
+    lump: int | None = None
+    term: Term | None = None
+    joint: int | None = None
+
+
+@dataclass(frozen=True)
+class OutputError:
+    """Parameters (k,) after the search, their covariance (k, k), and the motion's error before and after.
+
+    joints   (0-based) whose motion was fitted, with both errors
+    better   whether the error fell, so that the parameters count
+    skew     samples by which the torque is taken later
+    """
+
+    sought: tuple[Sought, ...]
+    found: Array
+    covariance: Array
+    windows: int
+    joints: Mapping[int, tuple[MotionErrorEntry, MotionErrorEntry]]
+    better: bool
+    skew: float
+
+    def estimate(self, k: int, before: Estimate) -> Estimate:
+        """The k-th parameter with its 95 % interval; without one if it is told only together with others."""
+        value = float(self.found[k])
+        ends = None if before.with_others else interval(value, float(self.covariance[k, k]), self.windows - 1)
+        return replace(before, value=value, interval=ends)
+
+    def inference(self, fit: Fit) -> Inference:
+        """That of the fit, with what was found."""
+        lumps, values = list(fit.inference.lumps), {t: dict(v) for t, v in fit.inference.values.items()}
+        for k, of in enumerate(self.sought):
+            if of.lump is not None:
+                lumps[of.lump] = self.estimate(k, lumps[of.lump])
+            elif of.term is not None:
+                values[of.term][of.name] = self.estimate(k, values[of.term][of.name])
+        return replace(fit.inference, lumps=tuple(lumps), values=values)
+
+    def told(self, recordings: Sequence[Recording]) -> dict[int, dict[str, ToldGain]]:
+        """The drives' coefficients, by joint (0-based) and name."""
+        drives = drives_of(recordings)
+        found = {i: dict(drive.told) for i, drive in enumerate(drives) if drive is not None}
+        for k, of in enumerate(self.sought):
+            if of.joint is not None:
+                before = found[of.joint][of.name]
+                after = self.estimate(k, Estimate(before.value, before.interval, before.unit))
+                found[of.joint][of.name] = replace(before, value=after.value, interval=after.interval)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Shooting:
+    """A fit and the windows in which its model is simulated; skew: samples by which the torque is taken later."""
+
+    fit: Fit
+    recordings: Sequence[Recording]
+    skew: float
+
+    @cached_property
+    def replay(self) -> Replay:
+        """The fit's model along the recordings that were fitted."""
+        fit = self.fit
+        return Replay(fit.model, fit.prediction, fit.motion, self.recordings, self.skew, longest_step=SHOOTING_STEP)
+
+    @cached_property
+    def windows(self) -> Windows:
+        """In all tracks, evenly spread."""
+        found = Windows.of(self.replay.tracks, round(SHOOTING / self.replay.tracks[0].dt))
+        every = -(-len(found.starts) // MOST_WINDOWS)
+        return Windows(found.length, found.starts[::every])
+
+    @cached_property
+    def sought(self) -> tuple[Sought, ...]:
+        """The parameters that the fit told, and the unknown coefficients of the drives that it scaled. Where the torque
+        of a command is unknown, stated inertias give its scale, and stay."""
+        inference, library = self.fit.inference, self.fit.model.library
+        found = []
+        for k, (lump, told) in enumerate(zip(self.fit.model.lumps, inference.lumps, strict=True)):
+            if (size := _size(told)) and not (self.scaled and lump.value is not None):
+                found.append(Sought(lump.name, told.value, size, -np.inf, np.inf, lump=k))
+        for term, values in inference.values.items():
+            for name, told in values.items():
+                if size := _size(told):
+                    low, high = library[term.effect].parameter(name).bounds
+                    found.append(Sought(name, told.value, size, low, high, term=term))
+        for i, drive in enumerate(drives_of(self.recordings)):
+            for name, gain in ({} if drive is None else drive.told).items():
+                if gain.interval is not None:
+                    size = max((gain.interval[1] - gain.interval[0]) / 2, 1e-3 * gain.value)
+                    found.append(Sought(name, gain.value, size, 0.0, np.inf, joint=i))
+        return tuple(found)
+
+    @cached_property
+    def scaled(self) -> bool:
+        """Whether stated inertias give the scale of a torque."""
+        drives = (drive for drive in drives_of(self.recordings) if drive is not None)
+        return any(drive.law.terms[0].name in drive.told for drive in drives)
+
+    @cached_property
+    def arm(self) -> DrivenArm:
+        """The model under recorded torques, and under commands where drives have laws; the parameters are symbols."""
+        symbols = ca.SX.sym("sought", len(self.sought))
+        known = self.fit.prediction
+        lumps: list[Any] = (self.fit.model.lumps_or(known.lumps) if self.scaled else known.lumps).tolist()
+        values: dict[Term, dict[str, Any]] = {term: dict(own) for term, own in known.values.items()}
+        closed = self.replay.commanded
+        coefficients = {i: dict(own) for i, own in closed.coefficients.items()}
+        for k, of in enumerate(self.sought):
+            if of.lump is not None:
+                lumps[of.lump] = symbols[k]
+            elif of.term is not None:
+                values[of.term][of.name] = symbols[k]
+            elif of.joint is not None:
+                coefficients[of.joint][of.name] = symbols[k]
+        own: Any = Prediction(lumps, values, known.rotors)  # type: ignore[arg-type]
+        equations = PlantEquations(self.fit.model, own, self.replay.made.widths, self.replay.made.torque)
+        return replace(closed, coefficients=coefficients, equations=equations, free=symbols)
+
+    @cached_property
+    def start(self) -> Array:
+        """(W, S) recorded states."""
+        return self.arm.starts(self.replay.tracks, self.windows)
+
+    @cached_property
+    def read(self) -> Array:
+        """What drives the windows."""
+        return self.arm.read(self.replay.tracks, self.windows)
+
+    @cached_property
+    def recorded(self) -> Array:
+        """(W, K, n) positions."""
+        return self.windows.cut(self.replay.tracks, "q_read")
+
+    @cached_property
+    def moving(self) -> list[int]:
+        """Joints (0-based) that move."""
+        return [i for i in range(self.fit.model.n) if np.isfinite(self.fit.motion.standstill[i])]
+
+    def started(self, off: Array) -> Array:
+        """Starts (W, S) with positions and rates off (W, 2 n) those recorded."""
+        moved = self.start.copy()
+        moved[:, : off.shape[1]] += off
+        return moved
+
+    def error(self, theta: Array, off: Array) -> Array:
+        """(W, K, n') of the joints that move."""
+        played = self.arm.play(self.started(off), self.read, theta)
+        return np.asarray((played - self.recorded)[:, :, self.moving])
+
+    def scale(self, at: tuple[Array, Array]) -> Array:
+        """(n',) the error of each joint's motion with some parameters and starts."""
+        return np.asarray(np.maximum(np.sqrt(np.nanmean(self.error(*at) ** 2, axis=(0, 1))), 1e-12))
+
+
+def _size(told: Estimate) -> float | None:
+    """Half of an interval; a part of the value that is told only together with others, or is surer than that; None for
+    what the fit does not tell."""
+    if told.known_value is None or (told.known_interval is None and not told.with_others):
+        return None
+    low, high = told.known_interval or (told.value, told.value)
+    least = SURE if told.known_interval else TANGLED
+    return max((high - low) / 2, least * abs(told.value)) or None
+
+
+def output_error(fit: Fit, recordings: Sequence[Recording]) -> OutputError:
+    """The parameters of a fit, refined on the recordings that were fitted. Raises PlantError, RecordingError.
+
+    Where the fit could not estimate by how much the torque is late, the motion does.
+    """
+    shooting = Shooting(fit, recordings, fit.skew)
+    scale = shooting.scale(_begin(shooting))
+    skew = fit.skew
+    if not fit.skew_free and any(drives_of(recordings)):
+        tried = np.array(SKEWS)
+        costs = [_searched(Shooting(fit, recordings, float(one)), scale, TRIAL_STEPS).cost for one in tried]
+        square, slope, _ = np.polyfit(tried, costs, 2)
+        skew = float(np.clip(-slope / (2 * square), tried[0], tried[-1]) if square > 0 else tried[np.argmin(costs)])
+    found = _searched(Shooting(fit, recordings, skew), scale)
+    return _result(shooting, found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Searched:
+    """Where a search ended: parameters, starts, and the cost."""
+
+    search: _Search
+    theta: Array
+    off: Array
+    cost: float
+
+
+def _begin(shooting: Shooting) -> tuple[Array, Array]:
+    """The fit's parameters, and starts as recorded."""
+    theta = np.array([of.value for of in shooting.sought])
+    return theta, np.zeros((len(shooting.start), 2 * shooting.fit.model.n))
+
+
+def _searched(shooting: Shooting, scale: Array, steps: int = GAUSS_NEWTON_STEPS) -> _Searched:
+    search = _Search(shooting, scale)
+    theta, off = _begin(shooting)
+    best = search.cost(theta, off)
+    for _ in range(steps):
+        stepped = search.step(theta, off, best)
+        if stepped is None:
+            break
+        before, (theta, off, best) = best, stepped
+        if before - best < ENOUGH_FALL * best:
+            break
+    return _Searched(search, theta, off, best)
+
+
+def _result(before: Shooting, found: _Searched) -> OutputError:
+    """The parameters with their covariance, and the error of each joint's motion beside that of the fit."""
+    after = found.search.shooting
+    errors = before.error(*_begin(before)), after.error(found.theta, found.off)
+    recorded = after.recorded[:, :, after.moving]
+    moved = np.sqrt(np.mean((recorded - recorded[:, :1]) ** 2, axis=(0, 1)))
+    seconds = after.windows.length * after.replay.tracks[0].dt
+    entries = {
+        joint: (_entry(errors[0][:, :, k], moved[k], seconds), _entry(errors[1][:, :, k], moved[k], seconds))
+        for k, joint in enumerate(after.moving)
+    }
+    better = found.cost < found.search.cost(*_begin(before))
+    covariance = found.search.covariance(found.theta, found.off)
+    return OutputError(after.sought, found.theta, covariance, len(after.start), entries, better, after.skew)
+
+
+def _entry(error: Array, moved: float, seconds: float) -> MotionErrorEntry:
+    rms = float(np.sqrt(np.mean(error**2)))
+    share = rms / moved if moved > 0 else None
+    return MotionErrorEntry(seconds=seconds, windows=len(error), rms=rms, share=share, promised=None, rest=None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Gauss-Newton steps in the parameters, with the windows' starts eliminated.
+
+    scale   (n',) by which the error of each joint's motion is weighed
+    """
+
+    shooting: Shooting
+    scale: Array
+
+    @cached_property
+    def sizes(self) -> Array:
+        """(k,) of steps."""
+        return np.array([of.size for of in self.shooting.sought])
+
+    @cached_property
+    def doubt(self) -> Array:
+        """(2 n,) standard deviations of the recorded starts."""
+        track = self.shooting.replay.tracks[0]
+        return np.maximum(np.concatenate([track.start_noise[0], track.start_noise[1]]), 1e-9)
+
+    def cost(self, theta: Array, off: Array) -> float:
+        """Mean squared weighted error and what the starts are off, infinite where the motion runs away."""
+        error = self.shooting.error(theta, off) / self.scale
+        total = np.sum(error**2) + np.sum((off / self.doubt) ** 2)
+        return float(total) if np.isfinite(total) else np.inf
+
+    def step(self, theta: Array, off: Array, cost: float) -> tuple[Array, Array, float] | None:
+        """The parameters and starts after a step that lowers the cost, and that; None where none does."""
+        normal, gradient, starts = self._reduced(theta, off)
+        if not np.isfinite(normal).all():
+            return None
+        low, high = (np.array([getattr(of, end) for of in self.shooting.sought]) for end in ("low", "high"))
+        for damping in DAMPINGS:
+            damped = normal + damping * np.diag(np.diag(normal))
+            change = -np.linalg.lstsq(damped, gradient, rcond=1e-12)[0]
+            moved = np.clip(theta + change * self.sizes, low, high)
+            further = off + np.array([alone + slope @ change for alone, slope in starts])
+            if (now := self.cost(moved, further)) < cost:
+                return moved, further, now
+        return None
+
+    def _reduced(self, theta: Array, off: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
+        """Normal matrix (k, k) and gradient (k,) in scaled parameters, and of every window the change of its start:
+        what it is alone (2 n,) and its slope (2 n, k) by the parameters' change."""
+        total, gradient, starts = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), []
+        for own, further, error, doubt in self._linear(theta, off):
+            inner = np.linalg.inv(further @ further.T + np.diag(self.doubt**-2))
+            pulled = further @ error + doubt
+            total += own @ own.T - own @ further.T @ inner @ further @ own.T
+            gradient += own @ error - own @ further.T @ inner @ pulled
+            starts.append((-inner @ pulled, -inner @ further @ own.T))
+        return total, gradient, starts
+
+    def _linear(self, theta: Array, off: Array) -> list[tuple[Array, Array, Array, Array]]:
+        """Of every window, weighted: derivatives of its error by the parameters (k, m) and by its start (2 n, m), the
+        error (m,), and the gradient (2 n,) of what the start is off."""
+        n, size = self.shooting.fit.model.n, self.shooting.start.shape[1]
+        states = np.vstack([np.zeros((len(theta), size)), np.eye(2 * n, size)])
+        parameters = np.vstack([np.diag(self.sizes), np.zeros((2 * n, len(theta)))])
+        played, slopes = self.shooting.arm.slopes(
+            self.shooting.started(off), self.shooting.read, theta, states, parameters
+        )
+        moving = self.shooting.moving
+        error = ((played - self.shooting.recorded)[:, :, moving] / self.scale).reshape(len(off), -1)
+        weighted = (slopes[:, :, :, moving] / self.scale).reshape(len(off), len(states), -1)
+        k = len(theta)
+        return [(w[:k], w[k:], e, o / self.doubt**2) for w, e, o in zip(weighted, error, off, strict=True)]
+
+    def covariance(self, theta: Array, off: Array) -> Array:
+        """(k, k) of the parameters, with errors that hang together within a window."""
+        bread = np.linalg.pinv(self._reduced(theta, off)[0], hermitian=True)
+        scores = []
+        for own, further, error, doubt in self._linear(theta, off):
+            inner = np.linalg.inv(further @ further.T + np.diag(self.doubt**-2))
+            scores.append(own @ error - own @ further.T @ inner @ (further @ error + doubt))
+        meat = np.array(scores).T @ np.array(scores)
+        spare = max(1, len(scores) - len(theta))
+        return np.asarray(bread @ meat @ bread * np.outer(self.sizes, self.sizes) * len(scores) / spare)
+
+
+def refined(fit: Fit, recordings: Sequence[Recording]) -> tuple[Inference, list[Recording], OutputErrorEntry]:
+    """A fit's inference and its recordings with the parameters and gains that output error found; as they are where it
+    did not lower the motion's error. Raises PlantError, RecordingError."""
+    found = output_error(fit, recordings)
+    inference, told = fit.inference, list(recordings)
+    if found.better:
+        inference, told = found.inference(fit), [r.with_gains(found.told(recordings)) for r in recordings]
+    entries = [
+        RefinedParameter(
+            joint=_joint_of(fit, of),
+            name=of.name if of.term is None else f"{of.term.name}: {of.name}",
+            before=of.value,
+            after=float(found.found[k]),
+        )
+        for k, of in enumerate(found.sought)
+    ]
+    motions = [
+        RefinedMotion(joint=i + 1, unit=fit.model.joints[i].position_unit, before=before, after=after)
+        for i, (before, after) in found.joints.items()
+    ]
+    return inference, told, OutputErrorEntry(better=found.better, skew=found.skew, parameters=entries, motions=motions)
+
+
+def _joint_of(fit: Fit, of: Sought) -> int | None:
+    if of.lump is not None:
+        return fit.model.lumps[of.lump].joint
+    return of.joint + 1 if of.joint is not None else of.term.joint if of.term is not None else None
