@@ -9,6 +9,7 @@ coefficients in which the torque is linear where the declared parameters are not
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import re
@@ -203,6 +204,9 @@ def _contradictions(effect: Effect) -> Iterator[str]:
     if unknown := _symbols(effect) - known - (steps & {DT}):
         uses = ", ".join(sorted(s.name for s in unknown))
         yield f" uses {uses}, which is neither a signal, a parameter nor a state"
+    fields = _union(getattr(element, f.name) for element in effect.elements for f in dataclasses.fields(element))
+    if strange := fields - {p.symbol for p in effect.parameters}:
+        yield f": its elements use {', '.join(sorted(s.name for s in strange))}; expected its parameters alone"
     coefficients = {c.symbol for c in effect.coefficients}
     if any(column.free_symbols & coefficients for column in effect.columns):
         yield " is not linear in all of its linear parameters"

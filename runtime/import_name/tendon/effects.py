@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import Any
 
 from runtime.notebook.generated import effects
-from symbolic import units
+from symbolic import elements, units
 from symbolic.effects import load_user_effects
 from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, LinearForm, Parameter, State, parameter, state
 from symbolic.primitives import WIDTH_FORCE, WIDTH_POSITION, WIDTH_RATE, WIDTH_TIME, absolute, ramp, sgn, step
@@ -26,6 +26,7 @@ __all__ = [
     "Parameter",
     "State",
     "absolute",
+    "elements",
     "load_user_effects",
     "parameter",
     "ramp",

@@ -521,6 +521,41 @@ def test_a_lag_of_the_drives_is_one_of_the_simulator_s_actuators(run: Run) -> No
     assert "command_lag at" in str(said(run, "lagging.toml", "--to", "urdf", "--out", "lagging.urdf")["unsaid"])
 
 
+OWN = """\
+from tendon.effects import SIGNAL, WIDTH_RATE, Effect, Parameter, absolute, elements, parameter
+from tendon.effects import units as u
+
+QD = SIGNAL["qd"].symbol
+EFFECTS = (
+    Effect(
+        name="drag",
+        scope="joint",
+        family="friction",
+        torque=parameter("coefficient") * absolute(QD, WIDTH_RATE) * QD,
+        parameters=(Parameter("coefficient", u.FORCE / u.RATE**2, "torque per squared rate"),),
+        elements=(elements.PowerDamper(parameter("size"), 2),),
+        summary="s", equation="e", trace="t", experiment="x", source="b",
+    ),
+)
+"""
+
+
+def test_an_effect_of_one_s_own_says_its_elements(run: Run) -> None:
+    """As those of the library do; one that is no parameter's is refused in a line."""
+    Path("drag.py").write_text(OWN)
+    Path("drag.toml").write_text(one_joint.model_text("[joint.effects.drag]\ncoefficient = 0.3\n"))
+    arguments = ("export", "drag.toml", "--to", "mjcf", "--out", "drag.xml", "--effects", "drag.py")
+    status, out, err = run(*arguments)
+    assert (status, out) == (2, "")
+    assert 'effect "drag": its elements use p_size; expected its parameters alone' in err
+    Path("drag.py").write_text(OWN.replace('parameter("size")', 'parameter("coefficient")'))
+    assert run(*arguments)[0] == 0
+    damping = re.findall(r' damping="([^"]+)"', Path("drag.xml").read_text())[0]
+    assert [float(x) for x in damping.split()] == pytest.approx([0.0, 0.3, 0.0], abs=1e-9)
+    Path("drag.py").write_text(OWN.replace('(elements.PowerDamper(parameter("size"), 2),)', "(2,)"))
+    assert "elements item 1 is 2; expected Element(...)" in run(*arguments)[2]
+
+
 def test_another_arm_of_the_same_names_is_told_apart(run: Run) -> None:
     said(run, "small.toml", "--to", "urdf", "--out", "plain.urdf")
     text = Path("plain.urdf").read_text()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +12,14 @@ import numpy as np
 import pytest
 
 from runtime.exchange.bodies import mobilities
-from runtime.model.terms import Structure, Term
+from runtime.model.terms import Structure, Term, structure
 from runtime.simulation.plant import Plant
-from runtime.simulation.simulate import torque_along
+from runtime.simulation.simulate import complete, excitation, torque_along
 from runtime.workspace.source import Source
 from symbolic.effects import DECLARED
+from symbolic.effects.declaration import Effect
 from symbolic.model_file import likely
+from symbolic.model_file.arm import Arm
 from symbolic.model_file.exchange import exporting
 from symbolic.model_file.exchange.mjcf_writer import mjcf_text, power_fit
 from symbolic.model_file.exchange.ways import of_effect
@@ -118,34 +121,37 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return SimpleNamespace(model=source.compiled.model(), arm=source.arm(), t=t)
 
 
-def prescribed(t: np.ndarray, n: int, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n, N) each: cosines of 4 Hz and more that fade in within 0.1 s."""
-    hz, h = 4.0 + 2.0 * np.arange(n)[:, None] / max(n - 1, 1), 1e-4
+def prescribed(
+    t: np.ndarray, n: int, reach: float, middle: np.ndarray | float = 0.3, slowest: float = 4.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(n, N) each: sines of `slowest` Hz and up to a half more that fade in within 0.1 s."""
+    hz, h = slowest * (1 + np.arange(n)[:, None] / max(n - 1, 1) / 2), 1e-4
 
     def at(t: np.ndarray) -> np.ndarray:
         s = np.clip(t / 0.1, 0, 1)
-        return 0.3 + reach * s**3 * (10 - 15 * s + 6 * s**2) * np.sin(2 * np.pi * hz * t)
+        return middle + reach * s**3 * (10 - 15 * s + 6 * s**2) * np.sin(2 * np.pi * hz * t)
 
     before, q, after = at(t - h), at(t), at(t + h)
     return q, (after - before) / (2 * h), (after - 2 * q + before) / h**2
 
 
-def exported(arm, named: Mapping[str, Mapping[str, float]], path: Path) -> tuple[Played, exporting.ExportedArm]:
+def exported(
+    arm: Arm, terms: Structure, path: Path, library: Mapping[str, Effect] = DECLARED
+) -> tuple[Played, exporting.ExportedArm]:
     """The arm with these effects as MuJoCo has it from the file."""
     joints, whole = list(arm.joints), dict(arm.effects)
-    for name, values in named.items():
-        effect, _, joint = name.partition("@")
-        if joint:
-            own = joints[int(joint) - 1]
-            joints[int(joint) - 1] = replace(own, effects={**own.effects, effect: dict(values)})
+    for term, values in terms.items():
+        if term.joint is None:
+            whole[term.name] = values
         else:
-            whole[effect] = dict(values)
+            own = joints[term.joint - 1]
+            joints[term.joint - 1] = replace(own, effects={**own.effects, term.name: values})
     arm = replace(arm, joints=tuple(joints), effects=whole)
     bodies = likely.likely_bodies(arm)
     rotors = [joint.rotor_inertia or 0.0 for joint in arm.joints]
-    behind = np.array(exporting.elastic(arm, DECLARED))
+    behind = np.array(exporting.elastic(arm, library))
     moved = mobilities(arm, np.array([parameters(body) for body in bodies]), np.array(rotors), behind)
-    made = exporting.exported(arm, DECLARED, "mjcf", bodies, rotors, moved.tolist())
+    made = exporting.exported(arm, library, "mjcf", bodies, rotors, moved.tolist())
     path.write_text(mjcf_text(made))
     return Played(path), made
 
@@ -166,7 +172,7 @@ def plant_motion(model, terms: Structure, t: np.ndarray, tau: np.ndarray, q: np.
 def test_an_effect_moves_the_arm_in_mujoco_as_in_the_plant(bench: SimpleNamespace, name: str, tmp_path: Path) -> None:
     """Within the tolerance that the table states of it."""
     terms = terms_of(EFFECTS[name])
-    played, _ = exported(bench.arm, EFFECTS[name], tmp_path / "bench.xml")
+    played, _ = exported(bench.arm, terms, tmp_path / "bench.xml")
     q, qd, qdd = prescribed(bench.t, 2, 0.1)
     tau = torque_along(bench.model, q, qd, qdd, 1 / PERIOD, terms)
     own = plant_motion(bench.model, terms, bench.t, tau, q[:, 0], qd[:, 0])
@@ -180,6 +186,50 @@ def test_an_effect_moves_the_arm_in_mujoco_as_in_the_plant(bench: SimpleNamespac
     without, _ = exported(bench.arm, {}, tmp_path / "without.xml")
     plain, _ = without.play(bench.t, tau.T, q[:, 0], qd[:, 0])
     assert float((np.abs(plain - own).max(axis=0) / moved).max()) > 3 * error, "the effect is in the file"
+
+
+ARMS = {"drive": "linear_spring", "vishard4": "coupled_friction", "ur10": "torque_ripple", "panda": "spring_hysteresis"}
+"""The arms that ship, and an effect more at their first joint."""
+SPATIAL = [pytest.param(name, marks=pytest.mark.slow) for name in ("ur10", "panda")]
+
+
+@pytest.mark.parametrize("name", ["drive", "vishard4", *SPATIAL])
+def test_a_whole_arm_moves_as_in_the_plant(name: str, cache: Path, tmp_path: Path) -> None:  # noqa: ARG001
+    """The arms that ship, with likely rotors and friction where their files leave them out, and an effect more."""
+    compiled, _ = Source.shipped(name).compiled.with_likely_numbers()
+    model, n = compiled.model(), len(compiled.arm.joints)
+    t = PERIOD * np.arange(round(SECONDS / PERIOD) + 1)
+    middle = [sum(joint.limits.position or (0.0, 0.6)) / 2 for joint in compiled.arm.joints]
+    q, qd, qdd = prescribed(t, n, 0.03, np.array(middle)[:, None], slowest=1.5)
+    path = excitation(model, np.random.default_rng(0), 4.0, 1)
+    terms = complete(model, path, {**structure(model), Term(ARMS[name], 1): {}})
+    terms = {term: values for term, values in terms.items() if model.library[term.effect].scope != "contact"}
+    played, made = exported(compiled.arm, terms, tmp_path / "arm.xml", compiled.library)
+    assert {effect.standing.played for effect in made.effects} <= {"exact", "approximated"}
+    tau = torque_along(model, q, qd, qdd, 1 / PERIOD, terms)
+    own = plant_motion(model, terms, t, tau, q[:, 0], qd[:, 0])
+    there, _ = played.play(t, tau.T, q[:, 0], qd[:, 0], FINE)
+    moved = np.abs(own - own[0]).max(axis=0)
+    error = float((np.abs(there - own).max(axis=0) / moved).max())
+    print(f"{name}: {error:.2g}")
+    assert error < 5e-3
+
+
+def test_without_mujoco_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(PlayError, match=r"the package mujoco is not installed: pip install mujoco.*`mjcf`"):
+        Played(tmp_path / "arm.xml")
+
+
+def test_a_motion_that_runs_away_is_no_number(bench: SimpleNamespace, tmp_path: Path) -> None:
+    """Friction that falls with the cubed rate has no bound; the next window is played as if there had been none."""
+    away = terms_of({"viscous_cubic@1": {"coefficient": -5.0}})
+    played, _ = exported(bench.arm, away, tmp_path / "bench.xml")
+    t, tau = 0.001 * np.arange(30), np.zeros((2, 30, 2))
+    q = played.windows(t, tau, np.zeros((2, 2)), np.array([[30.0, 0.0], [0.0, 0.0]]))
+    assert np.isnan(q[0, -1]).all()
+    assert np.isfinite(q[0, 0]).all()
+    assert np.isfinite(q[1]).all()
 
 
 def test_every_effect_that_mujoco_plays_is_tried() -> None:
@@ -206,7 +256,7 @@ def test_what_cannot_be_played_is_one_line(bench: SimpleNamespace, tmp_path: Pat
 
 def test_what_is_not_played_is_listed(bench: SimpleNamespace, tmp_path: Path) -> None:
     named = {"torque_delay@1": {"time": -0.01}, "load_friction@2": {"coefficient": 0.1}, "friction_patch@1": {}}
-    _, made = exported(bench.arm, named, tmp_path / "bench.xml")
+    _, made = exported(bench.arm, terms_of(named), tmp_path / "bench.xml")
     assert set(made.unsaid) == {
         "torque_delay at joint 1: no torque acts before its command",
         "load_friction at joint 2",
