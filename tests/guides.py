@@ -5,7 +5,7 @@ Blocks follow each other in one folder, which is empty at first:
     ```sh       commands, typed in their order; a comment behind one says so if it ends with "exit status 1"
     ```text     right after commands: what the last of them prints; a line with … alone stands for any that are left out
     ```python   a script, run where it stands; the text after it is what it prints
-    ```toml, ```c, ```python   whose first line is a comment with the name of a file: that file
+    ```toml, ```c, ```cpp, ```python   whose first line is a comment with the name of a file: that file
 
 A number may differ by 5 %, or by half a unit of its last digit: a slightly better figure does not change a guide. One
 that begins with ~ depends on the machine and is not compared. Tables are compared by the words in their cells.
@@ -20,7 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-_NAMED = re.compile(r"(?:#|//|/\*) ([\w.-]+\.(?:toml|py|c|csv))(?: \*/)?(?:$|[:,;] )")
+_NAMED = re.compile(r"(?:#|//|/\*) ([\w.-]+\.(?:toml|py|c|cpp|csv))(?: \*/)?(?:$|[:,;] )")
 _NUMBER = re.compile(r"~?[-−+]?\d[\d,]*(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 _TOLERANCE = 0.05
@@ -45,7 +45,7 @@ class Block:
     @property
     def file(self) -> str | None:
         """The file that it is, where its first line names one."""
-        named = _NAMED.match(self.text.partition("\n")[0]) if self.language in ("toml", "c", "python") else None
+        named = _NAMED.match(self.text.partition("\n")[0]) if self.language in ("toml", "c", "cpp", "python") else None
         return named[1] if named else None
 
     @property

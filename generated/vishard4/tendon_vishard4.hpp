@@ -50,12 +50,19 @@ using Output = Span<double, N>;
 #define TENDON_AS_MATRIX
 namespace tendon {
 
+template <int Rows, int Columns>
+using RowByRow = Eigen::Matrix<double, Rows, Columns, Columns == 1 ? Eigen::ColMajor : Eigen::RowMajor>;
+
 /// A result as a matrix of Eigen, without a copy: as_matrix<3, 4>(jacobian).
 template <int Rows, int Columns = 1, std::size_t N>
-auto as_matrix(const std::array<double, N> &result) {
+Eigen::Map<const RowByRow<Rows, Columns>> as_matrix(const std::array<double, N> &result) {
   static_assert(N == static_cast<std::size_t>(Rows) * static_cast<std::size_t>(Columns), "another shape");
-  constexpr int order = Columns == 1 ? Eigen::ColMajor : Eigen::RowMajor;
-  return Eigen::Map<const Eigen::Matrix<double, Rows, Columns, order>>(result.data());
+  return Eigen::Map<const RowByRow<Rows, Columns>>(result.data());
+}
+/// Of a temporary result, a copy.
+template <int Rows, int Columns = 1, std::size_t N>
+RowByRow<Rows, Columns> as_matrix(std::array<double, N> &&result) {
+  return as_matrix<Rows, Columns>(static_cast<const std::array<double, N> &>(result));
 }
 
 }  // namespace tendon

@@ -7,10 +7,12 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
+import guides
 import numpy as np
 import pytest
 from packaged_arms import DT, SAMPLES, Packaged, busy, spatial
 
+from runtime.notebook.effects_along import whole_torque
 from symbolic.model_file.arm import Arm
 
 EIGEN = next(
@@ -226,3 +228,48 @@ def test_what_does_not_fit_is_refused_by_the_compiler(vishard4: Arm, tmp_path: P
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
         assert done.returncode != 0, wrong
         assert b"mass_matrix" in done.stderr
+
+
+GIVEN = """
+#include <cstdio>
+int main() {
+  Compensation controller;
+  controller.desired_.qd = {0.2, 0.2, 0.2, 0.2};
+  controller.update({}, {});
+  const Solver solver;
+  const Eigen::VectorXd q = Eigen::VectorXd::Constant(4, 0.3), qd = Eigen::VectorXd::Constant(4, 0.2);
+  for (std::size_t j = 0; j < 4; ++j) {
+    std::printf("%.17g ", controller.command_interfaces_[j].value);
+  }
+  for (Eigen::Index j = 0; j < 4; ++j) {
+    std::printf("%.17g ", solver.getFrictionVector(qd)(j));
+  }
+  for (Eigen::Index j = 0; j < 4; ++j) {
+    std::printf("%.17g ", solver.getInertiaMatrix(q)(j, 1));
+  }
+}
+"""
+
+
+@NEEDS_EIGEN
+def test_the_pieces_of_the_guide_compile_and_compute(vishard4: Arm, tmp_path: Path) -> None:
+    """With stand-ins for ROS 2."""
+    packaged, here = Packaged(vishard4), Path(__file__).parent
+    packaged.written(tmp_path)
+    guide = guides.ROOT / "runtime" / "guides" / "controller.md"
+    pieces = {block.file: block.text for block in guides.blocks(guide) if block.file}
+    chosen = [pieces["compensation_controller.cpp"], pieces["solver.cpp"]]
+    (tmp_path / "pieces.cpp").write_text('#include "stand_ins.hpp"\n' + "".join(chosen) + GIVEN)
+    c = [f"vishard4_{part}f64.c" for part in ("", "effects_")]
+    run(["cc", "-std=c99", "-O1", "-ffp-contract=off", "-c", *c], tmp_path)
+    includes = ["-I.", f"-I{here}", f"-isystem{EIGEN}"]
+    command = ["c++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *includes, "pieces.cpp"]
+    run([*command, *(path.replace(".c", ".o") for path in c), "-o", "pieces"], tmp_path)
+    found = np.array(run(["./pieces"], tmp_path).split(), dtype=float)
+    zero, rates = np.zeros((4, 1)), np.full((4, 1), 0.2)
+    whole = whole_torque(packaged.model, zero, rates, zero, dt=DT)[:, 0]
+    # The stand-ins' arm has gains of zero. The plate is out of reach where all angles are zero.
+    assert np.array_equal(found[:4], whole)
+    rigid = packaged.model.inverse_dynamics(zero, rates, zero)[:, 0]
+    assert np.allclose(found[4:8], whole - rigid, rtol=0.0, atol=1e-12)
+    assert np.array_equal(found[8:], packaged.model.inertia(np.full(4, 0.3))[:, 1])

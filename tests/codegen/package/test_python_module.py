@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import guides
 import numpy as np
 import pytest
 from packaged_arms import DT, SAMPLES, Packaged, busy, spatial
@@ -150,6 +151,16 @@ def test_wrong_arguments_are_told(places: dict[str, Any], call: str, said: str) 
     run = script(places["vishard4"][1], text)
     assert run.returncode == 0, run.stderr
     assert run.stdout.startswith(said)
+
+
+def test_the_script_of_the_guide(places: dict[str, Any]) -> None:
+    """One call for many samples and many calls give the same last sample."""
+    found = guides.blocks(guides.ROOT / "runtime" / "guides" / "controller.md")
+    (text,) = (block.text for block in found if block.language == "python")
+    run = script(places["vishard4"][1], text)
+    assert run.returncode == 0, run.stderr
+    together, alone = run.stdout.split("]")[:2]
+    assert together.split("[")[1].split() == alone.split("[")[1].split() != []
 
 
 def test_a_memory_needs_the_time_between_samples(places: dict[str, Any]) -> None:
