@@ -6,6 +6,8 @@ are stable however stiff, which its Runge-Kutta method is not.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -67,18 +69,26 @@ class Played:
         out = np.full((2, *torques.shape), np.nan)
         at, rate = model.jnt_qposadr[self.motors], model.jnt_dofadr[self.motors]
         out[:, 0] = data.qpos[at], data.qvel[rate]
-        for k, dt in enumerate(np.diff(times)):
-            pieces = ceil(dt / HOLD)
-            substeps = ceil(dt / pieces / step - 1e-9)
-            model.opt.timestep = dt / pieces / substeps
-            for middle in times[k] + dt * (np.arange(pieces) + 0.5) / pieces:
-                acting = [np.interp(middle - late, times, row) for late, row in zip(self.delay, torques.T, strict=True)]
-                data.ctrl[: self.n] = acting / self.gear
+        steps = np.diff(times)
+        pieces = np.maximum(np.ceil(steps / HOLD - 1e-9), 1).astype(int)
+        controls = self._controls(times, torques, pieces)
+        for k, (dt, count) in enumerate(zip(steps / pieces, pieces.tolist(), strict=True)):
+            substeps = ceil(dt / step - 1e-9)
+            model.opt.timestep = dt / substeps
+            for control in islice(controls, count):
+                data.ctrl[: self.n] = control
                 mujoco.mj_step(model, data, substeps)
             if data.warning.number.any():  # MuJoCo has begun anew
                 break
             out[:, k + 1] = data.qpos[at], data.qvel[rate]
         return out[0], out[1]
+
+    def _controls(self, times: Array, torques: Array, pieces: NDArray[np.int_]) -> Iterator[Array]:
+        """The motors' controls (n,) in the middle of each of the pieces of the intervals, as late as the drives are."""
+        parts = zip(times, np.diff(times), pieces.tolist(), strict=False)
+        middles = np.concatenate([begin + dt * (np.arange(count) + 0.5) / count for begin, dt, count in parts])
+        acting = [np.interp(middles - late, times, row) for late, row in zip(self.delay, torques.T, strict=True)]
+        return iter(np.stack(acting, axis=1) / self.gear)
 
     def windows(self, t: Array, tau: Array, q: Array, qd: Array, step: float = PLAY_STEP) -> Array:
         """Positions (W, K, n) in windows that begin at q, qd (W, n). t (K,) s and tau (W, K, n): as of `play`."""
