@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,9 @@ from runtime.cli.inputs import TypedInputs, made_from, opened
 from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report
 from runtime.cli.output import draw, emit
 from runtime.cli.places import READ
-from runtime.documents.replays import ReplayDocument, ReplayStep
+from runtime.documents.replays import ReplayDocument, ReplayedJoint, ReplayStep
+from runtime.workspace.names import UsageError
+from runtime.workspace.source import Source
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
@@ -20,6 +23,13 @@ if TYPE_CHECKING:
     from runtime.replay.replay import Replay
 
 app = typer.Typer()
+
+
+class Player(StrEnum):
+    """Whose equations of motion."""
+
+    TENDON = "tendon"
+    MUJOCO = "mujoco"
 
 
 @app.command(epilog="Example: tendon replay better.toml run2.csv --before drive.toml --fit run1.csv")
@@ -39,6 +49,9 @@ def replay(
         typer.Option(metavar="MODEL", help="A model to compare with, for instance that without the added effect."),
         READ,
     ] = None,
+    player: Annotated[
+        Player, typer.Option("--in", help="Beside Tendon's equations, play the file that export writes in MuJoCo.")
+    ] = Player.TENDON,
     report: Report = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
@@ -63,19 +76,26 @@ def replay(
         maps=maps or (),
         allow_gaps=allow_gaps,
     )
-    models: list[tuple[str | None, Model]] = [(None, loaded)]
+    sources = [source]
     if before is not None:
-        with terminal.working("deriving and compiling the model to compare with"):
-            models = [(None, opened(before, effects).compiled.model()), (str(model), loaded)]
+        sources.insert(0, opened(before, effects))
+    names = [None, str(model)][: len(sources)]
     with terminal.working("replaying"):
-        found = [(name, replayed(each, data[: len(fitted)], data[len(fitted) :])) for name, each in models]
-        steps = [ReplayStep(added=name, joints=one.joints) for name, one in found]
-    document = ReplayDocument(provenance=provenance, arm=loaded.name, fitted=bool(fitted), player="tendon", steps=steps)
+        models = [each.compiled.model() for each in sources]
+        found = [replayed(each, data[: len(fitted)], data[len(fitted) :]) for each in models]
+        steps = [ReplayStep(added=name, joints=one.joints) for name, one in zip(names, found, strict=True)]
+    if player is Player.MUJOCO:
+        if fitted:
+            raise UsageError("--in mujoco plays the numbers of the file; identify --write writes those of --fit there")
+        with terminal.working("replaying in MuJoCo"):
+            for name, one, own in zip(names, sources, found, strict=True):
+                steps.append(ReplayStep(added=name, player="mujoco", joints=in_mujoco(one, own)))
+    document = ReplayDocument(provenance=provenance, arm=loaded.name, fitted=bool(fitted), steps=steps)
     emit(json, document, terminal.printer(replays.sections))
     if report is not None:
         from runtime.report.page.replay_page import replay_page
 
-        draw(lambda: replay_page([one for _, one in found], document).write(report), json)
+        draw(lambda: replay_page(found, document).write(report), json)
 
 
 def replayed(model: Model, fitted: Sequence[Recording], recordings: Sequence[Recording]) -> Replay:
@@ -84,3 +104,17 @@ def replayed(model: Model, fitted: Sequence[Recording], recordings: Sequence[Rec
     from runtime.replay.replay import Replay
 
     return Replay.of_fit(identify(model, fitted), recordings) if fitted else Replay.of_file(model, recordings)
+
+
+def in_mujoco(source: Source, own: Replay) -> list[ReplayedJoint]:
+    """The same windows in MuJoCo. Raises PlayError, ModelError, RecordingError."""
+    from tempfile import TemporaryDirectory
+
+    from runtime.exchange.mujoco_play import Played
+    from runtime.replay.elsewhere import MujocoReplay
+    from runtime.workspace.exporting import export
+
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.xml"
+        export(source.compiled, "mjcf", path)
+        return MujocoReplay.beside(own, Played(path)).joints

@@ -20,6 +20,10 @@ class MotionErrorEntry(Document, frozen=True, kw_only=True):
     share: Annotated[float | None, key("the same over the motion within the windows, rms; null without any", "1")]
     promised: Annotated[float | None, key("the part that the torque's error makes, rms", "`unit`")]
     rest: Annotated[float | None, key("the part that is left without the torque's error, rms", "`unit`")]
+    apart: Annotated[
+        float | UnsetType | None,
+        key("played in MuJoCo: difference to the motion by Tendon's equations, rms; absent elsewhere", "`unit`"),
+    ] = UNSET
 
 
 class ReplayedJoint(Document, frozen=True, kw_only=True):
@@ -44,6 +48,7 @@ class ReplayStep(Document, frozen=True, kw_only=True):
     """A model that was replayed."""
 
     added: Annotated[str | None, key("the effect that was added last, or the model's file; null for the first")]
+    player: Annotated[Literal["tendon", "mujoco"], key("whose equations of motion")] = "tendon"
     joints: Annotated[list[ReplayedJoint], key("each joint")]
 
 
@@ -53,8 +58,7 @@ class ReplayDocument(Document, frozen=True, kw_only=True):
     provenance: Origin = UNSET
     arm: ArmName
     fitted: Annotated[bool, key("whether the parameters were fitted to other recordings, with --fit")]
-    player: Annotated[Literal["tendon", "mujoco"], key("whose equations of motion")]
-    steps: Annotated[list[ReplayStep], key("each model, before and after")]
+    steps: Annotated[list[ReplayStep], key("each model, before and after, by each player")]
     page: Annotated[str | UnsetType, key("path of the report")] = UNSET
 
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 
 from runtime.documents.replays import MotionErrorEntry, ReplayedJoint
@@ -57,8 +58,8 @@ class PlayedWindows:
     played: Array
     without: Array
 
-    def error(self, joint: int) -> MotionErrorEntry:
-        """Of a joint (0-based)."""
+    def error(self, joint: int, beside: PlayedWindows | None = None) -> MotionErrorEntry:
+        """Of a joint (0-based); beside: the same windows by other equations."""
         recorded, played, without = (x[:, :, joint] for x in (self.recorded, self.played, self.without))
         moved = _rms(recorded - recorded[:, :1])
         rms = _rms(played - recorded)
@@ -70,6 +71,7 @@ class PlayedWindows:
             share=rms / moved if there and moved > 0 else None,
             promised=_finite(_rms(played - without)),
             rest=_finite(_rms(without - recorded)),
+            apart=UNSET if beside is None else _finite(_rms(played - beside.played[:, :, joint])),
         )
 
 
@@ -166,8 +168,8 @@ class Replay:
     @cached_property
     def opened(self) -> list[PlayedWindows]:
         """Windows under the recorded torque, of all lengths for which a stretch is long enough."""
-        played = (self._played(self.torqued, self._windows(seconds)) for seconds in WINDOWS)
-        return [each for each in played if each is not None]
+        found = (self._windows(seconds) for seconds in WINDOWS)
+        return [self._under_torque(windows) for windows in found if windows is not None]
 
     @property
     def longest(self) -> PlayedWindows | None:
@@ -180,16 +182,19 @@ class Replay:
         if not any(self.controllers):
             return None
         longest = max(len(track.t) for track in self.tracks) - 1
-        return self._played(self.controlled, self._windows(min(STRETCH, longest * self.motion.pieces[0].dt)))
+        windows = self._windows(min(STRETCH, longest * self.motion.pieces[0].dt))
+        return None if windows is None else self._played(self.controlled, windows)
 
     def _windows(self, seconds: float) -> Windows | None:
         length = round(seconds / self.motion.pieces[0].dt)
         windows = Windows.of(self.tracks, length) if length >= SHORTEST else None
         return windows if windows is not None and windows.starts else None
 
-    def _played(self, arm: DrivenArm, windows: Windows | None) -> PlayedWindows | None:
-        if windows is None:
-            return None
+    def _under_torque(self, windows: Windows) -> PlayedWindows:
+        """Windows under the recorded torque."""
+        return self._played(self.torqued, windows)
+
+    def _played(self, arm: DrivenArm, windows: Windows) -> PlayedWindows:
         start = arm.starts(self.tracks, windows)
         played, without = (arm.play(start, arm.read(self.tracks, windows, part)) for part in (0.0, 1.0))
         return PlayedWindows(windows, self.tracks[0].dt, windows.cut(self.tracks, "q"), played, without)
@@ -197,11 +202,15 @@ class Replay:
     @cached_property
     def joints(self) -> list[ReplayedJoint]:
         """The errors of every joint's motion."""
-        return [self._joint(i, self.opened, self.closed_loop) for i in range(self.model.n)]
+        return [self._joint(i, self.closed_loop) for i in range(self.model.n)]
 
-    def _joint(self, i: int, opened: Sequence[PlayedWindows], closed: PlayedWindows | None) -> ReplayedJoint:
+    def _error(self, k: int, joint: int) -> MotionErrorEntry:
+        """Of a joint (0-based) in the windows of the k-th length."""
+        return self.opened[k].error(joint)
+
+    def _joint(self, i: int, closed: PlayedWindows | None) -> ReplayedJoint:
         joint = self.model.joints[i]
-        errors = [played.error(i) for played in opened]
+        errors = [self._error(k, i) for k in range(len(self.opened))]
         agrees, reason = self._agreement(i, errors)
         return ReplayedJoint(
             joint=i + 1,

@@ -25,12 +25,29 @@ AGAINST = "Against the torque's error"
 
 def sections(document: ReplayDocument) -> list[Section]:
     """As the terminal prints it."""
-    steps = document.steps
+    steps = [step for step in document.steps if step.player == "tendon"]
     return [
         *texts([f"{document.arm}: {headline(steps)}", ""]),
-        *errors(steps),
+        *errors(document.steps),
+        *texts(translation(document.steps)),
         Group(AGAINST, tuple(texts(agreement(steps[-1])))),
     ]
+
+
+def translation(steps: Sequence[ReplayStep]) -> list[str]:
+    """What is lost in MuJoCo: how far its motion is from that of Tendon's equations, in the longest windows."""
+    lines = []
+    for step in (s for s in steps if s.player == "mujoco"):
+        names = {j.joint: j.name for j in step.joints}
+        said = []
+        for joint in step.joints:
+            error = _longest(joint)
+            apart = None if error is None else given(error.apart)
+            if error is not None and apart is not None:
+                part = f" ({percent(apart * error.share / error.rms)})" if error.share and error.rms else ""
+                said.append(f"joint {place(joint.joint, names)} {quantity(apart, joint.unit, 2)}{part}")
+        lines.append(f"{called(step)}, the motion is off that of Tendon's equations: {'; '.join(said)}.")
+    return lines
 
 
 def headline(steps: Sequence[ReplayStep]) -> str:
@@ -75,7 +92,8 @@ def _titled(made: TableSection) -> Section:
 
 def called(step: ReplayStep) -> str:
     """A step as tables call it."""
-    return "as given" if step.added is None else f"with {step.added}" if "@" in step.added else step.added
+    name = "as given" if step.added is None else f"with {step.added}" if "@" in step.added else step.added
+    return name if step.player == "tendon" else f"{name}, in MuJoCo"
 
 
 def agreement(step: ReplayStep) -> list[str]:

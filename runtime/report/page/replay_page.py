@@ -42,13 +42,14 @@ class ReplayedSeconds:
 def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage:
     """The page of a replay of one model or two; document: what --json gives."""
     model, seconds = found[-1].model, replayed_seconds(found)
+    own = document.steps[: len(found)]
     drawings, made = {}, []
-    groups = [Group("Errors", tuple(replays.errors(document.steps)), "errors")]
+    groups = [Group("Errors", (*replays.errors(document.steps), *texts(replays.translation(document.steps))), "errors")]
     if seconds is not None:
         drawings["moving"] = part("arm_motion.html.j2", "arm_motion", picture(_moving(found, seconds), _said(seconds)))
         groups.insert(0, Group("The arm in motion", (Plots(("moving",)),), "motion"))
         for i, joint in enumerate(model.joints):
-            if document.steps[-1].joints[i].agrees is not None:
+            if own[-1].joints[i].agrees is not None:
                 caption = f"Joint {numbered(i + 1, joint.name)}: position, and how far the model is off, {seconds.how}."
                 lines = motion_plots.ReplayedJointLines(
                     seconds.t, seconds.recorded[i], tuple(q[i] for q in seconds.models), joint.position_unit
@@ -57,14 +58,14 @@ def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage
         legend = "Blue: the model" if len(found) == 1 else "Orange: the model before, blue: the model after"
         plots = Plots(add_figures(drawings, made, "replayed"))
         groups.append(Group("Joint by joint", (Paragraph(f"{legend}; black: recorded.", "note"), plots), "joints"))
-    agreement = tuple(texts(map(sentence, replays.agreement(document.steps[-1]))))
+    agreement = tuple(texts(map(sentence, replays.agreement(own[-1]))))
     groups.append(Group(replays.AGAINST, agreement, "agreement"))
     return ReportPage(
         title=f"{model.name}: replayed",
         model=model.name,
         kind="clean",
         tag="replay",
-        headline=sentence(replays.headline(document.steps)),
+        headline=sentence(replays.headline(own)),
         short=[],
         groups=groups,
         drawings=drawings,

@@ -131,3 +131,22 @@ def test_your_own_rigid_torque_cannot_be_moved(recorded: Recording, tmp_path: Pa
     status, _, said = tendon("replay", "drive1.toml", "own.csv")
     assert status == 2
     assert "needs the arm's masses and frames" in said
+
+
+def test_mujoco_moves_the_exported_arm_as_the_equations_do(tendon: Run, tmp_path: Path) -> None:
+    """A joint with viscous friction, which MuJoCo plays exactly; its torque is a tenth too large."""
+    pytest.importorskip("mujoco")
+    (tmp_path / "drive1.toml").write_text(model_text(FRICTION))
+    model = Source(Path("drive1.toml"), model_text(FRICTION)).compiled.model()
+    recording, _ = simulate.simulate(model, settings=SimulationSettings(seconds=6.0, noise=0.0))
+    write_recording(tmp_path / "run.csv", replace(recording, tau=1.1 * recording.tau))
+    status, out, _ = tendon("replay", "drive1.toml", "run.csv", "--in", "mujoco", "--json", "said.json")
+    assert status == 0
+    assert "as given, in MuJoCo" in out
+    own, other = (step["joints"][0]["open_loop"] for step in json.loads((tmp_path / "said.json").read_text())["steps"])
+    for ours, theirs in zip(own, other, strict=True):
+        assert ours["share"] > 0.02
+        assert theirs["apart"] < 1e-3 * ours["rms"] / ours["share"]
+    status, _, said = tendon("replay", "drive1.toml", "run.csv", "--fit", "run.csv", "--in", "mujoco")
+    assert status == 2
+    assert "identify --write" in said
