@@ -166,7 +166,7 @@ def step(
             EffectOverview(**_effect(term, library[term.effect], values))
             for term, values in fitted.inference.values.items()
         ],
-        arm=None if picture is None else picture | {"data": json.loads(picture["data"])},
+        arm=None if picture is None else embeddable(picture),
         cures=[cure(s, cells) for s in suspicions],
     )
 
@@ -256,3 +256,8 @@ def _folded(section: Section) -> Section:
     if not isinstance(section, TableSection):
         return section
     return Group(section.caption or "Table", (replace(section, caption=""),), folded=True)
+
+
+def embeddable(picture: Row) -> Row:
+    """Variables of the arm's template with the data of its frames as a document."""
+    return picture | {"data": json.loads(picture["data"])}

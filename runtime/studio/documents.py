@@ -13,6 +13,7 @@ import msgspec
 
 from runtime.documents.parts import Document
 from runtime.documents.recordings import ClockEntry
+from runtime.documents.replays import ReplayStep
 from runtime.report.sections import Group, Section
 from runtime.studio.history import JointError, PlacedEffect, SessionStep, Verdict
 from runtime.studio.session import read
@@ -218,6 +219,13 @@ class MotionAnswer(Document, frozen=True, kw_only=True):
 
     reason: str
     motion: DesignedMotion
+
+
+class ReplayAnswer(Document, frozen=True, kw_only=True):
+    """How far the motion of a step's model is off, beside that of the step before, and the arm in motion."""
+
+    steps: list[ReplayStep]
+    arm: Row | None
 
 
 class EffectOffered(Document, frozen=True, kw_only=True):

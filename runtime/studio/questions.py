@@ -13,20 +13,31 @@ from runtime.diagnosis.stages import begin as begun
 from runtime.diagnosis.stages import complete
 from runtime.diagnosis.steps import Step
 from runtime.diagnosis.verdict import decide
+from runtime.documents.replays import ReplayDocument, ReplayStep
 from runtime.experiments.asking import parse_rivals
 from runtime.experiments.design import SimulatedDiagnosis, propose, write_motion
 from runtime.identification.compare import JointSeries
 from runtime.identification.regressors import Signals
 from runtime.model.terms import Prediction, Term, joints_of, structure
 from runtime.planning import results, trajectory
+from runtime.replay.replay import Replay
 from runtime.report import motions
 from runtime.report.page import motion_pages
+from runtime.report.page.replay_page import moving_arm, replay_page, replayed_seconds
 from runtime.report.signals.joint_signals import of_series
 from runtime.report.summary import relative_floor
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import parse_hidden, simulate
-from runtime.studio.documents import HiddenEffectAnswer, JointAnswer, PlanOverview, TaskResult, ValuesAnswer
+from runtime.studio.describe import embeddable
+from runtime.studio.documents import (
+    HiddenEffectAnswer,
+    JointAnswer,
+    PlanOverview,
+    ReplayAnswer,
+    TaskResult,
+    ValuesAnswer,
+)
 from runtime.studio.history import PlacedEffect
 from runtime.studio.loaded import LoadedSession, Reporter, write
 from runtime.studio.session import SessionError
@@ -36,7 +47,7 @@ from symbolic.model_file.checks import quote
 
 COMPILING, FITTING, EVALUATING = "deriving and compiling the model", "fitting the model", "evaluating the plan"
 HIDING, DIAGNOSING = "simulating the model with the hidden effect", "diagnosing that simulation"
-DESIGNING = "designing a motion"
+DESIGNING, REPLAYING = "designing a motion", "driving the model by the recorded torques"
 
 
 def tried(
@@ -150,6 +161,27 @@ def experiment(loaded: LoadedSession, report: Reporter, step: int, rivals: Seque
     if proposal.separated:
         write_motion(folder / "motion.csv", model, proposal.motion)
     write(folder / "experiment.json", proposal.document())
+    return TaskResult(answered=step)
+
+
+def replayed(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
+    """How far the motion of a step's model is off under the recorded torques, beside that of the step before: on the
+    held-out recordings, or without any on those that were fitted."""
+    report.parts(FITTING, REPLAYING)
+    report.part(FITTING)
+    parent = loaded.session.history.step(step).parent
+    fits = [loaded.fitted(number).fit for number in (parent, step) if number is not None]
+    data = loaded.recordings(True) or loaded.recordings(False)
+    report.part(REPLAYING)
+    found = [Replay.of_fit(fit, data) for fit in fits]
+    names = [None, f"step {step}"][-len(found) :]
+    steps = [ReplayStep(added=name, joints=one.joints) for name, one in zip(names, found, strict=True)]
+    document = ReplayDocument(arm=fits[-1].model.name, fitted=True, steps=steps)
+    folder = loaded.new_folder("answer")
+    (folder / "replay.html").write_text(replay_page(found, document).html(), encoding="utf-8")
+    seconds = replayed_seconds(found)
+    arm = None if seconds is None else embeddable(moving_arm(found, seconds))
+    write(folder / "replay.json", ReplayAnswer(steps=steps, arm=arm))
     return TaskResult(answered=step)
 
 

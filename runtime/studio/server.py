@@ -193,7 +193,8 @@ def _file(studio: Studio, what: str, step: int) -> tuple[str, bytes, str]:
     if what == "commands":
         lines = ["#!/bin/sh", *studio.commands(step)]
         return "commands.sh", ("\n".join(lines) + "\n").encode(), "text/x-shellscript"
-    known = {"motion": ("motion.csv", "text/csv"), "report": ("report.html", "text/html")}
+    known = {"motion": ("motion.csv", "text/csv")}
+    known |= {page: (f"{page}.html", "text/html") for page in ("report", "replay")}
     name, kind = known.get(what, ("", ""))
     path = studio.file(step, name) if name else None
     if path is None:

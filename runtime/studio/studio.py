@@ -239,6 +239,10 @@ class Studio:
         """The motion that distinguishes effects, or one from the model as it is: MotionAnswer."""
         self._ask("experiment", f"designing a motion for {', '.join(map(str, rivals))}", rivals=rivals)
 
+    def replay(self) -> None:
+        """How far the current model's motion is off, driven as the arm was: ReplayAnswer."""
+        self._ask("replayed", "driving the model by the recorded torques")
+
     def cancel(self) -> None:
         """End the task without a result."""
         self._work.cancel()

@@ -24,7 +24,7 @@ from runtime.studio import describe
 from runtime.studio.documents import TaskResult, ValuesFound
 from runtime.studio.history import Kind, PlacedEffect, SessionStep
 from runtime.studio.loaded import LoadedSession, Reporter, write
-from runtime.studio.questions import COMPILING, FITTING, experiment, hidden, open_plans, tried
+from runtime.studio.questions import COMPILING, FITTING, experiment, hidden, open_plans, replayed, tried
 from runtime.studio.terminal import invocation
 from runtime.wording import percent
 from symbolic.model_file.checks import ModelError
@@ -194,5 +194,5 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
 
 
 TASKS: dict[str, Callable[..., TaskResult]] = {
-    task.__name__: task for task in (read, begin, fit, diagnose, tried, hidden, experiment, open_plans)
+    task.__name__: task for task in (read, begin, fit, diagnose, tried, hidden, experiment, replayed, open_plans)
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage
     drawings, made = {}, []
     groups = [Group("Errors", (*replays.errors(document.steps), *texts(replays.translation(document.steps))), "errors")]
     if seconds is not None:
-        drawings["moving"] = part("arm_motion.html.j2", "arm_motion", picture(_moving(found, seconds), _said(seconds)))
+        drawings["moving"] = part("arm_motion.html.j2", "arm_motion", moving_arm(found, seconds))
         groups.insert(0, Group("The arm in motion", (Plots(("moving",)),), "motion"))
         for i, joint in enumerate(model.joints):
             if own[-1].joints[i].agrees is not None:
@@ -98,6 +99,15 @@ def replayed_seconds(found: Sequence[Replay]) -> ReplayedSeconds | None:
     return ReplayedSeconds(t[at], joined(first.recorded), models, closed, first.windows.length * first.dt)
 
 
+def moving_arm(found: Sequence[Replay], seconds: ReplayedSeconds) -> dict[str, Any]:
+    """Variables of the template for the arm as recorded and as the last model moves."""
+    said = (
+        f"The arm as recorded, dashed, and as the model moves, {seconds.how}: the seconds from {seconds.t[0]:.1f} s "
+        "on, in which the model is off most."
+    )
+    return picture(_moving(found, seconds), said)
+
+
 def _moving(found: Sequence[Replay], seconds: ReplayedSeconds) -> ArmMotion:
     model = found[-1].model
     units = [joint.position_unit for joint in model.joints]
@@ -105,10 +115,3 @@ def _moving(found: Sequence[Replay], seconds: ReplayedSeconds) -> ArmMotion:
     readings = [JointReadings(name, q - seconds.recorded, units) for name, q in zip(names, seconds.models, strict=True)]
     courses = (Course("recorded", seconds.recorded), Course("replayed", seconds.models[-1]))
     return ArmMotion(model=model, t=seconds.t, courses=courses, readings=tuple(readings))
-
-
-def _said(seconds: ReplayedSeconds) -> str:
-    return (
-        f"The arm as recorded, dashed, and as the model moves, {seconds.how}: the seconds from {seconds.t[0]:.1f} s "
-        "on, in which the model is off most."
-    )

@@ -5,9 +5,17 @@ from __future__ import annotations
 
 from functools import partial
 
-from runtime.studio.documents import EffectOverview, HiddenEffectAnswer, MotionAnswer, ParameterRange, ValuesAnswer
+from runtime.report import replays
+from runtime.studio.documents import (
+    EffectOverview,
+    HiddenEffectAnswer,
+    MotionAnswer,
+    ParameterRange,
+    ReplayAnswer,
+    ValuesAnswer,
+)
 from runtime.studio.page.steps import chosen_effect, offers
-from runtime.studio.page.view import PageView, button, put, signals
+from runtime.studio.page.view import PageView, arm_in_motion, button, put, report_sections, signals
 from runtime.wording import number, percent, quantity, sentence
 
 STEPS = 100
@@ -16,7 +24,7 @@ STEPS = 100
 
 def answers(view: PageView) -> tuple[object, ...]:
     """The answers at the current step, None where a question was not asked."""
-    kinds = {"tried": ValuesAnswer, "hidden": HiddenEffectAnswer, "experiment": MotionAnswer}
+    kinds = {"tried": ValuesAnswer, "hidden": HiddenEffectAnswer, "experiment": MotionAnswer, "replay": ReplayAnswer}
     return tuple(view.studio.answer(view.step.number, name, kind) for name, kind in kinds.items())
 
 
@@ -39,6 +47,7 @@ def ask(view: PageView) -> None:
                 chosen=lambda value: view.set(tried_effect=value),
             )
         sliders(view, active[name])
+    _replay(view)
     _hiding(view)
     _motion(view)
 
@@ -82,6 +91,26 @@ def _said(entry: ParameterRange, value: float | None) -> str:
     """A value that is tried, the fitted one and the range."""
     ends = f"{number(entry.low)} to {number(entry.high)} {entry.unit}".strip()
     return f"{entry.name}: {f'{number(value)} {entry.unit}'.strip()} (fitted {number(entry.value)}, range {ends})"
+
+
+def _replay(view: PageView) -> None:
+    """The model is driven by the recorded torques; its motion, beside that of the step before."""
+    put("h3", "Does the model move as the arm did?")
+    put(
+        "p",
+        "The recorded torque drives the model, from the recorded state on; what was held out, if anything was.",
+        "of",
+    )
+    with put("div", classes="acts"):
+        button("Replay", partial(view.act, view.studio.replay), disabled=view.closed, data_do="replay")
+    answer = view.studio.answer(view.step.number, "replay", ReplayAnswer)
+    if answer is not None:
+        put("p", sentence(replays.headline(answer.steps)), role="status")
+        report_sections(replays.errors(answer.steps))
+        if answer.arm is not None:
+            arm_in_motion(answer.arm)
+        href = f"/download/replay?step={view.step.number}"
+        put("a", "Download the page with the arm in motion", "download", href=href, download="")
 
 
 def _hiding(view: PageView) -> None:

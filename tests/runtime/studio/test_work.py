@@ -20,6 +20,7 @@ from runtime.studio.documents import (
     EffectOffered,
     HiddenEffectAnswer,
     JointOverview,
+    ReplayAnswer,
     StepOverview,
     ValuesAnswer,
     ValuesFound,
@@ -397,6 +398,20 @@ def test_an_effect_is_hidden_in_the_recorded_motion(shared: Studio) -> None:
         assert (answer.problem is None) == seen
     shared.hide(SPRING, {})
     assert "already has this effect" in failed(shared)
+
+
+def test_the_model_is_driven_by_the_recorded_torque(shared: Studio) -> None:
+    shared.go_to(1)
+    shared.replay()
+    done(shared)
+    answer = shared.answer(1, "replay", ReplayAnswer)
+    assert answer is not None
+    assert answer.arm is not None
+    before, after = (step.joints[0].open_loop[-1].rms for step in answer.steps)
+    assert before is not None
+    assert after is not None
+    assert after < before
+    assert "as recorded, dashed" in (shared.file(1, "replay.html") or Path()).read_text(encoding="utf-8")
 
 
 def test_what_fails_is_one_line(shared: Studio) -> None:
