@@ -37,7 +37,9 @@ from runtime.workspace.names import ARMS
 Recordings = Recorded | Sequence[Recorded]
 
 
-def _read(arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()) -> tuple[list[Recording], list[Recording]]:
+def read_both(
+    arm: LoadedArm, recordings: Recordings, held_out: Recordings = ()
+) -> tuple[list[Recording], list[Recording]]:
     """Recordings to be fitted and those held out, with torques of drives whose gains are identified."""
     fitted, held = arm.recordings(recordings), arm.recordings(held_out)
     if any(recording.gains_open for recording in fitted):
@@ -51,14 +53,14 @@ def identify(arm: LoadedArm, recordings: Recordings, skew: float | None = None) 
 
     skew   samples by which the torque leads the motion; None: estimated
     """
-    data, _ = _read(arm, recordings)
+    data, _ = read_both(arm, recordings)
     found = judged(identification.identify(arm.model, data, skew), data)
     return IdentificationResult(found, arm.with_text(arm.source.edits.set(diagnosed.judged(found)).text))
 
 
 def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
     """Where does the model fail? The residual of every joint, and what it follows."""
-    data, _ = _read(arm, recordings)
+    data, _ = read_both(arm, recordings)
     result = comparison.compare(arm.model, data)
     return ComparisonResult(result, ResultSummary(result, _invocation("compare", arm, data)))
 
@@ -66,7 +68,7 @@ def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
 def diagnose(arm: LoadedArm, recordings: Recordings, budget: float = BUDGET_S) -> DiagnosisResult:
     """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"; budget: s,
     that it may take."""
-    data, _ = _read(arm, recordings)
+    data, _ = read_both(arm, recordings)
     result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses, budget=budget)
     return DiagnosisResult(result, ResultSummary(result, _invocation("diagnose", arm, data)))
 
@@ -76,7 +78,7 @@ def improve(
 ) -> ImprovementResult:
     """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one;
     budget: s, that it may take."""
-    fitted, held = _read(arm, recordings, held_out)
+    fitted, held = read_both(arm, recordings, held_out)
     result = loop.improve(arm.source, fitted, held, budget=budget)
     floors = loop.floors(result.steps[-1].fit, held)
     summary = ResultSummary(result, _invocation("improve", arm, fitted, held), floors)

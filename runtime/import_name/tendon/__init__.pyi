@@ -30,6 +30,8 @@ from runtime.notebook.planned import ExecutionResult as ExecutionResult
 from runtime.notebook.planned import PlanResult as PlanResult
 from runtime.notebook.planned import execute as execute
 from runtime.notebook.planned import optimize as optimize
+from runtime.notebook.replayed import ReplayResult as ReplayResult
+from runtime.notebook.replayed import replay as replay
 from runtime.notebook.results import ComparisonResult as ComparisonResult
 from runtime.notebook.results import DiagnosisResult as DiagnosisResult
 from runtime.notebook.results import IdentificationResult as IdentificationResult

@@ -158,3 +158,13 @@ def test_a_notebook_shows_a_result_as_text_with_everything_folded(improved) -> N
     assert "<p><b>as in the file, fitted: " in shown
     assert shown.index("<details>") < shown.index("<table") < shown.index("</details>")
     assert "<script" not in shown
+
+
+def test_a_replay_says_how_far_the_motion_is_off(folder: Path, improved: tendon.ImprovementResult) -> None:
+    run = folder / "run2.csv"
+    before, after = (tendon.replay(arm, run, fit=folder / "run1.csv") for arm in (tendon.load("drive"), improved.arm))
+    assert isinstance(after, tendon.ReplayResult)
+    errors = [result.joints[0].closed_loop.rms for result in (before, after)]  # type: ignore[union-attr]
+    assert errors[1] < 0.3 * errors[0]  # type: ignore[operator]
+    assert "in open loop the joint is off by" in repr(after)
+    assert after.report(folder / "replayed").is_file()
