@@ -12,6 +12,7 @@ from codegen.c.arm_effects import ArmEffects
 from codegen.c.c_code import F32, F64, Precision, Routine, identifier
 from codegen.c.controller import Controller
 from codegen.c.monitor import ModelMonitor
+from codegen.c.statistics import ModelStatistics, labels
 from codegen.casadi import casadi_code
 from codegen.pages import BANNER, page
 from codegen.tape.tape import Tape, balanced
@@ -164,6 +165,17 @@ def probe_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str
     chosen = {path: text for path, text in files.items() if path.endswith(("_f32.c", "_f32.h"))}
     chosen[f"{name}_controller_f32.inc"] = chosen.pop(f"{name}_controller_f32.c")
     return chosen | {f"{name}_probe_f32.c": Controller.of(model, library).probe()}
+
+
+def statistics_files(model: ArmModel, library: Mapping[str, Effect], precision: Precision = F32) -> dict[str, str]:
+    """The statistics of an arm's linear parameters in C; none where the model file asks for none."""
+    found = ModelStatistics.of(model, library)
+    if found is None:
+        return {}
+    name, banner = model.arm.name, f"/* {BANNER} Statistics of the arm {model.arm.name}. */"
+    holes = {"banner": banner, "labels": [f" * {x}" for x in labels(found)], **found.holes(precision)}
+    stem = f"{name}_statistics_{precision.suffix}"
+    return {f"{stem}.{kind}": page(f"c/statistics.{kind}.j2", **holes) for kind in ("c", "h")}
 
 
 def residual_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:

@@ -32,3 +32,17 @@ and what two signals share of a slow motion is some percent; a choice, and simul
 
 MIDDLE: Final = 10.0
 """s; over it the middle of position and load is taken, about which the residual may follow them; a choice."""
+
+STAGE: Final = 4
+"""frames; the moving means that smooth motion and torque for the statistics are so long: their corner is a small part
+of the rate of frames, below which differences are derivatives; a choice."""
+
+STAGES: Final = 4
+"""number of moving means one after another; a cubic B-spline's smoothing, of which the second derivative is still a
+difference of means; a choice."""
+
+HALF_POWER: Final = 0.225
+"""ratio; the smoothing's corner, at half power, times the length of a moving mean; by construction: sinc^4."""
+
+ROWS_OVER_CUTOFF: Final = 2.5
+"""ratio of the rate of rows to the cut-off; as identification has it."""

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
-from runtime.cli.inputs import TypedInputs, check_own
-from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report
+from runtime.cli.inputs import TypedInputs, check_own, made_from, opened
+from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, MaybeRecordings, ModelFile, Recordings, Report
 from runtime.cli.output import NO, emit, write_page
-from runtime.documents.fits import IdentifyDocument, JudgedFitDocument
+from runtime.cli.places import READ
+from runtime.documents.fits import FitParameters, IdentifyDocument, JudgedFitDocument
 from runtime.documents.replays import OutputErrorEntry
 from runtime.identification.settings import SKEW_RANGE
+from runtime.workspace.names import UsageError
 from symbolic.model_file.arm import ROTOR
 
 app = typer.Typer()
@@ -22,7 +25,7 @@ app = typer.Typer()
 @app.command(epilog="Example: tendon identify drive.toml run1.csv run2.csv.gz --write")
 def identify(
     model: ModelFile,
-    recordings: Recordings,
+    recordings: MaybeRecordings = None,
     write: Annotated[bool, typer.Option("--write", help="Write the fitted values into the model file.")] = False,
     skew: Annotated[
         float | None,
@@ -40,6 +43,15 @@ def identify(
             help="Refine the fit: make the error of the simulated motion small, not that of the torque.",
         ),
     ] = False,
+    statistics: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--statistics",
+            metavar="FILE",
+            help="In place of recordings: what a board has added up (tendon execute --statistics).",
+        ),
+        READ,
+    ] = None,
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
@@ -51,6 +63,12 @@ def identify(
 
     if write:
         check_own(model)
+    if bool(recordings) == bool(statistics):
+        raise UsageError("expected recordings, or --statistics with what a board has added up, and not both")
+    if statistics:
+        _identify_sums(model, statistics, write=write, effects=effects, json=json)
+        return
+    assert recordings is not None
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
     if write:
@@ -71,7 +89,7 @@ def identify(
             inference, data, refined = output_error.refined(found.fit, data)
         own = inference.document(loaded)
         document = replace(document, inertial=own.inertial, effects=own.effects)
-    written = []
+    written: list[str] = []
     if write and found.verdict == "fitted":
         gains = {i: joint.to_write for i, joint in enumerate(drives_of(data), 1) if joint is not None}
         source.edits.set(document).set_drive_gains(gains).write()
@@ -89,8 +107,28 @@ def identify(
         raise typer.Exit(NO)
 
 
-def _written(document: JudgedFitDocument) -> list[str]:
-    """Names of the values that the recordings determine and that the model file gets."""
+def _identify_sums(model: Path, statistics: list[Path], *, write: bool, effects: Path | None, json: str | None) -> None:
+    """Fit a model file to what boards have added up."""
+    from runtime.identification.from_sums import fit_sums, sums_document
+    from runtime.recordings.board_sums import BoardSums, added
+    from runtime.report import fits, terminal
+
+    source = opened(model, effects)
+    sums = added([BoardSums.read(path) for path in statistics])
+    provenance = made_from("identify", model, source, further=statistics, effects=effects)
+    with terminal.working("deriving and compiling the model"):
+        loaded = source.compiled.model()
+    document = sums_document(loaded, fit_sums(loaded, sums))
+    if write:
+        source.edits.set(document).write()
+        document = replace(document, written=_written(document))
+    emit(json, replace(document, provenance=provenance), terminal.printer(fits.identification_of_sums))
+    if write and json != "-":
+        terminal.say(f"Written to {source.path}: {', '.join(document.written)}.")
+
+
+def _written(document: FitParameters | JudgedFitDocument) -> list[str]:
+    """Names of the values that the data determine and that the model file gets."""
     inertial = [p.name if p.name != ROTOR else f"{ROTOR}@{p.joint}" for p in document.inertial if p.fit is not None]
     effects = [
         entry.name if entry.joint is None else f"{entry.name}@{entry.joint}"

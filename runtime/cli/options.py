@@ -43,6 +43,11 @@ Recordings = Annotated[
     ),
     READ,
 ]
+MaybeRecordings = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="[RECORDING...]", help="As of compare; none with --statistics."),
+    READ,
+]
 HeldOut = Annotated[
     list[Path] | None,
     typer.Option(

@@ -70,6 +70,15 @@ class FitParameters(Document, frozen=True, kw_only=True):
     effects: Annotated[list[FittedEffect], key("effects of the model")]
 
 
+class StatisticsFitDocument(FitParameters, frozen=True, kw_only=True):
+    """The parameters by what a board has added up: `tendon identify --statistics`."""
+
+    rows: Annotated[list[int], key("that the board has added, a joint", "1")]
+    rms: Annotated[list[float], key("residual of each joint", "N m or N")]
+    written: Annotated[list[str], key("parameters and effects that --write put into the model file")] = []  # noqa: RUF012
+    provenance: Origin = UNSET
+
+
 Band = Annotated[BandEntry, key("frequency band of the comparison")]
 Skew = Annotated[SkewEntry, key("offset between the clocks of torque and motion")]
 Delays = Annotated[list[DelayEntry], key("delay from torque to motion of each joint")]

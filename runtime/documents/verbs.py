@@ -14,7 +14,7 @@ import msgspec
 from runtime import files
 from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
 from runtime.documents.experiments import ExportedMotionDocument, FirstMotionDocument
-from runtime.documents.fits import CompareDocument, IdentifyDocument
+from runtime.documents.fits import CompareDocument, IdentifyDocument, StatisticsFitDocument
 from runtime.documents.generated import AddDocument, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import (
     EffectDocument,
@@ -65,11 +65,12 @@ OR_ELSE: dict[str, tuple[type[Document], ...]] = {
     "effects": (EffectDocument,),
     "experiment": (FirstMotionDocument,),
     "export": (ExportedMotionDocument,),
+    "identify": (StatisticsFitDocument,),
     "init": (InitControllerDocument, InitScenarioDocument),
     "optimize": (InfeasibleDocument,),
 }
-"""A verb's other documents: of one effect by its name, without rivals, of a motion, with --controller or --scenario,
-and where there is no plan."""
+"""A verb's other documents: of one effect by its name, without rivals, of a motion, with --statistics, with
+--controller or --scenario, and where there is no plan."""
 KEYS = Path(__file__).parent / "KEYS.md"
 
 

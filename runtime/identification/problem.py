@@ -155,20 +155,32 @@ def first_least(errors: Array) -> int:
 def least_inertia(model: Model, motion: Motion, lumps: Array) -> float:
     """The smallest eigenvalue of D over configurations of the motion, kg m² (kg); `lumps` are base inertial
     parameters."""
-    return float(_least_inertias(model, motion, lumps)[0].min())
-
-
-def _least_inertias(model: Model, motion: Motion, lumps: Array) -> tuple[Array, Array, Array]:
-    """(N,) smallest eigenvalues of D, with their directions (N, n), at configurations (n, N) of the motion."""
     q = configurations([p.q for p in motion.pieces])
-    value, vector = np.linalg.eigh(_inertias(model, q, lumps))
-    return value[:, 0], vector[:, :, 0], q
+    return float(np.linalg.eigvalsh(_inertias(model, q, lumps)).min())
 
 
-def _positive(model: Model, motion: Motion, lumps: Array) -> bool:
-    """Whether D is positive definite at all of these configurations, in a tenth of the time."""
+def inertia_cuts(model: Model, q: Array, lumps: Array) -> Array | None:
+    """(C, p) cuts c with c·lumps > 0, of which a D that is not positive definite at configurations q (n, N) violates
+    one; None if it is."""
+    if _positive(model, q, lumps):
+        return None
+    value, vectors = np.linalg.eigh(_inertias(model, q, lumps))
+    worst = np.argsort(value[:, 0])[:4]
+    worst = worst[value[worst, 0] <= 0]
+    if not len(worst):
+        return None
+    # Of the torque only D(q) q̈ grows with acceleration: v of it, times v, is vᵀ D(q) v for every lump at once.
+    v, at = vectors[worst, :, 0].T, q[:, worst]
+    still = np.zeros_like(at)
+    moved, held = (model.regressor(at, still, acceleration) for acceleration in (v, still))
+    met: Array = np.einsum("jc,jkc->ck", v, moved - held)
+    return met
+
+
+def _positive(model: Model, q: Array, lumps: Array) -> bool:
+    """Whether D is positive definite at configurations q (n, N), in a tenth of the time."""
     try:
-        np.linalg.cholesky(_inertias(model, configurations([p.q for p in motion.pieces]), lumps))
+        np.linalg.cholesky(_inertias(model, q, lumps))
     except np.linalg.LinAlgError:
         return False
     return True
@@ -418,18 +430,11 @@ class Problem:
         """(C, len(theta)) cuts c with c·theta > 0, of which a D(q) that is not positive definite violates one; None if
         it is."""
         lumps, motion = theta[self.layout.lumps], self.motion
-        if motion.rigid_given or _positive(self.model, motion, lumps):
+        if motion.rigid_given:
             return None
-        value, vectors, q = _least_inertias(self.model, motion, lumps)
-        worst = np.argsort(value)[:4]
-        worst = worst[value[worst] <= 0]
-        if not len(worst):
+        met = inertia_cuts(self.model, configurations([p.q for p in motion.pieces]), lumps)
+        if met is None:
             return None
-        # Of the torque only D(q) q̈ grows with acceleration: v of it, times v, is vᵀ D(q) v for every lump at once.
-        v, at = vectors[worst].T, q[:, worst]
-        still = np.zeros_like(at)
-        moved, held = (self.model.regressor(at, still, acceleration) for acceleration in (v, still))
-        met = np.einsum("jc,jkc->ck", v, moved - held)
         # A cut holds for every fit along this motion: what others have met is most of what this one will meet.
         enough, key = 40, ("inertia cuts", self.model.directory)
         known = np.vstack([motion.columns.get(key, met[:0]), met])[-enough:]

@@ -193,3 +193,11 @@ of six joints."""
 
 BEAT_WAVES: Final = 100
 """number of waves; so many of a beat in the band count; of so slow a beat nothing is heard; a choice."""
+
+# what a board has added up -------------------------------------------------------------------------------------------
+
+SUMS_PASSES: Final = 4
+"""number of solutions; weights and residuals follow from each other, and settle at once; numerics."""
+
+SUMS_POSTURES: Final = 400
+"""number of postures over the arm's range, at which D must be positive definite; as many as of a recording."""

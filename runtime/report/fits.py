@@ -17,6 +17,7 @@ from runtime.documents.fits import (
     JointEntry,
     JudgedFitDocument,
     RotorEntry,
+    StatisticsFitDocument,
     StructureShare,
 )
 from runtime.documents.parts import BandEntry, DelayEntry, EstimateEntry, SkewEntry, given
@@ -76,6 +77,17 @@ def identification(document: JudgedFitDocument) -> list[Section]:
     if document.verdict == "refused":
         made.append(Group("", (Paragraph(f"REFUSED: {document.reason}"),)))
     return made
+
+
+def identification_of_sums(document: StatisticsFitDocument) -> list[Section]:
+    """Parameters with their 95 % intervals, and what the board's rows leave of each joint's torque."""
+    rows = ", ".join(map(str, document.rows))
+    left = ", ".join(number(rms, 3) for rms in document.rms)
+    return [
+        parameters(document, None, dict.fromkeys(range(1, len(document.rows) + 1))),
+        Paragraph(f"Rows of the joints: {rows}; residual rms: {left} N m (N)."),
+        Paragraph("Noise of the encoders is not compensated."),
+    ]
 
 
 def comparison(document: CompareDocument) -> list[Section]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from runtime import files
-from runtime.documents.fits import FitDocument, JudgedFitDocument
+from runtime.documents.fits import FitDocument, FitParameters, JudgedFitDocument
 from runtime.workspace.names import check_unchanged
 from symbolic.model_file.arm import ROTOR, Values
 from symbolic.model_file.editor import ModelText
@@ -24,7 +24,7 @@ class ModelEdits(ModelText):
 
     original: str
 
-    def set(self, fit: FitDocument | JudgedFitDocument) -> ModelEdits:
+    def set(self, fit: FitDocument | FitParameters | JudgedFitDocument) -> ModelEdits:
         """Set the values that a fit determines: base parameters, rotor inertias and parameters of effects."""
 
         def known(values: Mapping[str, float | None]) -> dict[str, float]:

@@ -123,6 +123,7 @@ class ArmMonitor:
     cutoff: float
     false_alarms: float
     joints: tuple[JointMonitor, ...]
+    statistics: bool = False
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from symbolic.model_file.fields import (
     Choice,
     Field,
     FieldRow,
+    Flag,
     Inner,
     Interval,
     JointType,
@@ -240,6 +241,7 @@ CONTROLLER = (
 MONITOR = (
     Number("cutoff", "of the low-pass on the residual", unit="Hz", positive=True),
     Number("false_alarms", "of the whole arm, in a thousand hours of motion", low=1e-6, high=1e3, default=1.0),
+    Flag("statistics", "whether the board adds up what identify --statistics needs", default=False),
 )
 CONTACT = (
     Number("x", "position of the plate's axis, x_p of (12), in the base frame", unit="m"),
