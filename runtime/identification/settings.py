@@ -200,5 +200,5 @@ SUMS_PASSES: Final = 4
 """number of solutions; weights and residuals follow from each other, and settle at once; numerics."""
 
 SUMS_POSTURES: Final = 400
-"""number of postures over the arm's range, at which D must be positive definite: it
-changes slowly with the posture; a choice."""
+"""number of postures over the arm's range, at which D must be positive definite;
+it changes slowly with the posture; a choice."""
