@@ -29,7 +29,7 @@ _ROOT = Path(__file__).resolve().parent.parent
 
 _NEVER = (
     *("symbolic/grammar", "symbolic/model_file/exchange", "symbolic/model_file/editor.py"),
-    *("codegen/descriptions.py", "codegen/verify", "codegen/package"),
+    *("codegen/descriptions.py", "codegen/verify", "codegen/package", "codegen/rust"),
 )
 UNUSED_BY_ARMS = (*_NEVER, "codegen/firmware", "codegen/disk.py", "codegen/toolchain/")
 """Sources on which the code of an arm or of the effects does not depend. All others are hashed, new ones included."""

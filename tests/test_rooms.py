@@ -26,7 +26,7 @@ codegen.pages codegen.disk
 codegen.tape codegen.effect_functions
 codegen.monitor
 codegen.c
-codegen.casadi
+codegen.casadi codegen.rust
 codegen.metadata
 codegen.render
 codegen.toolchain

@@ -22,6 +22,7 @@ def generate(
     out: GeneratedDir = None,
     check: Check = False,
     effects: EffectsFile = None,
+    rust: Annotated[bool, typer.Option("--rust", help="Also the equations as a module in Rust, NAME.rs.")] = False,
     json: Json = None,
 ) -> None:
     """The library of effects is written beside it, into
@@ -30,7 +31,7 @@ def generate(
 
     source = opened(model, effects)
     with terminal.working(f"deriving {source.arm().name}"):
-        rendered = render_all(source, out, effects)
+        rendered = render_all(source, out, effects, rust)
     stale = rendered.stale() if check else []
     if not check:
         rendered.write()

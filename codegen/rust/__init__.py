@@ -1,0 +1,1 @@
+"""Rust of symbolic functions: what a further language takes."""
