@@ -76,7 +76,7 @@ def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: float = inf
             ends = [trail, *map(follow, others)]
             trail = replace(best_branch(ends, number), stopped=any(end.stopped for end in ends))
         trail = replace(trail, stopped=trail.stopped or is_late())
-    trail = without_insignificant(trail)
+    trail = without_insignificant(trail).with_told_gains()
     return with_rivals(trail, {f: _unrefuted(f) for f in trail.findings})
 
 

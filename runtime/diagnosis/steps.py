@@ -25,6 +25,7 @@ from runtime.diagnosis.settings import (
 )
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, errors, series, series_on, structure_shares
+from runtime.identification.drive_gains import told_gains
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit, stretches
 from runtime.identification.fitting import fit_motion
@@ -244,9 +245,22 @@ class Trail:
         rest = [(t, shape) for t, shape in self.added() if t != term]
         return self.refitted(self.structure(rest), self.last)
 
-    def rebuilt(self, kept: Sequence[Step], shapes: Mapping[Term, Values], gone: Sequence[Term]) -> Trail:
-        """The trail with these findings alone, refitted one after another; gone: terms that are not added again."""
-        known, last = {**dict(self.added()), **shapes}, self.first
+    def with_told_gains(self) -> Trail:
+        """The trail with torques by the gains of drives that its last step tells, refitted: what was missing before
+        moved them."""
+        told = told_gains(self.last.fit)
+        if not told or not self.findings:
+            return self
+        motion, held_out = self.motion.with_gains(told), self.held_out and self.held_out.with_gains(told)
+        first = _fitted(self.model, motion, held_out, structure(self.model), self.first)
+        return replace(self, motion=motion, held_out=held_out).rebuilt(self.findings, {}, (), first)
+
+    def rebuilt(
+        self, kept: Sequence[Step], shapes: Mapping[Term, Values], gone: Sequence[Term], first: Step | None = None
+    ) -> Trail:
+        """The trail with these findings alone, refitted one after another; gone: terms that are not added again; first:
+        the model as given, if not as it was fitted."""
+        known, last = {**dict(self.added()), **shapes}, first or self.first
         for k, finding in enumerate(kept):
             added = [(f.term, known[f.term]) for f in kept[: k + 1] if f.term in known]
             made = self.refitted(self.structure(added), self.last)

@@ -8,11 +8,12 @@ from itertools import zip_longest
 from typing import Final
 
 import numpy as np
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
 from runtime.documents.fits import ComparedJoint, CompareDocument, DriveEntry, JointEntry, StructureShare, WrittenError
 from runtime.documents.parts import EstimateEntry
+from runtime.identification.drive_gains import with_gains_of
 from runtime.identification.fit import Fit
 from runtime.identification.identify import identify
 from runtime.identification.problem import Problem, least_inertia
@@ -24,7 +25,6 @@ from runtime.motion import repeats
 from runtime.motion.band import apparent_inertia
 from runtime.motion.motion import Motion
 from runtime.motion.repeats import Floor, floor
-from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ _BINS: Final = 24
 class JointSeries:
     """A joint's (1-based) torque and prediction in its band, on the rows that count; each array (M,).
 
-    driven   what makes the torque; None: it was recorded
+    fit      what predicts; None: nothing is told of a drive
     load     torque that the joint transmits to its link
     warmth   rise of the temperature, K; None where it was not recorded
     """
@@ -56,7 +56,7 @@ class JointSeries:
     predicted: Array
     floor: Floor
     name: str | None = None
-    driven: DrivenJoint | None = None
+    fit: Fit | None = None
 
     @property
     def residual(self) -> Array:
@@ -90,10 +90,13 @@ class JointSeries:
             floor=self.floor.value,
             floor_source=self.floor.source,
             repeatable=self.floor.repeatable(self.rms),
-            drive=UNSET if self.driven is None else self._drive(self.driven),
+            drive=self._drive(),
         )
 
-    def _drive(self, driven: DrivenJoint) -> DriveEntry:
+    def _drive(self) -> DriveEntry | UnsetType:
+        driven = None if self.fit is None else with_gains_of(self.fit, self.joint - 1)
+        if driven is None:
+            return UNSET
         gains = {
             gain.name: EstimateEntry(value=gain.value, unit=gain.unit, interval=gain.interval)
             for gain in driven.told.values()
@@ -166,7 +169,7 @@ def series_on(fit: Fit, problem: Problem, residuals: Sequence[Array]) -> tuple[J
                 predicted=(tau - residual)[use],
                 floor=floor(motion, repeated[i], i, residual, read=read),
                 name=joint.name,
-                driven=motion.driven[i] if motion.driven else None,
+                fit=fit,
             )
         )
     return tuple(found)

@@ -14,7 +14,7 @@ time, Newey & West, Econometrica 55(3), 1987.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,18 +24,16 @@ from runtime.identification.fit import Fit
 from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import prepared
 from runtime.identification.problem import Problem
+from runtime.identification.regressors import is_delay
 from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, TOLD_APART
 from runtime.identification.stated_parts import stated_lumps
 from runtime.model.loader import Model
-from runtime.model.terms import Term, structure
-from runtime.motion.motion import with_torques_of
+from runtime.model.terms import Term, joints_of, structure
 from runtime.recordings.driven import DrivenJoint, ToldGain
-from runtime.recordings.recording import Recording, RecordingError, drives_of
+from runtime.recordings.recording import Recording, RecordingError
 from runtime.regression.bounded import bounded, inverse
 
 Array = NDArray[np.float64]
-Made = Callable[[DrivenJoint | None, Array], Array]
-"""Of a joint's drive, None where its torque was recorded, and that torque (N,)."""
 
 
 def with_gains(model: Model, recordings: Sequence[Recording], fitted: int) -> list[Recording]:
@@ -47,13 +45,9 @@ def with_gains(model: Model, recordings: Sequence[Recording], fitted: int) -> li
     found, own = list(recordings), recordings[:fitted]
     if not any(r.gains_open for r in own):
         return found
-    for _ in range(3):  # the band and the torques that effects read follow the scale
+    for _ in range(3 if model.n == 1 else 4):  # the band and the torques that effects read follow the scale
         fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
-        told = _told(fit, found[:fitted])
-        found = [r.with_gains(told) for r in found]
-    for _ in range(2 if model.n > 1 else 0):  # linear in a small change
-        fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
-        told = {i: _scaled(gains, _torque_over_true(fit, i)) for i, gains in told.items()}
+        told = told_gains(fit)
         found = [r.with_gains(told) for r in found]
     _check_scales(model, found[0], told)
     return found
@@ -70,60 +64,48 @@ def _check_scales(model: Model, recording: Recording, told: Mapping[int, Mapping
             )
 
 
-def _torque_over_true(fit: Fit, joint: int) -> float:
-    """Of a joint (0-based) with a drive, as the inertias that joints share tell it."""
-    driven, motion = fit.motion.driven[joint], fit.motion
-    if driven is None or (joint, driven.command_gain) not in motion.gains:
-        return 1.0
-    parts = fit.coefficients[fit.problem.layout.gains]
-    return 1.0 + float(parts[motion.gains.index((joint, driven.command_gain))])
+def with_gains_of(fit: Fit, joint: int) -> DrivenJoint | None:
+    """The drive of a joint (0-based) with the gains that a fit tells; None where the torque was recorded."""
+    driven = fit.motion.driven[joint] if fit.motion.driven else None
+    return driven and (driven.with_told(told_gains(fit)[joint]) if driven.unknown else driven)
+
+
+def told_gains(fit: Fit) -> dict[int, dict[str, ToldGain]]:
+    """The coefficients of each joint (0-based) that has unknown ones."""
+    own = fit.problem.regressors
+    again = Problem(fit.model, fit.motion.perturbed, fit.problem.layout.terms, own.prediction, own.ahead)
+    found = {
+        i: _of_joint(fit, again, i, joint)
+        for i, joint in enumerate(fit.motion.driven)
+        if joint is not None and joint.unknown
+    }
+    return found | {i: _scaled(found[i], over) for i, over in _over_shared(fit, found).items()}
+
+
+def _over_shared(fit: Fit, found: Mapping[int, Mapping[str, ToldGain]]) -> dict[int, float]:
+    """By joint (0-based) how much larger its command's coefficient is than the inertias that joints share make it
+    beside that of the first: a stated mass may be wrong, and gives all torques one scale."""
+    gains, driven = fit.motion.gains, fit.motion.driven
+    parts = dict(zip(gains, fit.coefficients[fit.problem.layout.gains], strict=True))
+    commands = {i: (i, joint.command_gain) for i, joint in enumerate(driven) if i in found and joint is not None}
+
+    changes = {
+        i: found[i][joint.command_gain].value / joint.told[joint.command_gain].value
+        for i, joint in enumerate(driven)
+        if i in found and joint is not None and joint.command_gain in joint.identified
+    }
+    first = next((change for i, change in changes.items() if commands[i] not in parts), 1.0)
+    return {
+        i: change * (1.0 + float(parts[commands[i]])) / first for i, change in changes.items() if commands[i] in parts
+    }
 
 
 def _scaled(gains: Mapping[str, ToldGain], by: float) -> dict[str, ToldGain]:
-    """Gains of a drive whose torque is larger by a factor than it should be."""
+    """Gains divided by a factor."""
     return {
         name: replace(g, value=g.value / by, interval=g.interval and (g.interval[0] / by, g.interval[1] / by))
         for name, g in gains.items()
     }
-
-
-def _told(fit: Fit, recordings: Sequence[Recording]) -> dict[int, dict[str, ToldGain]]:
-    """The coefficients of each joint (0-based) that has unknown ones."""
-    count = max(len(joint.law.terms) for r in recordings for joint in r.driven if joint is not None)
-    rows = [_rows(fit, recordings, k) for k in range(count)]
-    known = _in_band(fit, recordings, lambda joint, row: row if joint is None else joint.known)
-    again = Problem(fit.model, fit.motion.perturbed, fit.problem.layout.terms, fit.problem.regressors.prediction)
-    found = {}
-    for i, joint in enumerate(drives_of(recordings)):
-        if joint is not None and joint.unknown:
-            columns = {term.name: rows[k][i] for k, term in enumerate(joint.law.terms)}
-            found[i] = _of_joint(fit, again, i, joint, columns, known[i])
-    return found
-
-
-def _rows(fit: Fit, recordings: Sequence[Recording], k: int) -> list[Array]:
-    """(M,) of every joint: the in-band column of the k-th term of its law; zero where it has none."""
-
-    def column(joint: DrivenJoint | None, row: Array) -> Array:
-        names = [] if joint is None else [term.name for term in joint.law.terms]
-        return np.zeros_like(row) if joint is None or k >= len(names) else joint.columns[names[k]]
-
-    return _in_band(fit, recordings, column)
-
-
-def _in_band(fit: Fit, recordings: Sequence[Recording], made: Made) -> list[Array]:
-    """(M,) of every joint: what is made of its torque (N,), taken as the fit takes torques."""
-    torques = [
-        r.with_torques(np.array([made(joint, row) for joint, row in zip(_drives(r), r.tau, strict=True)]))
-        for r in recordings
-    ]
-    motion = with_torques_of(fit.motion, torques, fit.model)
-    return [motion.torque(i, fit.skew) for i in range(motion.n)]
-
-
-def _drives(recording: Recording) -> Sequence[DrivenJoint | None]:
-    """Of every joint, None where its torque was recorded."""
-    return recording.driven or (None,) * len(recording.q)
 
 
 @dataclass(frozen=True)
@@ -172,11 +154,15 @@ class _Equation:
         return float(np.linalg.norm(left)) / size
 
 
-def _of_joint(
-    fit: Fit, again: Problem, i: int, joint: DrivenJoint, columns: Mapping[str, Array], known: Array
-) -> dict[str, ToldGain]:
-    """The unknown coefficients of a joint's (0-based) drive; one that effects imitate is left out, and they have it."""
-    command = joint.law.terms[0].name
+def _of_joint(fit: Fit, again: Problem, i: int, joint: DrivenJoint) -> dict[str, ToldGain]:
+    """The unknown coefficients of a joint's (0-based) drive; one that effects imitate is left out, and they have it.
+
+    A command that acts late has the slope of each column; that of all but the last is nearly the next column.
+    """
+    late = fit.skew + fit.problem.regressors.late(i)
+    columns = {name: fit.motion.torque_per_gain((i, name), late) for name in joint.unknown}
+    known = fit.motion.torque(i, late) - sum(joint.acting[name] * column for name, column in columns.items())
+    command = joint.command_gain
     others = [name for name in joint.unknown if name != command]
     asked = command if command in joint.unknown else ""
     equation = _equation(fit, again, i, columns, known, asked, others)
@@ -184,7 +170,9 @@ def _of_joint(
     if alike:
         others = [name for name in others if name not in alike]
         equation = _equation(fit, again, i, columns, known, asked, others)
-    wider = equation.beside(_lacking(fit, i)[:, fit.motion.moving(i)])
+    slope = fit.motion.torque_per_gain((i, joint.unknown[-1]), late + 0.5)
+    slope -= fit.motion.torque_per_gain((i, joint.unknown[-1]), late - 0.5)
+    wider = equation.beside(np.vstack([_lacking(fit, i), slope])[:, fit.motion.moving(i)])
     if all(wider.own(k) > TOLD_APART for k in range(wider.gains) if wider.columns[k].any()):
         equation = wider
     found = _gains(fit, i, joint, equation, others, bool(asked))
@@ -218,7 +206,7 @@ def _equation(
 ) -> _Equation:
     """A joint's (0-based) equation: over the command's coefficient, unless that is known ("")."""
     use, layout = fit.motion.moving(i), fit.problem.layout
-    (x, fixed), (x_again, fixed_again) = (p.rows(i, fit.shapes) for p in (fit.problem, again))
+    (x, fixed), (x_again, fixed_again) = (_undelayed(p, fit, i) for p in (fit.problem, again))
     stated, values = stated_lumps(fit.model)
     pinned, pinned_again = (values @ rows[: len(stated)] + f for rows, f in ((x, fixed), (x_again, fixed_again)))
     free = np.append(~stated, np.ones(len(x) - len(stated), dtype=bool)) & x.any(axis=1)
@@ -240,6 +228,18 @@ def _equation(
     )
 
 
+def _undelayed(problem: Problem, fit: Fit, i: int) -> tuple[Array, Array]:
+    """A joint's (0-based) columns and the part without free coefficient, for a torque that is taken as late as delays
+    of the structure make it."""
+    x, fixed = problem.rows(i, fit.shapes)
+    regressors = problem.regressors
+    if regressors.late(i):
+        for term in problem.layout.terms:
+            if is_delay(fit.model, term) and i in joints_of(fit.model, term):
+                fixed = fixed - regressors.columns(term, i, fit.shapes[term])[0]
+    return x, fixed
+
+
 def _one_sided(bounds: Array) -> Array:
     """Bounds of unknowns that are divided by a positive gain: zero and infinity stay."""
     return np.where(bounds == 0.0, 0.0, np.where(bounds > 0, np.inf, -np.inf))
@@ -256,7 +256,7 @@ def _gains(
     sure = not scaled
     found: dict[str, ToldGain] = {}
     if scaled:
-        name = joint.law.terms[0].name
+        name = joint.command_gain
         part, half = float(theta[at]), float(spread[at])
         sure = part > 0 and half < SCALE_TOLD * part
         one = 1 / part if sure else 1.0
@@ -267,6 +267,6 @@ def _gains(
         value = one * float(theta[k])
         ends = (max(value - half, 0.0), value + half) if sure else None
         found[name] = ToldGain(
-            name, value, units[name] if sure else f"{units[name]} per {units[joint.law.terms[0].name]}", ends
+            name, value, units[name] if sure else f"{units[name]} per {units[joint.command_gain]}", ends
         )
     return found

@@ -325,6 +325,13 @@ class Regressors:
 
         return self._of_all("acceleration", joint, lambda s, joints: s.piece.equations(s.piece.qdd, joints))
 
+    def late(self, joint: int) -> float:
+        """Samples by which a delay of the structure has the torque of a joint (0-based) taken later; 0 of a small one,
+        and of one that is no part of it."""
+        if self.ahead is None or not self.ahead.first or self.ahead.first[joint] is None:
+            return 0.0
+        return float(self.ahead.times[joint]) / self.motion.pieces[0].dt
+
     def gain(self, joint: int, name: str) -> Array:
         """(M,) what is wrong with the torque of a joint (0-based) whose drive has one unit less of a gain than the
         motion's torque was made with; of the gain of its command, all of it less."""
@@ -334,8 +341,7 @@ class Regressors:
             lumps = self.model.lumps_or(none) if self.prediction is None else self.prediction.lumps
             made = np.concatenate([np.full(len(p.centres), (joint, name) in p.gains) for p in pieces])
             return np.where(made, lumps @ self.rigid(joint), 0.0)
-        own = [p.gains.get((joint, name), np.zeros(len(p.t))) for p in pieces]
-        return -np.concatenate([p.equation(p.in_band(x), joint) for p, x in zip(pieces, own, strict=True)])
+        return -self.motion.torque_per_gain((joint, name), self.late(joint))
 
     def columns(
         self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN

@@ -18,7 +18,7 @@ from runtime.motion.piece import Gain, Piece, measured_in_all, read_sensors
 from runtime.motion.rests import dry_friction
 from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
 from runtime.recordings.contents import unpowered
-from runtime.recordings.driven import DrivenJoint
+from runtime.recordings.driven import DrivenJoint, ToldGain
 from runtime.recordings.recording import Recording, RecordingError, drives_of
 from symbolic.model_file.arm import MOTOR_TORQUE
 
@@ -127,6 +127,25 @@ class Motion:
         own = [k for k, p in enumerate(self.pieces) if p.recording == number]
         kept = tuple(mask[np.isin(self.row_piece(i), own)] for i, mask in enumerate(self.left_out))
         return replace(found, left_out=kept)
+
+    def with_gains(self, told: Mapping[int, Mapping[str, ToldGain]]) -> Motion:
+        """The motion with torques by other gains of drives, by joint (0-based), as far as a limit does not cut them."""
+        driven = tuple(joint and joint.with_told(told.get(i, joint.told)) for i, joint in enumerate(self.driven))
+        change = {
+            (i, name): value - before.acting[name]
+            for i, (before, after) in enumerate(zip(self.driven, driven, strict=True))
+            if before is not None and after is not None
+            for name, value in after.acting.items()
+            if value != before.acting[name]
+        }
+
+        def changed(p: Piece) -> Piece:
+            tau = p.tau.copy()
+            for gain, column in p.gains.items():
+                tau[gain[0]] += change.get(gain, 0.0) * column
+            return replace(p, tau=tau)
+
+        return replace(self.changed(changed), driven=driven, gains=tuple(_gains(driven)))
 
     def without_rows(self, left_out: Sequence[Mask]) -> Motion:
         """The motion without some rows (M,) of each joint."""
@@ -263,6 +282,15 @@ class Motion:
         pieces = self.pieces_of(joint)
         return np.concatenate([p.equation(p.delayed(p.tau[joint], skew + time / p.dt), joint) for p in pieces])
 
+    def torque_per_gain(self, gain: Gain, skew: float) -> Array:
+        """(M,) torque in the band of a drive per unit of an unknown gain, taken as `torque`; zero where the torque was
+        recorded."""
+        found = []
+        for p in self.pieces_of(gain[0]):
+            own = p.gains.get(gain)
+            found.append(np.zeros(len(p.centres)) if own is None else p.equation(p.delayed(own, skew), gain[0]))
+        return np.concatenate(found)
+
 
 def _windows(piece: Piece, samples: int) -> list[slice]:
     """At most eight windows, from rows of the band on; shorter than ten kernels, they would lose most of their rows."""
@@ -364,7 +392,7 @@ def _piece(
     on_grid = stretch.held if band.held else stretch.on_grid
     torque, gains = on_grid(recording.tau), dict[Gain, Array]()
     for i, joint in ((i, joint) for i, joint in enumerate(recording.driven) if joint is not None):
-        for name in joint.identified:
+        for name in joint.unknown:
             gains[i, name] = np.ascontiguousarray(on_grid(joint.columns[name][None])[0, half:-half])
     wiener = tuple(smoother(wiener_filter(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
     start = stretch.samples.start

@@ -123,7 +123,7 @@ class Piece:
     places          places of interpolated samples, in periods from the first; None where none were interpolated
     began           s from the recording's start to that of the run, the runs one after another
     torque          what tau is
-    gains           parts of the torque (N,) per unit of identified gains of drives
+    gains           torque (N,) per unit of a drive's unknown gain
     without         elimination of each joint's unknown torque; empty where every torque is known
     """
 

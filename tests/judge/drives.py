@@ -70,15 +70,16 @@ def stated(text: str, form: str, drives: Sequence[Motor]) -> str:
 
 
 def recording(bench: Bench, run: Run, drives: Sequence[Motor], form: str) -> Recording:
-    """What the bench's logger writes of a run; its torque is dropped when it goes through a file."""
-    written = bench.recording(run)
+    """What the bench's logger writes of a run: commands, and a torque of NaN, as one that is not recorded."""
+    whole = bench.recording(run)
+    written = whole.with_torques(np.full_like(whole.tau, np.nan))
     if form.startswith("servo"):
         told = np.array([_demanded(x, tau, q) for x, tau, q in zip(drives, run.tau + bench.noise, run.q, strict=True)])
         return replace(written, q_desired=np.ascontiguousarray(told[:, bench.logged]))
     supply = SUPPLY - SAG * np.sin(0.7 * bench.t[bench.logged]) ** 2
     rate = recorder.means(run.rate, bench.logged, recorder.held(bench.setting.logger))
     k, resistance = (np.array([[getattr(x, name)] for x in drives]) for name in ("k", "resistance"))
-    duty = (written.tau * resistance / k + k * rate) / supply
+    duty = (whole.tau * resistance / k + k * rate) / supply
     if np.abs(duty).max() > 1.0:
         raise ValueError(f"the bridge is asked for {np.abs(duty).max():.2f} of its supply")
     return replace(written, commands={"duty": duty, "bus_voltage": np.tile(supply, (len(duty), 1))})

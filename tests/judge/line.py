@@ -157,13 +157,12 @@ def opened(text: str) -> Source:
 def logged(made: Made) -> Made:
     """The case with recordings that went through a file, as a user's do: without torques where drives are told what to
     make, with the gains that are identified."""
-    driven = bool(made.case.setting.drive)
-    source = opened(made.model) if driven else None
+    source = opened(made.model) if made.case.setting.drive else None
     arm = source.recorded_arm() if source else RecordedArm.without_model(made.case.setting.joints)
     with tempfile.TemporaryDirectory() as directory:
         path, found = Path(directory) / "judge.csv", list[Recording]()
         for recorded in (made.recording, made.held_out):
-            (recorded.with_torques(np.full_like(recorded.tau, _NONE)) if driven else recorded).save(path)
+            recorded.save(path)
             found.append(replace(recording.read(path, arm), path=recorded.path))
     if source:
         found = with_gains(source.compiled.model(), found, 1)

@@ -12,6 +12,10 @@ import pytest
 import servos
 
 from tests.conftest import ARMS
+from tests.judge.bench import Setting
+from tests.judge.cases import cases, make
+from tests.judge.recorder import Logger
+from tests.judge.save import save
 
 Run = Callable[..., tuple[int, str, str]]
 DRIVE = (ARMS / "drive.toml").read_text(encoding="utf-8")
@@ -132,6 +136,20 @@ def test_a_gain_that_an_effect_imitates_is_said_to_be_in_it(tendon: Run, logs: d
     still = {**log.columns, "qd1_desired [rad/s]": 0.0 * log.tau}
     _, err = identified(tendon, SERVO, DRIVE, servos.ServoLog(still, log.tau))
     assert "joint 1: kd makes the torque of an effect of the joint, and counts for it" in err
+
+
+def test_a_late_command_moves_the_gains_until_it_is_named(tendon: Run, here: Path) -> None:
+    """Until then, its torque is taken for that of other gains."""
+    setting = Setting(excitation="brief", drive="servo_open", logger=Logger(every=4))
+    (case,) = cases(["delay_of_samples"], [1], [1.0], [42], setting)
+    folder, (drive,) = save(case, here), make(case).motors
+    status, out, err = tendon("improve", folder / "model.toml", folder / "fit.csv.gz", "--json", "-")
+    assert status in (0, 1), err
+    document = json.loads(out)
+    assert "torque_delay" in str(document["history"])
+    gains = document["joints"][0]["drive"]["gains"]
+    assert gains["kp"]["value"] == pytest.approx(drive.kp, rel=0.02)
+    assert gains["kd"]["value"] == pytest.approx(drive.kd, rel=0.05)
 
 
 @pytest.mark.slow
