@@ -82,6 +82,8 @@ def replay(
     names = [None, str(model)][: len(sources)]
     with terminal.working("replaying"):
         models = [each.compiled.model() for each in sources]
+        if (n := models[0].n) != loaded.n:
+            raise UsageError(f"--before {before}: has {n} joints and {model} {loaded.n}; expected the same arm")
         found = [replayed(each, data[: len(fitted)], data[len(fitted) :]) for each in models]
         steps = [ReplayStep(added=name, joints=one.joints) for name, one in zip(names, found, strict=True)]
     if player is Player.MUJOCO:

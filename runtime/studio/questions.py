@@ -170,12 +170,12 @@ def replayed(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
     report.parts(FITTING, REPLAYING)
     report.part(FITTING)
     parent = loaded.session.history.step(step).parent
-    fits = [loaded.fitted(number).fit for number in (parent, step) if number is not None]
+    numbers = [number for number in (parent, step) if number is not None]
+    fits = [loaded.fitted(number).fit for number in numbers]
     data = loaded.recordings(True) or loaded.recordings(False)
     report.part(REPLAYING)
     found = [Replay.of_fit(fit, data) for fit in fits]
-    names = [None, f"step {step}"][-len(found) :]
-    steps = [ReplayStep(added=name, joints=one.joints) for name, one in zip(names, found, strict=True)]
+    steps = [ReplayStep(added=f"step {k}", joints=one.joints) for k, one in zip(numbers, found, strict=True)]
     document = ReplayDocument(arm=fits[-1].model.name, fitted=True, steps=steps)
     folder = loaded.new_folder("answer")
     (folder / "replay.html").write_text(replay_page(found, document).html(), encoding="utf-8")

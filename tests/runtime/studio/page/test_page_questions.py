@@ -31,6 +31,16 @@ def test_values_of_a_finding_are_tried_before_it_is_added(fitted: Watched) -> No
     assert fitted.wrong == []
 
 
+def test_a_replay_shows_the_arm_as_recorded_and_as_the_model_moves(fitted: Watched) -> None:
+    page = fitted.at_step(1)
+    page.click("[data-do=replay]:not([disabled])")
+    page.wait_for_selector("a[href^='/download/replay']")
+    assert "in open loop the joint is off by" in page.inner_text("[role=status]:has-text('open loop')")
+    assert "Error of the motion, rms" in page.inner_text("#questions, main")
+    assert page.locator(".arm-picture").count() == 2
+    assert fitted.wrong == []
+
+
 def test_designing_a_motion_shows_how_far_it_is_and_is_cancelled(fitted: Watched) -> None:
     page = fitted.at_step(0)
     page.click("[data-do=design]:not([disabled])")
