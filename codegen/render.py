@@ -9,7 +9,7 @@ from codegen import effect_functions as ef
 from codegen import metadata
 from codegen.c import c_code, c_effects, c_lanes
 from codegen.c.arm_effects import ArmEffects
-from codegen.c.c_code import F32, F64, Precision, Routine, identifier
+from codegen.c.c_code import F32, F64, Precision, Routine, word
 from codegen.c.controller import Controller
 from codegen.c.monitor import ModelMonitor
 from codegen.c.statistics import ModelStatistics, labels
@@ -81,7 +81,7 @@ def arm_files(model: ArmModel) -> dict[str, str]:
     the time at which their terms are available.
     """
     name = model.arm.name
-    if not identifier(name):
+    if not word(name):
         raise ValueError(f'the arm\'s name "{name}" cannot be used in C; use letters, digits and _')
     origin = f"Arm {name}."
     tapes = {f.name: Tape.of(f) for f in model.functions}

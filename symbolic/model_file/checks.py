@@ -197,9 +197,13 @@ def identifier(place: Place, what: str, value: Any) -> str:
     return value
 
 
+_OF_HEADERS = ("std", "Span", "Input", "Output", "RowByRow", "as_matrix")
+"""Names in the namespace `tendon` of generated C++ headers, which has a namespace for each arm."""
+
+
 def is_taken(name: str) -> bool:
     """Whether an arm's name collides with the toolkit's own generated files."""
-    return name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_")
+    return name.lower() in ("effects", "tendon") or name.lower().startswith("tendon_") or name in _OF_HEADERS
 
 
 Names = Sequence[str | None]

@@ -20,18 +20,21 @@ from runtime.notebook.effects_along import whole_torque
 from symbolic.effects import shipped
 from symbolic.effects.declaration import Effect
 from symbolic.model import derive
-from symbolic.model_file.arm import Arm
+from symbolic.model_file.arm import Arm, Drive
 
 Array = NDArray[np.float64]
 SAMPLES, DT = 40, 2.0**-7  # s; sums of it are exact, as is the product by which NumPy has the time
 
 
 def busy() -> Arm:
-    """Revolute and prismatic joints with every effect that generated code can compute by itself."""
+    """Revolute and prismatic joints with a law of their drives and every effect that generated code can compute."""
     arm = loaded(replace(MIXED["rprrp"], name="busy"))
     library = shipped(space=False)
     gone = {site.effect.name for site, _ in ArmEffects.of(derive(arm), library).left_out}
-    joints = tuple(replace(j, effects={k: v for k, v in j.effects.items() if k not in gone}) for j in arm.joints)
+    servo = Drive(law="position_servo", gains={"kp": 30.0, "kd": 2.0, "saturation": 5.0})
+    joints = tuple(
+        replace(j, drive=servo, effects={k: v for k, v in j.effects.items() if k not in gone}) for j in arm.joints
+    )
     return replace(arm, joints=joints, effects={k: v for k, v in arm.effects.items() if k not in gone})
 
 

@@ -191,6 +191,7 @@ def test_mistakes(old: str, new: str, expected: str):
         ("_Arm", "reserved"),
         ("effects", "reserved for the toolkit"),
         ("tendon_lugre", "reserved for the toolkit"),
+        ("std", "reserved for the toolkit"),
         ("a" * 41, "41 letters"),
     ],
 )
