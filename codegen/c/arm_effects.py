@@ -6,6 +6,7 @@ The file has the functions of the effects that the model file names, so it needs
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -19,7 +20,7 @@ from codegen.tape.tape import Tape
 from symbolic.controller_law import Site, active
 from symbolic.effects.declaration import DT, SIGNALS, Effect
 from symbolic.effects.signals import ArmOutput, Coordinate, Given, JointConstant, Signal
-from symbolic.functions import Struct, SymbolicFunction
+from symbolic.functions import Coordinates, Struct, SymbolicFunction
 from symbolic.model import ArmModel
 from symbolic.rigid_body.base_parameters import exact
 
@@ -121,7 +122,7 @@ class ArmEffects:
         for site in self._with_states():
             body.lines.append(f"{body.call(site, ef.step(site.effect), self._own(site))};")
         body.lines.append(f"{MEMORY}->time += dt;")
-        text = f"The memory a sample later; dt: s, the step. Called after {self.model.arm.name}_effects_add."
+        text = f"The memory a sample later, dt s; called after {self.model.arm.name}_effects_add."
         return self._routine("effects_step", text, body, ["dt", f"*{MEMORY}"])
 
     def _add(self, precision: Precision) -> Routine:
@@ -130,6 +131,7 @@ class ArmEffects:
             for joint in range(len(self.model.arm.joints)):
                 if site.acts_on(joint + 1):
                     body.lines.append(f"tau[{joint}] += {body.call(site, ef.torque(site.effect), joint)};")
+                    body.count.update(add=1, arithmetic=1)
         text = "Adds to tau, such as that of inverse_dynamics, what the effects add to the motors' torques."
         n = len(self.model.arm.joints)
         return self._routine("effects_add", text, body, [f"const *{MEMORY}", f"tau[{n}]"])
@@ -155,7 +157,12 @@ class ArmEffects:
         names = ["parameters", VALUES, *_MOTION, *(one.split("*")[-1].split("[")[0] for one in further)]
         lines = [*(f"(void){n};" for n in names if not re.search(rf"\b{n}\b", used)), *lines]
         head = f"void {arm}_{name}_{precision.suffix}"
-        return Routine(comment(f"{name}: {text}"), declaration(head, arguments), indent(lines, 1))
+        of = Coordinates(tuple(joint.type for joint in self.model.arm.joints))
+        said = [f"in   {c_code.quantity(of.argument(row))}" for row in _MOTION]
+        n = len(self.model.arm.joints)
+        said += [f"out  tau ({n}) [{of.force}]: what stood there, and the effects"] if "tau" in names[-1] else []
+        note = comment(f"{name}: {text}", *said, f"Operations: {c_code.operations(body.count)}")
+        return Routine(note, declaration(head, arguments), indent(lines, 1))
 
 
 def _known(signal: Signal) -> bool:
@@ -192,6 +199,7 @@ class _Body:
     precision: Precision
     ahead: dict[str, list[str]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
+    count: Counter[str] = field(default_factory=lambda: Counter(arithmetic=0))
 
     def complete(self) -> list[str]:
         """All statements in order."""
@@ -199,7 +207,9 @@ class _Body:
 
     def call(self, site: Site, function: SymbolicFunction, joint: int) -> str:
         """The call of an effect's function for its torque at a joint (0-based)."""
-        takes = c_effects.signature(site.effect, function, Tape.of(function))
+        tape = Tape.of(function)
+        self.count.update(tape.count())
+        takes = c_effects.signature(site.effect, function, tape)
         own = {p.symbol: f"{VALUES}->{site.symbol(p).name}" for p in site.effect.parameters} | {DT: "dt"}
         known = {s.symbol: s for s in SIGNALS}
         texts = [own.get(a.symbols[0]) or self._signal(known[a.symbols[0]], site, joint) for a in takes.inputs]
@@ -242,6 +252,8 @@ class _Body:
     def _output(self, name: str) -> str:
         """The array with the output of one of the arm's functions, which is computed first."""
         function = self.of.model.function(name)
+        if name not in self.ahead:
+            self.count.update(Tape.of(function).count())
         passed = ", ".join(["parameters", *(a.name for a in function.inputs), name])
         self.ahead[name] = [
             f"{self.precision.kind} {name}[{len(function.outputs[0].expressions)}];",

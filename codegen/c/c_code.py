@@ -187,9 +187,8 @@ def comment(*lines: str) -> str:
     return "/* " + "\n * ".join(wrapped) + " */"
 
 
-def operations(tape: Tape) -> str:
-    """For example "73 operations (34 add, 12 sub, 27 mul) and 3 sincos"."""
-    count = tape.count()
+def operations(count: Mapping[str, int]) -> str:
+    """A tape's count as text: "73 operations (34 add, 12 sub, 27 mul) and 3 sincos"."""
     kinds = ", ".join(f"{count[op]} {op}" for op in ARITHMETIC if op in count)
     total = count["arithmetic"]
     text = f"{total} operation{'' if total == 1 else 's'}" + (f" ({kinds})" if kinds else "")
@@ -204,19 +203,20 @@ def describe(function: SymbolicFunction, tape: Tape) -> str:
 
 def description(function: SymbolicFunction, inputs: Sequence[Argument], tape: Tape) -> list[str]:
     """What a function returns, its arguments with shapes and units, its source and its operation count."""
-
-    def line(a: Argument | Output) -> str:
-        shape = f" ({' x '.join(map(str, a.shape))})" if a.shape else ""
-        unit = f" [{a.unit}]" if a.unit else ""
-        return f"{a.name}{shape}{unit}: {a.meaning}"
-
     return [
         f"{function.name}: {function.doc}",
-        *(f"in   {line(a)}" for a in inputs),
-        *(f"out  {line(o)}" for o in function.outputs),
+        *(f"in   {quantity(a)}" for a in inputs),
+        *(f"out  {quantity(o)}" for o in function.outputs),
         f"Source: {function.source}",
-        f"Operations: {operations(tape)}",
+        f"Operations: {operations(tape.count())}",
     ]
+
+
+def quantity(a: Argument | Output) -> str:
+    """An argument with its shape and unit."""
+    shape = f" ({' x '.join(map(str, a.shape))})" if a.shape else ""
+    unit = f" [{a.unit}]" if a.unit else ""
+    return f"{a.name}{shape}{unit}: {a.meaning}"
 
 
 def legend(function: SymbolicFunction, tape: Tape) -> str:
