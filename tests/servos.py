@@ -66,10 +66,14 @@ def _joint(hidden: str | None, brake: float = 0.0) -> demo.Advance:
     return demo.stick_slip(opposing, (lambda q, _t: size * (q - 0.3)) if hidden == "linear_spring" else None)
 
 
-def servo(hidden: str | None, seed: int) -> ServoLog:
-    """A position servo, told position and rate, that measures its rate."""
+def servo(hidden: str | None, seed: int, most: float = np.inf) -> ServoLog:
+    """A position servo, told position and rate, that measures its rate; most: N m that it makes."""
+
+    def torque(want: Array, seen: Array, rate: Array) -> Array:
+        return np.clip(KP * (want[0] - seen) + KD * (want[1] - rate), -most, most)
+
     t, wanted, q, qd = _loop(
-        seed, _joint(hidden), lambda want, seen, rate, _: float(KP * (want[0] - seen) + KD * (want[1] - rate))
+        seed, _joint(hidden), lambda want, seen, rate, _: float(torque(want, np.float64(seen), np.float64(rate)))
     )
     columns = {
         "t [s]": t,
@@ -78,7 +82,7 @@ def servo(hidden: str | None, seed: int) -> ServoLog:
         "q1_desired [rad]": wanted[0],
         "qd1_desired [rad/s]": wanted[1],
     }
-    return ServoLog(columns, KP * (wanted[0] - q) + KD * (wanted[1] - qd))
+    return ServoLog(columns, torque(wanted, q, qd))
 
 
 def _supply(t: float) -> float:

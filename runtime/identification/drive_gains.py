@@ -25,13 +25,14 @@ from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import prepared
 from runtime.identification.problem import Problem
 from runtime.identification.regressors import is_delay
-from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, TOLD_APART
+from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, SPARED, TOLD_APART
 from runtime.identification.stated_parts import stated_lumps
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure
 from runtime.recordings.driven import DrivenJoint, ToldGain
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.regression.bounded import bounded, inverse
+from symbolic.model_file.drive_laws import SATURATION
 
 Array = NDArray[np.float64]
 
@@ -45,12 +46,26 @@ def with_gains(model: Model, recordings: Sequence[Recording], fitted: int) -> li
     found, own = list(recordings), recordings[:fitted]
     if not any(r.gains_open for r in own):
         return found
-    for _ in range(3 if model.n == 1 else 4):  # the band and the torques that effects read follow the scale
-        fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
-        told = told_gains(fit)
-        found = [r.with_gains(told) for r in found]
+    limited = any(j is not None and j.unknown and SATURATION in j.gains for r in own for j in r.driven)
+    for part in SPARED if limited else SPARED[:1]:
+        found = [r.sparing(part) for r in recordings]
+        for _ in range(3 if model.n == 1 else 4):  # the band and the torques that effects read follow the scale
+            fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
+            told = told_gains(fit)
+            found = [r.with_gains(told) for r in found]
+        if not limited or all(_cuts_less(r, part) for r in found[:fitted]):
+            break
+    else:
+        found = [r.sparing(0.0) for r in found]
     _check_scales(model, found[0], told)
     return found
+
+
+def _cuts_less(recording: Recording, part: float) -> bool:
+    """Whether the drives' limits cut, by gains that are told, no more than a part of the samples."""
+    return all(
+        joint is None or (not joint.without_scale and float(np.mean(joint.cut)) <= part) for joint in recording.driven
+    )
 
 
 def _check_scales(model: Model, recording: Recording, told: Mapping[int, Mapping[str, ToldGain]]) -> None:

@@ -202,3 +202,8 @@ SUMS_PASSES: Final = 4
 SUMS_POSTURES: Final = 400
 """number of postures over the arm's range, at which D must be positive definite;
 it changes slowly with the posture; a choice."""
+
+SPARED: Final = (0.0, 0.03, 0.1, 0.3)
+"""parts of the samples, those with the largest commands, that are left out where a drive has a limit and nothing yet
+tells which it cuts; the first that is as large as what the gains that follow say; a choice: a drive at its limit for
+longer does not hold its motion."""

@@ -391,7 +391,9 @@ def _piece(
             warmth[i] = stretch.on_grid(_smooth_temperature(temperature, dt))[half:-half] - beginning
     on_grid = stretch.held if band.held else stretch.on_grid
     torque, gains = on_grid(recording.tau), dict[Gain, Array]()
+    cut = np.zeros(recording.tau.shape)
     for i, joint in ((i, joint) for i, joint in enumerate(recording.driven) if joint is not None):
+        cut[i] = joint.cut
         for name in joint.unknown:
             gains[i, name] = np.ascontiguousarray(on_grid(joint.columns[name][None])[0, half:-half])
     wiener = tuple(smoother(wiener_filter(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
@@ -419,6 +421,7 @@ def _piece(
         began=_began(recording, first),
         torque=recording.torque or MOTOR_TORQUE,
         gains=gains,
+        limited=on_grid(cut)[:, half:-half] > 0 if cut.any() else cut[:0, :0] > 0,
     )
 
 

@@ -124,6 +124,7 @@ class Piece:
     began           s from the recording's start to that of the run, the runs one after another
     torque          what tau is
     gains           torque (N,) per unit of a drive's unknown gain
+    limited         (n, N) where a drive's limit makes its torque unknown; empty where none does
     without         elimination of each joint's unknown torque; empty where every torque is known
     """
 
@@ -147,6 +148,7 @@ class Piece:
     began: float = 0.0
     torque: Torque = MOTOR_TORQUE
     gains: Mapping[Gain, Array] = field(default_factory=dict)
+    limited: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     without: tuple[UnknownTorque, ...] = ()
 
     def perturbed(self, band: Band, seed: int) -> Piece:
@@ -201,6 +203,7 @@ class Piece:
             qdd=part(self.qdd),
             qdd_denoised=part(self.qdd_denoised),
             tau=part(self.tau),
+            limited=self.limited[:, window],
             gains={gain: np.ascontiguousarray(x[window]) for gain, x in self.gains.items()},
             warmth=part(self.warmth),
             sensors=self.sensors.cut(window),
@@ -266,9 +269,12 @@ class Piece:
         rests = np.zeros(self.q.shape, dtype=bool)
         for i in joints:
             rests[i] = at_rest(self.qd[i], self.dt, self.low_pass.cutoff, standstill[i])
+        if self.limited.size:
+            rests |= self.limited
         whole = replace(self, without=()).unknown_at(rests, quiet)
         # A joint that is stopped again and again would have no rows left.
         clear = (quiet > 0) & (standstill < SLOW_MOTION * np.max(np.abs(self.qd), axis=1, initial=0.0))
+        clear &= ~self.limited.any(axis=1) if self.limited.size else True
         found = zip(whole.without, clear, strict=True)
         return replace(self, without=tuple(x.relaxed(self.low_pass) if c and x.too_much else x for x, c in found))
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symbolic.model_file.arm import DescribedJoint
-from symbolic.model_file.drive_laws import COMMANDS, DELAY, INTEGRAL, LAWS, DriveLaw, parted
+from symbolic.model_file.drive_laws import COMMANDS, DELAY, INTEGRAL, LAWS, SATURATION, DriveLaw, parted
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,7 @@ class DrivenJoint:
     told       coefficients of the law that were identified, by their names; None where the data do not tell one
     supply     the column of the supply's voltage, if it is not the usual one
     prismatic  whether it is a prismatic joint
+    spared     part of the samples, those with the largest commands, that its limit may cut; while no scale tells which
     """
 
     law: DriveLaw
@@ -52,6 +53,7 @@ class DrivenJoint:
     told: Mapping[str, ToldGain] = field(default_factory=dict)
     supply: str = ""
     prismatic: bool = False
+    spared: float = 0.0
 
     @property
     def command_gain(self) -> str:
@@ -87,9 +89,25 @@ class DrivenJoint:
     @property
     def torque(self) -> Array:
         """(N,) of the acting coefficients."""
+        return np.asarray(self.law.limited(self._asked, self.gains, _ramp))
+
+    @property
+    def cut(self) -> NDArray[np.bool_]:
+        """(N,) where the drive's limit may cut a torque of unknown gains, which then say nothing of it; as long as that
+        has no scale, where the command's part is among the largest."""
+        most = self.gains.get(SATURATION) if self.unknown else None
+        if most is None:
+            return np.zeros(len(self._asked), dtype=bool)
+        if not self.without_scale:
+            return np.abs(self._asked) >= most
+        part = np.abs(self.columns[self.command_gain])
+        return np.asarray(part > np.quantile(part, 1 - self.spared))
+
+    @property
+    def _asked(self) -> Array:
+        """(N,) torque without the drive's limit."""
         parts = (c * self.columns[name] for name, c in self.acting.items() if c)
-        made = sum(parts, start=np.zeros(len(next(iter(self.columns.values())))))
-        return np.asarray(self.law.limited(made, self.gains, _ramp))
+        return sum(parts, start=np.zeros(len(next(iter(self.columns.values())))))
 
     @property
     def scale(self) -> float:

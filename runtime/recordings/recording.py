@@ -168,6 +168,10 @@ class Recording:
         """The same motion with other torques (n, N)."""
         return replace(self, tau=np.ascontiguousarray(tau))
 
+    def sparing(self, part: float) -> Recording:
+        """With a part of the samples that limits of drives may cut (`DrivenJoint.spared`)."""
+        return replace(self, driven=tuple(joint and replace(joint, spared=part) for joint in self.driven))
+
     def with_gains(self, told: Mapping[int, Mapping[str, ToldGain]]) -> Recording:
         """With identified coefficients of drives, by joint (0-based), and the torques that they make."""
         if not any(self.driven):

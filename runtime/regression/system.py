@@ -472,14 +472,15 @@ class LinearSystem:
         """(K,) what pulls coefficients to zero where a fold is left out.
 
         An effect may act in one fold alone: what the others say of it then is noise. Only candidates are pulled, and
-        changes of fitted values; a torque that has a part without coefficient is not, as zero is no neutral value.
+        changes of fitted values. Zero is no neutral value of a torque that has a part without coefficient, nor of one
+        in the place of a block that is left out, whose whole torque it has.
         """
         found = np.zeros(len(self.unknown))
         if self.base is not None:
             before, own = len(self.base.unknown), self.blocks[-1]
             found[:before] = self.base._shrinkage
             whole = self.gram.sum(axis=0)
-            if whole[own.start, own.start] == 0:
+            if whole[own.start, own.start] == 0 and not self.zero:
                 cross = whole[own.rows][:, self.base.unknown]
                 alone = np.diagonal(whole)[own.rows] - ((cross @ self.base.projection) * cross).sum(axis=1)
                 found[before:] = SHRINKAGE * np.maximum(alone, 0.0)

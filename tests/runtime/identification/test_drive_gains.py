@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import servos
 
@@ -64,6 +65,17 @@ def test_a_known_inertia_tells_the_gains_of_a_servo(tendon: Run, logs: dict[str,
     assert drive["unit"] == "rad"
     assert drive["rms"] == pytest.approx(document["joints"][0]["rms"] / drive["gains"]["kp"]["value"])
     assert "identified kp = " in err
+
+
+@pytest.mark.usefixtures("here")
+def test_samples_at_a_drives_limit_do_not_count_for_its_gains(tendon: Run) -> None:
+    """A tenth of them."""
+    log = servos.servo("stribeck", 1, most=6.0)
+    assert 0.05 < np.mean(np.abs(log.tau) >= 6.0) < 0.15
+    document, _ = identified(tendon, f"{SERVO}saturation = 6.0\n", DRIVE, log)
+    gains = document["joints"][0]["drive"]["gains"]
+    assert gains["kp"]["value"] == pytest.approx(servos.KP, rel=0.05)
+    assert gains["kd"]["value"] == pytest.approx(servos.KD, rel=0.05)
 
 
 @pytest.mark.usefixtures("here")

@@ -121,6 +121,17 @@ def test_what_one_stretch_alone_tells_hides_no_effect() -> None:
     assert 1 - after / before == pytest.approx(0.09 / 1.09, abs=0.03)
 
 
+def test_what_replaces_a_large_torque_is_not_pulled_to_zero() -> None:
+    """A law of two sides in the place of one that is a hundred times the noise."""
+    rng = np.random.default_rng(11)
+    rate = rng.standard_normal(2000)
+    sides = np.maximum(rate, 0.0), np.minimum(rate, 0.0)
+    joint = Joint(100.0 * sides[0] + 101.0 * sides[1] + rng.standard_normal(2000), rate[None])
+    plain = system(joint)
+    one_sided = plain.without([plain.blocks[0].key]).with_block(block(*sides))
+    assert held_out(one_sided) < 0.9 * held_out(plain)
+
+
 def test_autoregression_is_recovered() -> None:
     """Beside what counts as white in any residual."""
     rng = np.random.default_rng(2)
