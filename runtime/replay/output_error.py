@@ -32,6 +32,8 @@ from runtime.replay.settings import (
     DAMPINGS,
     ENOUGH_FALL,
     GAUSS_NEWTON_STEPS,
+    LEAST_WINDOWS,
+    MOST_RUNS,
     MOST_WINDOWS,
     SHOOTING,
     SHOOTING_STEP,
@@ -125,8 +127,9 @@ class Shooting:
     def windows(self) -> Windows:
         """In all tracks, evenly spread."""
         found = Windows.of(self.replay.tracks, round(SHOOTING / self.replay.tracks[0].dt))
-        every = -(-len(found.starts) // MOST_WINDOWS)
-        return Windows(found.length, found.starts[::every])
+        directions = len(self.sought) + 2 * self.fit.model.n
+        most = min(MOST_WINDOWS, max(LEAST_WINDOWS, MOST_RUNS // directions))
+        return Windows(found.length, found.starts[:: -(-len(found.starts) // most)])
 
     @cached_property
     def sought(self) -> tuple[Sought, ...]:
@@ -319,7 +322,8 @@ class _Search:
 
     def step(self, theta: Array, off: Array, cost: float) -> tuple[Array, Array, float] | None:
         """The parameters and starts after a step that lowers the cost, and that; None where none does."""
-        normal, gradient, starts = self._reduced(theta, off)
+        found = self._reduced(theta, off)
+        normal, gradient = found.normal, found.scores.sum(axis=0)
         if not np.isfinite(normal).all():
             return None
         low, high = (np.array([getattr(of, end) for of in self.shooting.sought]) for end in ("low", "high"))
@@ -327,22 +331,21 @@ class _Search:
             damped = normal + damping * np.diag(np.diag(normal))
             change = -np.linalg.lstsq(damped, gradient, rcond=1e-12)[0]
             moved = np.clip(theta + change * self.sizes, low, high)
-            further = off + np.array([alone + slope @ change for alone, slope in starts])
+            further = off + np.array([alone + slope @ change for alone, slope in found.starts])
             if (now := self.cost(moved, further)) < cost:
                 return moved, further, now
         return None
 
-    def _reduced(self, theta: Array, off: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
-        """Normal matrix (k, k) and gradient (k,) in scaled parameters, and of every window the change of its start:
-        what it is alone (2 n,) and its slope (2 n, k) by the parameters' change."""
-        total, gradient, starts = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), []
+    def _reduced(self, theta: Array, off: Array) -> _Reduced:
+        """The normal equations about some parameters and starts."""
+        total, scores, starts = np.zeros((len(theta), len(theta))), [], []
         for own, further, error, doubt in self._linear(theta, off):
             inner = np.linalg.inv(further @ further.T + np.diag(self.doubt**-2))
             pulled = further @ error + doubt
             total += own @ own.T - own @ further.T @ inner @ further @ own.T
-            gradient += own @ error - own @ further.T @ inner @ pulled
+            scores.append(own @ error - own @ further.T @ inner @ pulled)
             starts.append((-inner @ pulled, -inner @ further @ own.T))
-        return total, gradient, starts
+        return _Reduced(total, np.array(scores), starts)
 
     def _linear(self, theta: Array, off: Array) -> list[tuple[Array, Array, Array, Array]]:
         """Of every window, weighted: derivatives of its error by the parameters (k, m) and by its start (2 n, m), the
@@ -361,14 +364,23 @@ class _Search:
 
     def covariance(self, theta: Array, off: Array) -> Array:
         """(k, k) of the parameters, with errors that hang together within a window."""
-        bread = np.linalg.pinv(self._reduced(theta, off)[0], hermitian=True)
-        scores = []
-        for own, further, error, doubt in self._linear(theta, off):
-            inner = np.linalg.inv(further @ further.T + np.diag(self.doubt**-2))
-            scores.append(own @ error - own @ further.T @ inner @ (further @ error + doubt))
-        meat = np.array(scores).T @ np.array(scores)
-        spare = max(1, len(scores) - len(theta))
-        return np.asarray(bread @ meat @ bread * np.outer(self.sizes, self.sizes) * len(scores) / spare)
+        found = self._reduced(theta, off)
+        bread, windows = np.linalg.pinv(found.normal, hermitian=True), len(found.scores)
+        meat = found.scores.T @ found.scores * windows / max(1, windows - len(theta))
+        return np.asarray(bread @ meat @ bread * np.outer(self.sizes, self.sizes))
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """Normal equations in scaled parameters, with the windows' starts eliminated.
+
+    normal   (k, k)     scores  (W, k) each window's part of the gradient
+    starts   of every window the change of its start: what it is alone (2 n,), and its slope (2 n, k)
+    """
+
+    normal: Array
+    scores: Array
+    starts: list[tuple[Array, Array]]
 
 
 def refined(fit: Fit, recordings: Sequence[Recording]) -> tuple[Inference, list[Recording], OutputErrorEntry]:

@@ -47,6 +47,13 @@ forgiven; Ljung, System Identification, 1999, on multiple shooting."""
 MOST_WINDOWS: Final = 60
 """number; windows of a search, evenly spread: half a minute of motion; more take longer and tell hardly more."""
 
+MOST_RUNS: Final = 1000
+"""number; windows times directions in which they are differentiated, at most: with six joints and sixty parameters a
+step takes seconds; a choice."""
+
+LEAST_WINDOWS: Final = 12
+"""number; the fewest windows, however many parameters there are; a choice."""
+
 SHOOTING_STEP: Final = 1 / 2000
 """s; the longest step of the integration, if stability allows it; its error is below that of a fit's parameters."""
 
