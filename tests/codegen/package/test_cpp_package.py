@@ -10,9 +10,12 @@ from pathlib import Path
 import guides
 import numpy as np
 import pytest
+import watched_arm
 from packaged_arms import DT, SAMPLES, Packaged, busy, spatial
 
 from runtime.notebook.effects_along import whole_torque
+from symbolic.effects import LIBRARY
+from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
 
 EIGEN = next(
@@ -199,11 +202,21 @@ def test_another_project_finds_it(vishard4: Arm, tmp_path: Path, name: str, eige
 @pytest.mark.parametrize("eigen", [False, pytest.param(True, marks=NEEDS_EIGEN)])
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_no_warnings(vishard4: Arm, tmp_path: Path, compiler: str, eigen: bool) -> None:
-    """Two arms in one source, whose headers share a part."""
-    arms = [Packaged(vishard4), Packaged(busy()), Packaged(spatial())]
+    """Several arms in one source, whose headers share a part; and the headers of C, which C++ may call as well."""
+    watched = reader.parse(watched_arm.watched_text(2), "watched.toml", LIBRARY)
+    arms = [Packaged(vishard4), Packaged(busy()), Packaged(spatial()), Packaged(watched)]
     for packaged in arms:
         packaged.written(tmp_path / packaged.name)
-    includes = "".join(f'#include "tendon_{packaged.name}.hpp"\n' for packaged in arms)
+    of_c = {
+        path: text
+        for packaged in arms
+        for path, text in packaged.files.items()
+        if path.endswith(("_f32.h", "_f64.h")) and not path.startswith("tendon_")
+    }
+    assert [path for path, text in of_c.items() if 'extern "C" {' not in text] == []
+    includes = "".join(
+        f'#include "{path}"\n' for path in [*of_c, *(f"tendon_{packaged.name}.hpp" for packaged in arms)]
+    )
     (tmp_path / "all.cpp").write_text(
         f"{includes}static_assert(tendon::spatial::joints == 3 && tendon::vishard4::joint_names.size() == 4);\n"
     )

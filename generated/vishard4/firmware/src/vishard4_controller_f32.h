@@ -6,6 +6,10 @@
 
 #include "vishard4_f32.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Compensated: the trajectory's springs and plate, coulomb_asymmetric@1, viscous@1, viscous_cubic@1,
  *   coulomb_asymmetric@2, viscous@2, viscous_cubic@2, coulomb_asymmetric@3, viscous@3, viscous_cubic@3,
  *   coulomb_asymmetric@4, viscous@4, viscous_cubic@4. */
@@ -147,5 +151,9 @@ void vishard4_controller_step_f32(
     vishard4_state_f32 *state,
     const int32_t counts[4],
     vishard4_output_f32 *output);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif
