@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import watched_arm
 from packaged_arms import DT, SAMPLES, Packaged, busy, spatial
+from six_joints import six_joints
 
 from runtime.notebook.effects_along import whole_torque
 from symbolic.effects import LIBRARY
@@ -174,10 +175,11 @@ def run(command: Sequence[str], cwd: Path) -> bytes:
         pytest.param("vishard4", True, marks=NEEDS_EIGEN),
         ("busy", False),
         pytest.param("busy", True, marks=[NEEDS_EIGEN, pytest.mark.slow]),
+        pytest.param("six", True, marks=[NEEDS_EIGEN, pytest.mark.slow]),
     ],
 )
 def test_another_project_finds_it(vishard4: Arm, tmp_path: Path, name: str, eigen: bool) -> None:
-    packaged = Packaged(vishard4 if name == "vishard4" else busy())
+    packaged = Packaged({"vishard4": lambda: vishard4, "busy": busy, "six": six_joints}[name]())
     source, prefix, project = packaged.written(tmp_path / "arm"), tmp_path / "prefix", tmp_path / "project"
     run(["cmake", "-S", str(source), "-B", "built", f"-DCMAKE_INSTALL_PREFIX={prefix}"], tmp_path)
     run(["cmake", "--build", "built"], tmp_path)
