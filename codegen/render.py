@@ -120,7 +120,7 @@ def _batches(name: str, function: SymbolicFunction, tape: Tape, begun: bool) -> 
 
 
 def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, str]:
-    """The controller's step in C (float), that of its monitor where the model file has one, and controller.json.
+    """The controller's step in C (float), its monitor and statistics if there are any, and controller.json.
 
     library   all effects by name; those that the model file activates are compensated
     """
@@ -133,6 +133,7 @@ def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str
         f"{stem}.h": page("c/controller.h.j2", **holes),
         "controller.json": metadata.text(controller.document()),
         **({} if controller.monitor is None else _monitor_files(model.arm.name, controller.monitor)),
+        **statistics_files(model, library),
     }
 
 

@@ -12,6 +12,7 @@ import sympy as sp
 from codegen.c.c_code import F32, Routine, assign, comment, declaration, describe, indent, notation, unused
 from codegen.c.monitor import ModelMonitor
 from codegen.c.records import Record, RecordField, of_struct
+from codegen.c.statistics import ModelStatistics
 from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
 from symbolic.controller_law import Compensation, Spring, compensation
@@ -161,19 +162,21 @@ STRUCTS = {"parameters": "parameters", "effects": "effects", "springs": "spring"
 class Controller:
     """The controller of an arm. records: in order of declaration, that of the arm's own header first.
 
-    monitor   of the model, which it asks in every step; None where the model file has none
+    monitor      of the model, which it asks in every step; None where the model file has none
+    statistics   which the firmware adds up; None where the model file asks for none
     """
 
     model: ArmModel
     compensation: Compensation
     records: tuple[Record, ...]
     monitor: ModelMonitor | None = None
+    statistics: ModelStatistics | None = None
 
     @classmethod
     def of(cls, model: ArmModel, library: Mapping[str, Effect]) -> Controller:
         """The controller of an arm. library: all effects by name."""
         found, monitor = compensation(model, library), ModelMonitor.of(model, library)
-        return cls(model, found, controller_records(model, found, monitor), monitor)
+        return cls(model, found, controller_records(model, found, monitor), monitor, ModelStatistics.of(model, library))
 
     @property
     def holes(self) -> dict[str, object]:
@@ -275,6 +278,7 @@ class Controller:
             "springs": {p.name: _powers(c.springs[0], product) for p, product in c.springs[0].lumps},
             **_others(c),
             **({} if self.monitor is None else {"monitor": self.monitor.document()}),
+            **({} if self.statistics is None else {"statistics": self.statistics.document()}),
             "effects": {symbol.name: value for symbol, value in values},
             "compensated": [str(site) for site in c.compensated],
             "uncompensated": [{"effect": str(site), "reason": site.obstacle} for site in c.uncompensated],

@@ -193,6 +193,12 @@ _WATCHED: tuple[Row, ...] = (
     ("drifting", "u16[n]", "steps", "the sum that tells drift; controller.json has where it is an alarm"),
 )
 """Behind the telemetry of an arm whose model is watched."""
+PRODUCTS_A_MESSAGE = 16
+_STATISTICS: tuple[Row, ...] = (
+    ("number", "u32", "", "of the block, of which this is a part; all parts of one are of the same rows"),
+    ("place", "u32", "", "of the first product; those beyond the last are 0"),
+    ("rows", "u32[n]", "", "that the block has added, a joint"),
+)
 _COUNTERS: tuple[Row, ...] = (
     ("bad_frame", "u32", "", "frames that are not valid COBS, too short or too long"),
     ("bad_crc", "u32", "", "frames with a wrong checksum"),
@@ -280,9 +286,28 @@ def commands(types: Sequence[str], records: Mapping[str, Record], contact_coordi
     )
 
 
-def reports(types: Sequence[str], watched: bool) -> tuple[Message, ...]:
-    """The messages from board to host, for joints of these types. watched: the arm's model has a monitor"""
-    rows = (
+def reports(types: Sequence[str], watched: bool, summed: bool) -> tuple[Message, ...]:
+    """The messages from board to host, for joints of these types.
+
+    watched   the arm's model has a monitor     summed   the board adds up statistics
+    """
+    sums = tuple(
+        Item(name, "float", "SI units", f"{what}, in the layout of controller.json", count=PRODUCTS_A_MESSAGE)
+        for name, what in (("high", "sums of products"), ("low", "what these have lost by rounding"))
+    )
+    made = tuple(
+        Message(name, number, "report", meaning, fields=_items(fields, types))
+        for number, (name, meaning, fields) in enumerate(_report_rows(watched), 0x81)
+    )
+    if not summed:
+        return made
+    meaning = "A part of a block of sufficient statistics. A block is sent once a minute and after `query`."
+    fields = (*_items(_STATISTICS, types), *sums)
+    return (*made, Message("statistics", made[-1].number + 1, "report", meaning, fields=fields))
+
+
+def _report_rows(watched: bool) -> tuple[tuple[str, str, tuple[Row, ...]], ...]:
+    return (
         ("ack", "Answer to every command.", _ACK),
         ("identity", "Answer to `hello`; the same in every version of the protocol.", IDENTITY),
         ("state", "Sent whenever something in it changes, and after `query`.", _STATE),
@@ -292,8 +317,4 @@ def reports(types: Sequence[str], watched: bool) -> tuple[Message, ...]:
             (*_TELEMETRY, *_WATCHED) if watched else _TELEMETRY,
         ),
         ("counters", "Since the board's start. Sent after `query` and at every stop.", _COUNTERS),
-    )
-    return tuple(
-        Message(name, number, "report", meaning, fields=_items(fields, types))
-        for number, (name, meaning, fields) in enumerate(rows, 0x81)
     )

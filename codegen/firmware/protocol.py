@@ -312,13 +312,14 @@ def _of_board(name: str) -> Ceiling:
 @dataclass(frozen=True)
 class Protocol:
     """The messages of one arm. types: of its joints; ceilings: the board's limits, whatever is sent; watched: its model
-    has a monitor."""
+    has a monitor; statistics: the layout of what the board adds up, or None."""
 
     arm: str
     types: tuple[str, ...]
     messages: tuple[Message, ...]
     ceilings: Ceilings
     watched: bool = False
+    statistics: dict[str, object] | None = None
 
     @classmethod
     def of(cls, controller: Controller) -> Protocol:
@@ -330,7 +331,9 @@ class Protocol:
         sent = commands(types, records_of(controller), controller.has_contact_coordinates)
         ceilings = Ceilings.of(model.arm.joints, model.arm.controller)
         watched = controller.monitor is not None
-        return cls(model.arm.name, types, (*sent, *reports(types, watched)), ceilings, watched)
+        statistics = None if controller.statistics is None else controller.statistics.document()
+        every = (*sent, *reports(types, watched, summed=statistics is not None))
+        return cls(model.arm.name, types, every, ceilings, watched, statistics)
 
     def message(self, name: str) -> Message:
         """The message with this name. Raises StopIteration if there is none."""
@@ -387,6 +390,7 @@ class Protocol:
             "status": {flag: bit for flag, (bit, _) in STATUS.items()},
             "coordinates": COORDINATES,
             **({"verdicts": VERDICTS, "signals": SIGNALS} if self.watched else {}),
+            **({} if self.statistics is None else {"statistics": self.statistics}),
         }
 
 

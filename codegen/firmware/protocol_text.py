@@ -9,7 +9,17 @@ from math import ceil
 
 from codegen.c.c_code import Routine, comment, declaration
 from codegen.c.controller import STATUS, Controller
-from codegen.firmware.messages import LARGEST, MAX_PHASES, MAX_ROWS, ROWS_A_MESSAGE, SIZES, WHOLE, Item, Message
+from codegen.firmware.messages import (
+    LARGEST,
+    MAX_PHASES,
+    MAX_ROWS,
+    PRODUCTS_A_MESSAGE,
+    ROWS_A_MESSAGE,
+    SIZES,
+    WHOLE,
+    Item,
+    Message,
+)
 from codegen.firmware.protocol import (
     ACKS,
     BAUD,
@@ -230,9 +240,12 @@ def struct_name(message: Message) -> str:
 def _numbers(protocol: Protocol) -> list[dict[str, object]]:
     sizes = [SIZES[kind] for _, kind in HEADER]
     header = [(name, sum(sizes[:k])) for k, (name, _) in enumerate(HEADER)]
+    reports = [(m.name, m.number) for m in protocol.reports]
+    if "statistics" not in dict(reports):
+        reports.append(("statistics", 0))
     groups = (
         ("Types of commands, host to board.", "COMMAND", [(m.name, m.number) for m in protocol.commands]),
-        ("Types of reports, board to host.", "REPORT", [(m.name, m.number) for m in protocol.reports]),
+        ("Types of reports, board to host; 0: never sent.", "REPORT", reports),
         ("States.", "STATE", [(s.name, s.number) for s in STATES]),
         ("Reasons for the state.", "REASON", [(r.name, r.number) for r in REASONS]),
         ("Results of a command.", "RESULT", [(r.name, r.number) for r in RESULTS]),
@@ -267,7 +280,36 @@ def _parts(controller: Controller) -> list[Routine]:
         Routine("", declaration(f"void tendon_take_{name}", [message, to]), "\n".join(body))
         for (name, to), body in zip(heads, (loop, contact), strict=True)
     ]
-    return [*taken, _watched(controller)]
+    return [*taken, _watched(controller), _block(controller)]
+
+
+def _block(controller: Controller) -> Routine:
+    """The function that packs the next part of a block of statistics, which is then sent, and returns its size."""
+    body = ["    (void)statistics;", "    (void)payload;", "    return 0U;"]
+    pointer = "const tendon_statistics *statistics"
+    if controller.statistics is not None:
+        pointer = "tendon_statistics *statistics"
+        many = f"{PRODUCTS_A_MESSAGE}U"
+        body = [
+            "    tendon_statistics_message message;",
+            "    message.number = statistics->number;",
+            "    message.place = statistics->place;",
+            "    for (uint32_t j = 0U; j < TENDON_JOINTS; ++j) {",
+            "        message.rows[j] = statistics->sums.products.rows[j];",
+            "    }",
+            f"    for (uint32_t k = 0U; k < {many}; ++k) {{",
+            "        const uint32_t i = statistics->place + k;",
+            *(
+                f"        message.{side}[k] = (i < TENDON_PRODUCTS) ? statistics->sums.products.{side}[i] : 0.0f;"
+                for side in ("high", "low")
+            ),
+            "    }",
+            "    tendon_pack_statistics(&message, payload);",
+            f"    tendon_statistics_sent(statistics, {many});",
+            "    return TENDON_SIZE_STATISTICS;",
+        ]
+    head = declaration("uint32_t tendon_take_block", [pointer, "uint8_t *payload"])
+    return Routine("", head, "\n".join(body))
 
 
 def _watched(controller: Controller) -> Routine:

@@ -59,7 +59,9 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Map
     files = {
         **{path: text for path, text in handwritten_files().items() if path.startswith("src/") and path != _MAIN},
         "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=None),
-        "src/tendon_controller.h": page("firmware/tendon_controller.h.j2", banner=banner, name=name, types=types),
+        "src/tendon_controller.h": page(
+            "firmware/tendon_controller.h.j2", banner=banner, types=types, **_summed(controller)
+        ),
     }
     # Without the ceilings: a model file with tighter limits needs no new firmware.
     hashed = sorted({**equations, **files, **_messages(controller, protocol, 0)}.items())
@@ -73,6 +75,13 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Map
         "protocol.json": metadata.text(protocol.document(build)),
     }
     return dict(sorted(files.items()))
+
+
+def _summed(controller: Controller) -> dict[str, object]:
+    """The holes of tendon_controller.h about the arm and its statistics."""
+    name, control = controller.model.arm.name, controller.model.arm.controller
+    minute = 0 if control is None else round(MINUTE * control.rate)
+    return {"name": name, "NAME": name.upper(), "statistics": controller.statistics is not None, "minute": minute}
 
 
 def _messages(controller: Controller, protocol: Protocol, build: int) -> dict[str, str]:
@@ -104,6 +113,8 @@ def _numbers(protocol: Protocol) -> dict[str, object]:
 
 BOARD = "boards/mps2"
 """The emulated board."""
+MINUTE = 60.0
+"""s between two blocks of statistics."""
 STACK = 2048
 """Bytes that its linker script reserves; a test limits the worst case to half of that."""
 _PAGES = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,6 +69,13 @@ def execute(
         typer.Option("--model-out", metavar="FILE", help="Write the model with the springs and contact of TRAJECTORY."),
         WRITTEN,
     ] = None,
+    statistics: Annotated[
+        Path | None,
+        typer.Option(
+            "--statistics", metavar="FILE", help="Write what the board has added up for identify --statistics."
+        ),
+        WRITTEN,
+    ] = None,
     report: Report = None,
     effects: EffectsFile = None,
     json: Json = None,
@@ -84,6 +92,8 @@ def execute(
 
     targets.check_options(on, moves=arm, approach=settings.approach, hidden=hide, changed=change)
     source = opened(model, effects)
+    if statistics is not None and not ((monitor := source.arm().monitor) and monitor.statistics):
+        raise UsageError(f"{source.path}: its board adds nothing up; state statistics = true under [monitor]")
     check_hidden(source, "--hide", hide or ())
     check_hidden(source, "--set", change or ())
     with terminal.working("deriving and compiling the model and its controller"):
@@ -115,6 +125,8 @@ def execute(
         recording.write(out, result.recording)
     if model_out is not None:
         files.replace(model_out, text.encode())
+    if statistics is not None and result.sums is not None:
+        replace(result.sums, path=statistics).write()
     same = model_out or (model if text == source.text else None)
     said = msgspec.structs.replace(
         document,

@@ -25,6 +25,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term
 from runtime.planning.trajectory import Trajectory
 from runtime.progress import steps
+from runtime.recordings.board_sums import BoardSums
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import MOST_SAMPLES
 from runtime.simulation.plant import Plant
@@ -98,6 +99,7 @@ class Execution:
     uncompensated   effects of the model that it does not compensate
     arm             effects of the arm that moved, with all values
     hidden          those that the model does not have
+    sums            what the board has added up for identification; None where it adds nothing up
     """
 
     plan: PlannedCycle
@@ -110,6 +112,7 @@ class Execution:
     noise: float
     excess: tuple[ExcessEntry, ...]
     trials: tuple[Trial, ...]
+    sums: BoardSums | None = None
 
     @cached_property
     def recording(self) -> Recording | None:
@@ -220,6 +223,7 @@ def execute(
     excess = tuple(plan.exceeded())
     arm = SimulatedArm(Plant(model, values, board_settings.dt), board_settings)
     done: list[Trial] = []
+    sums: BoardSums | None = None
     if not excess:
         line = Lockstep(board(controller, model.name, model.n), arm, board_settings.dt)
         session = Session(line, Codec.from_json(controller / "protocol.json"))
@@ -232,6 +236,7 @@ def execute(
                     line.start(plan.motion.q[:, 0], np.random.default_rng([settings.seed, len(done)]))
                     done.append(run(session, board_settings, seconds, asked=asked))
                     step()
+            sums = session.blocks.sums(model.name)
         finally:
             session.close()
     return Execution(
@@ -245,4 +250,5 @@ def execute(
         noise=settings.noise,
         excess=excess,
         trials=tuple(done),
+        sums=sums,
     )

@@ -168,7 +168,7 @@ def execute_on(
                     raise
                 name = "link_lost" if isinstance(error, LinkLost) else "refused"
                 done.append(Trial.without_motion(setup.model.n, name, str(error)))
-        figures = session.figures()
+        figures, sums = session.figures(), session.blocks.sums(setup.model.name)
     finally:
         session.close()
     execution = Execution(
@@ -182,6 +182,7 @@ def execute_on(
         noise=0.0,
         excess=(),
         trials=tuple(done),
+        sums=sums,
     )
     return execution, figures
 

@@ -12,6 +12,7 @@ from math import isfinite
 import numpy as np
 
 from runtime.documents.plans import LinkEntry
+from runtime.hardware.blocks import Blocks
 from runtime.hardware.link import BoardLink, Codec, Decoder, LinkError, LinkLost, ReceivedMessage, Values
 
 _OFF, _UNPOWERED = ("idle",), ("idle", "armed")
@@ -103,6 +104,7 @@ class Conversation:
     """Commands and answers over a link, which it closes.
 
     impossible   the first impossible thing that the board reported; None: nothing
+    blocks       statistics that it has sent
     """
 
     def __init__(self, link: BoardLink, codec: Codec) -> None:
@@ -117,6 +119,7 @@ class Conversation:
         self._identity: ReceivedMessage | None = None
         self._state: Values | None = None
         self._telemetry: list[Values] = []
+        self.blocks = Blocks(codec.document.get("statistics"))
         self._counters: dict[str, int] | None = None
         self._silence = self._due = 0.0
 
@@ -232,6 +235,8 @@ class Conversation:
                 self.impossible = self.impossible or f"the board reports something impossible ({message.name}): {wrong}"
             elif message.name == "telemetry":
                 self._telemetry.append(message.values)
+            elif message.name == "statistics":
+                self.blocks.take(message.values)
             elif message.name == "ack":
                 self._acks[message.values["sequence"]] = message
             elif message.name == "state":

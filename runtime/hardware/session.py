@@ -255,7 +255,19 @@ class Session(Conversation):
             with suppress(LinkLost):
                 self._stop()
             raise
+        with suppress(LinkLost, Refused, Untrusted):
+            self._gather()
         return BoardRun(log.rows(), ended)
+
+    def _gather(self) -> None:
+        """Asks for the statistics that are left on the board, where it adds up any; it is idle, and stays so."""
+        if self.blocks.layout is None:
+            return
+        before = len(self.blocks.complete)
+        self._command("query")
+        deadline = self.link.now() + _END
+        while len(self.blocks.complete) == before and self.link.now() < deadline:
+            self._listen(_CHUNK)
 
     def _driven(self, periods: int, log: Log, asked: Callable[[], int]) -> Ended:
         reported: Ended | None = None

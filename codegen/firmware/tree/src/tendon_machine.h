@@ -98,6 +98,7 @@ typedef struct {
     uint32_t damping_left_periods;
     uint32_t drives_enabled;
     tendon_controller_state controller;
+    tendon_statistics statistics;
     tendon_joint_watch watch[TENDON_JOINTS];
     uint32_t missing_uploads; /* bits TENDON_MISSING_... */
     tendon_upload upload;

@@ -133,6 +133,7 @@ uint32_t tendon_command_run(tendon_machine *m, const uint8_t *payload)
         m->state.resume_record_periods = 0U;
         m->state.saturated_left_periods = m->config.safety.saturated;
         m->state.inspected_joint = 0U;
+        tendon_statistics_restart(&m->state.statistics);
         tendon_host_heard(m);
         m->link.pending_reports |= TENDON_PENDING_STATE;
     }

@@ -84,6 +84,8 @@ TENDON_SMALL static bool next_report(tendon_machine *m)
     uint8_t plain[TENDON_PLAIN_BYTES];
     uint8_t *payload = &plain[TENDON_HEADER];
     const bool has_record = link->free_records < TENDON_TELEMETRY_RECORDS;
+    const bool has_block = tendon_statistics_asked(&m->state.statistics) != 0U;
+    const bool others = (link->pending_reports != 0U) || has_block;
     bool found = true;
     if (link->ack_head != link->ack_tail) {
         tendon_pack_ack(&link->acks[link->ack_tail % TENDON_ACKS], payload);
@@ -91,7 +93,7 @@ TENDON_SMALL static bool next_report(tendon_machine *m)
         wrap(link, TENDON_REPORT_ACK, TENDON_SIZE_ACK, plain);
     } else if ((link->pending_reports & TENDON_PENDING_IDENTITY) != 0U) {
         report_identity(m, plain);
-    } else if (has_record && ((link->sent_telemetry == 0U) || (link->pending_reports == 0U))) {
+    } else if (has_record && ((link->sent_telemetry == 0U) || (!others))) {
         report_telemetry(m, plain);
     } else if ((link->pending_reports & TENDON_PENDING_STATE) != 0U) {
         m->state.report.state = (uint8_t)m->state.mode;
@@ -105,6 +107,10 @@ TENDON_SMALL static bool next_report(tendon_machine *m)
         link->pending_reports &= ~TENDON_PENDING_COUNTERS;
         link->sent_telemetry = 0U;
         wrap(link, TENDON_REPORT_COUNTERS, TENDON_SIZE_COUNTERS, plain);
+    } else if (has_block) {
+        const uint32_t size = tendon_take_block(&m->state.statistics, payload);
+        link->sent_telemetry = 0U;
+        wrap(link, TENDON_REPORT_STATISTICS, size, plain);
     } else {
         found = false;
     }

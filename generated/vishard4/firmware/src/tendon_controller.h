@@ -53,4 +53,37 @@ static inline void tendon_controller_step(
     vishard4_controller_step_f32(config, trajectory, state, counts, output);
 }
 
+/* No statistics are added up for this arm. */
+typedef struct {
+    uint32_t none;
+} tendon_statistics;
+
+static inline void tendon_statistics_restart(const tendon_statistics *statistics)
+{
+    (void)statistics;
+}
+
+static inline void tendon_statistics_ask(const tendon_statistics *statistics)
+{
+    (void)statistics;
+}
+
+static inline uint32_t tendon_statistics_asked(const tendon_statistics *statistics)
+{
+    (void)statistics;
+    return 0U;
+}
+
+static inline void tendon_statistics_step(
+    const tendon_config *config,
+    const tendon_statistics *statistics,
+    const tendon_output *output,
+    const int32_t counts[TENDON_JOINTS])
+{
+    (void)config;
+    (void)statistics;
+    (void)output;
+    (void)counts;
+}
+
 #endif

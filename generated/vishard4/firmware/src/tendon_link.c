@@ -74,6 +74,7 @@ TENDON_SMALL static uint32_t execute(
                 m->state.until_record_periods = 1U;
             }
             m->link.pending_reports |= TENDON_PENDING_STATE | TENDON_PENDING_COUNTERS;
+            tendon_statistics_ask(&m->state.statistics);
             break;
         case TENDON_COMMAND_ALIVE: /* its frame has restarted the timeout */
         default: /* tendon_check_command knows no other */

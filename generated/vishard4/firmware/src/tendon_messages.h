@@ -14,7 +14,7 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0x2de329d7U
+#define TENDON_BUILD 0x5300d486U
 
 /* Capacity for a trajectory. A board with more memory may be built with more, up to 65535 each: a control point takes
  * 4 bytes a joint, and `tendon execute` needs 32 of them for a second of a motion, and 2 phases. */
@@ -56,12 +56,13 @@
 #define TENDON_COMMAND_RESET 14U
 #define TENDON_COMMAND_QUERY 15U
 
-/* Types of reports, board to host. */
+/* Types of reports, board to host; 0: never sent. */
 #define TENDON_REPORT_ACK 129U
 #define TENDON_REPORT_IDENTITY 130U
 #define TENDON_REPORT_STATE 131U
 #define TENDON_REPORT_TELEMETRY 132U
 #define TENDON_REPORT_COUNTERS 133U
+#define TENDON_REPORT_STATISTICS 0U
 
 /* States. */
 #define TENDON_STATE_IDLE 0U
@@ -323,6 +324,13 @@ static inline void tendon_take_watched(const tendon_controller_state *state, ten
 {
     (void)state;
     (void)message;
+}
+
+static inline uint32_t tendon_take_block(const tendon_statistics *statistics, uint8_t *payload)
+{
+    (void)statistics;
+    (void)payload;
+    return 0U;
 }
 
 #endif

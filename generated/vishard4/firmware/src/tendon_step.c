@@ -73,6 +73,7 @@ void tendon_machine_step(
         --s->until_check_periods;
         tendon_controller_step(
             &m->config.controller, &m->config.trajectory, &s->controller, counts, &record->output);
+        tendon_statistics_step(&m->config.controller, &s->statistics, &record->output, counts);
         if (tendon_is_saturated(m, record->output.status) || inspect(m, record, counts)
             || any_is_off_track(m, record)) {
             tendon_stop_if_needed(m, counts);
