@@ -16,6 +16,7 @@ from sympy.printing.str import StrPrinter
 
 from symbolic import units as u
 from symbolic.effects.declaration import DT, SIGNAL, Effect, Grid, LinearForm, Parameter, State
+from symbolic.elements import Element
 from symbolic.primitives import WIDTHS, ramp, sgn, step
 
 BANNER = "# A guess by tendon diagnose --draft: no law from the literature."
@@ -35,7 +36,7 @@ _IMPORTS = (
         (
             *("DT", "SIGNAL", "Effect", "Grid", "LinearForm", "Parameter", "State"),
             *(sorted(w.name.upper() for w in WIDTHS)),
-            *("absolute", "load_user_effects", "parameter", "ramp", "sgn", "state", "step"),
+            *("absolute", "elements", "load_user_effects", "parameter", "ramp", "sgn", "state", "step"),
         ),
     ),
 )
@@ -93,10 +94,11 @@ def _value(value: Any, depth: int, variables: Collection[str] = ()) -> str:
     if isinstance(value, tuple):
         items = [_value(item, depth + 1, variables) for item in value]
         return _call("", items, depth) if items else "()"
-    if isinstance(value, Effect | Parameter | Grid | State | LinearForm):
+    if isinstance(value, Effect | Parameter | Grid | State | LinearForm | Element):
         given = [f.name for f in fields(value) if f.default is MISSING or getattr(value, f.name) != f.default]
         items = [f"{name}={_value(getattr(value, name), depth + 1, variables)}" for name in given]
-        return _call(type(value).__name__, items, depth)
+        place = "elements." if isinstance(value, Element) else ""
+        return _call(place + type(value).__name__, items, depth)
     if isinstance(value, str):
         return _text(value, depth)
     if isinstance(value, float) and abs(value) == inf:
