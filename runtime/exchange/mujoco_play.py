@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from runtime.exchange.settings import AT_REST, HOLD, PLAY_STEP
+from runtime.exchange.settings import AT_REST, HOLD, PLAY_STEP, ROUNDS
 
 Array = NDArray[np.float64]
 
@@ -50,12 +50,20 @@ class Played:
         model.actuator_delay[: self.n] = 0.0
 
     def play(
-        self, t: ArrayLike, tau: ArrayLike, q: ArrayLike, qd: ArrayLike, step: float = PLAY_STEP
+        self,
+        t: ArrayLike,
+        tau: ArrayLike,
+        q: ArrayLike,
+        qd: ArrayLike,
+        bent: Array | None = None,
+        step: float = PLAY_STEP,
     ) -> tuple[Array, Array]:
         """The motion under torques at the joints, linear between samples.
 
         t (m,) s, rising; tau (m, n) N m or N     q, qd (n,) at the first sample     step: the longest, s
-        Springs begin in equilibrium with the load, bristles as they are after a long way in the direction of qd, and
+        bent (2, n)   how far the motors of elastic joints are ahead of their links there, and at which rate; without
+                      it, as the load bends them with which the rigid arm would accelerate
+        Bristles and yielding springs begin as they are after a long way in the direction of qd, and
         the drives have had the first torque for long. Returns q and qd (m, n), of the motors where joints are
         elastic; NaN from where the motion runs away. Raises PlayError.
         """
@@ -65,7 +73,7 @@ class Played:
         if torques.shape != (len(times), self.n) or len(times) < 2 or not (np.diff(times) > 0).all():
             raise PlayError(f"torques of shape {torques.shape}: expected ({len(times)}, {self.n}) at rising times")
         model, data = self.model, self.data
-        self._begin(torques[0], np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64))
+        self._begin(torques[0], np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64), bent)
         out = np.full((2, *torques.shape), np.nan)
         at, rate = model.jnt_qposadr[self.motors], model.jnt_dofadr[self.motors]
         out[:, 0] = data.qpos[at], data.qvel[rate]
@@ -90,11 +98,12 @@ class Played:
         acting = [np.interp(middles - late, times, row) for late, row in zip(self.delay, torques.T, strict=True)]
         return iter(np.stack(acting, axis=1) / self.gear)
 
-    def windows(self, t: Array, tau: Array, q: Array, qd: Array, step: float = PLAY_STEP) -> Array:
-        """Positions (W, K, n) in windows that begin at q, qd (W, n). t (K,) s and tau (W, K, n): as of `play`."""
-        return np.array([self.play(t, *each, step=step)[0] for each in zip(tau, q, qd, strict=True)])
+    def windows(self, t: Array, tau: Array, q: Array, qd: Array, bent: Array | None = None) -> Array:
+        """Positions (W, K, n) in windows that begin at q, qd (W, n) and bent (W, 2, n). t (K,) s and tau (W, K, n)."""
+        begun = [None] * len(q) if bent is None else bent
+        return np.array([self.play(t, *each)[0] for each in zip(tau, q, qd, begun, strict=True)])
 
-    def _begin(self, tau: Array, q: Array, qd: Array) -> None:
+    def _begin(self, tau: Array, q: Array, qd: Array, bent: Array | None) -> None:
         """Set the state of the first sample, with the memories of effects."""
         import mujoco
 
@@ -104,13 +113,16 @@ class Played:
         data.qvel[model.jnt_dofadr[self.motors]] = qd
         data.ctrl[: self.n] = tau / self.gear
         self._activate(qd)
+        if self.behind and bent is None:
+            self._deflect()
+        elif bent is not None:
+            ahead = bent[:, [self.motors.index(joint - 1) for joint in self.behind]]
+            data.qpos[model.jnt_qposadr[self.behind]], data.qvel[model.jnt_dofadr[self.behind]] = -ahead
         mujoco.mj_forward(model, data)
         if model.nplastic:
             for k in np.flatnonzero(model.tendon_plasticadr >= 0):
-                place = model.tendon_plasticadr[k]
-                data.plastic[place : place + 2] = data.ten_length[k]
-        if self.behind:
-            self._deflect()
+                place, way = model.tendon_plasticadr[k], _direction(data.ten_velocity[k])
+                data.plastic[place : place + 2] = data.ten_length[k] - way * model.tendon_springyield[k]
 
     def _activate(self, qd: Array) -> None:
         """Fill the memories of lags and bristles."""
@@ -128,22 +140,29 @@ class Played:
                 # Where the compiler puts the LuGre model's numbers.
                 stiffness, (coulomb, static, speed) = model.actuator_dynprm[a, 5], model.actuator_biasprm[a, 3:6]
                 level = coulomb + (static - coulomb) * np.exp(-((qd[joint] / speed) ** 2))
-                data.act[place] = np.sign(qd[joint]) * (abs(qd[joint]) > AT_REST) * level / stiffness
+                data.act[place] = _direction(qd[joint]) * level / stiffness
 
     def _deflect(self) -> None:
-        """Bend each elastic joint as the load bends it with which the rigid arm would accelerate."""
+        """Bend each elastic joint as the load bends it with which the rigid arm would accelerate.
+
+        Dry friction at rest depends on how the joints are bent: a few rounds suffice.
+        """
         import mujoco
 
         model, data = self.model, self.data
         motors, behind = model.jnt_dofadr[self.motors], model.jnt_dofadr[self.behind]
+        places, own = model.jnt_qposadr[self.behind], model.jnt_stiffness[self.behind]
+        stiffness, slack = np.array([self._spring(joint) for joint in self.behind]).T
         inertia = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, inertia)
-        force = data.qfrc_actuator + data.qfrc_passive + data.qfrc_constraint - data.qfrc_bias
-        qdd = np.linalg.solve(inertia[np.ix_(motors, motors)], force[motors])
-        load = inertia[np.ix_(behind, motors)] @ qdd + data.qfrc_bias[behind] - data.qfrc_passive[behind]
-        for joint, torque in zip(self.behind, load, strict=True):
-            stiffness, slack = self._spring(joint)
-            data.qpos[model.jnt_qposadr[joint]] = -torque / stiffness - np.sign(torque) * slack
+        for _ in range(ROUNDS):
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, inertia)
+            force = data.qfrc_actuator + data.qfrc_passive + data.qfrc_constraint - data.qfrc_bias
+            acceleration = np.linalg.solve(inertia[np.ix_(motors, motors)], force[motors])
+            # Of the passive forces, those of springs at the link, without the joint's own.
+            carried = data.qfrc_passive[behind] + own * data.qpos[places]
+            load = inertia[np.ix_(behind, motors)] @ acceleration + data.qfrc_bias[behind] - carried
+            data.qpos[places] = -load / stiffness - np.sign(load) * slack
 
     def _spring(self, joint: int) -> tuple[float, float]:
         """Stiffness of a second joint, and half the gap before it."""
@@ -152,6 +171,11 @@ class Played:
             return float(model.jnt_stiffness[joint]), 0.0
         mobility = model.dof_invweight0[model.jnt_dofadr[joint]]
         return float(-model.jnt_solref[joint, 0] / mobility), float(model.jnt_range[joint, 1])
+
+
+def _direction(rate: float) -> float:
+    """-1, 0 at rest, or 1."""
+    return float(np.sign(rate)) if abs(rate) > AT_REST else 0.0
 
 
 def _mujoco() -> Any:

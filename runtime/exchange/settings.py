@@ -53,3 +53,6 @@ construction."""
 
 AT_REST: Final = 1e-3
 """rad/s, m/s; slower joints' bristles begin unbent: which way they came is not known; a choice."""
+
+ROUNDS: Final = 3
+"""number of rounds in which the load of elastic joints settles with what it does to friction at rest; a choice."""

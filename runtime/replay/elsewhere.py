@@ -15,6 +15,7 @@ from runtime.exchange.mujoco_play import Played
 from runtime.recordings.recording import RecordingError
 from runtime.replay.driven_arm import Windows
 from runtime.replay.replay import PlayedWindows, Replay
+from runtime.replay.track import remembering
 from symbolic.model_file.arm import COMMAND, MOTOR_TORQUE
 
 Array = NDArray[np.float64]
@@ -49,8 +50,20 @@ class MujocoReplay(Replay):
         assert self.player is not None
         cut = {name: windows.cut(self.tracks, name) for name in ("q", "qd", "tau")}
         t: Array = self.tracks[0].dt * np.arange(windows.length + 1, dtype=np.float64)
-        played = self.player.windows(t, cut["tau"], cut["q"][:, 0], cut["qd"][:, 0])
+        played = self.player.windows(t, cut["tau"], cut["q"][:, 0], cut["qd"][:, 0], self._bent(windows))
         return PlayedWindows(windows, self.tracks[0].dt, cut["q"], played, np.full_like(played, np.nan))
+
+    def _bent(self, windows: Windows) -> Array:
+        """(W, 2, n) how far the motors are ahead of their links where windows begin, and at which rate."""
+        states, library = windows.cut(self.tracks, "states"), self.model.library
+        bent, place = np.zeros((len(windows.starts), 2, self.model.n)), 0
+        for term in remembering(self.model, self.known):
+            effect = library.effects[term.effect]
+            if effect.deflection is not None:
+                now, later = states[:, :2, place + effect.states.index(effect.deflection)].T
+                bent[:, :, (term.joint or 1) - 1] = np.stack([now, (later - now) / self.tracks[0].dt], axis=1)
+            place += len(effect.states)
+        return bent
 
     def _agreement(self, i: int, errors: Sequence[MotionErrorEntry]) -> tuple[bool | None, str]:
         assert self.own is not None

@@ -132,8 +132,10 @@ def exported(
         sides = (tuple(made.elements), tuple(made.carried), frozenset(made.unknown))
         joints.append(ExportedJoint(name, joint, body, rotor, mobility, *sides))
     whole = Placed(library, language, None, rotor=0.0)
-    for name in arm.effects.keys() - alike.keys():
-        whole.add(name, arm.effects[name])
+    contact = {} if arm.contact is None else arm.contact.effects
+    for name, values in {**arm.effects, **contact}.items():
+        if name not in alike:
+            whole.add(name, values)
     effects += whole.effects
     tilts = [element for element in whole.elements if isinstance(element, TiltedGravity)]
     x, y, z = (sum(parts) for parts in zip(arm.gravity, *((t.x, t.y, t.z) for t in tilts), strict=True))
@@ -221,8 +223,6 @@ def _unsaid_effects(effects: Sequence[ExportedEffect], n: int) -> Iterator[str]:
 
 def _unsaid_keys(arm: Arm, language: Language, rotors: Sequence[float]) -> Iterator[str]:
     """What a file does not say of the model file's other keys."""
-    if arm.contact is not None:
-        yield "the contact with a plate"
     stated: dict[str, list[bool]] = {
         "torque_constant": [language != "bam" and joint.torque_constant is not None for joint in arm.joints],
         "encoder": [joint.encoder_counts is not None for joint in arm.joints],

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from runtime.exchange.bodies import mobilities
+from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, structure
 from runtime.simulation.plant import Plant
 from runtime.simulation.simulate import complete, excitation, torque_along
@@ -156,16 +157,25 @@ def exported(
     return Played(path), made
 
 
-def plant_motion(model, terms: Structure, t: np.ndarray, tau: np.ndarray, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-    """(N, n): what the plant does; its drives have had the first torque for long."""
+def plant_states(
+    model: Model, terms: Structure, t: np.ndarray, tau: np.ndarray, q: np.ndarray, qd: np.ndarray
+) -> list[np.ndarray]:
+    """The plant's states (positions, rates, memories, ...); its drives have had the first torque for long."""
     plant = Plant(model, terms, t[1] - t[0])
     plant.reset(q, qd)
     plant._state[-1 - model.n : -1] = tau[:, 0]
-    out = [plant.q.copy()]
+    out = [plant._state.copy()]
     for k in range(len(t) - 1):
         plant.advance((tau[:, k] + tau[:, k + 1]) / 2)
-        out.append(plant.q.copy())
-    return np.array(out)
+        out.append(plant._state.copy())
+    return out
+
+
+def plant_motion(
+    model: Model, terms: Structure, t: np.ndarray, tau: np.ndarray, q: np.ndarray, qd: np.ndarray
+) -> np.ndarray:
+    """(N, n): what the plant does."""
+    return np.array([state[: model.n] for state in plant_states(model, terms, t, tau, q, qd)])
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -176,7 +186,7 @@ def test_an_effect_moves_the_arm_in_mujoco_as_in_the_plant(bench: SimpleNamespac
     q, qd, qdd = prescribed(bench.t, 2, 0.1)
     tau = torque_along(bench.model, q, qd, qdd, 1 / PERIOD, terms)
     own = plant_motion(bench.model, terms, bench.t, tau, q[:, 0], qd[:, 0])
-    there, _ = played.play(bench.t, tau.T, q[:, 0], qd[:, 0], FINE)
+    there, _ = played.play(bench.t, tau.T, q[:, 0], qd[:, 0], step=FINE)
     moved = np.abs(own - own[0]).max(axis=0)
     assert (moved > 0.05).all()
     error = float((np.abs(there - own).max(axis=0) / moved).max())
@@ -204,11 +214,12 @@ def test_a_whole_arm_moves_as_in_the_plant(name: str, cache: Path, tmp_path: Pat
     path = excitation(model, np.random.default_rng(0), 4.0, 1)
     terms = complete(model, path, {**structure(model), Term(ARMS[name], 1): {}})
     terms = {term: values for term, values in terms.items() if model.library[term.effect].scope != "contact"}
-    played, made = exported(compiled.arm, terms, tmp_path / "arm.xml", compiled.library)
+    arm = replace(compiled.arm, contact=None)  # which MuJoCo does not play
+    played, made = exported(arm, terms, tmp_path / "arm.xml", compiled.library)
     assert {effect.standing.played for effect in made.effects} <= {"exact", "approximated"}
     tau = torque_along(model, q, qd, qdd, 1 / PERIOD, terms)
     own = plant_motion(model, terms, t, tau, q[:, 0], qd[:, 0])
-    there, _ = played.play(t, tau.T, q[:, 0], qd[:, 0], FINE)
+    there, _ = played.play(t, tau.T, q[:, 0], qd[:, 0], step=FINE)
     moved = np.abs(own - own[0]).max(axis=0)
     error = float((np.abs(there - own).max(axis=0) / moved).max())
     print(f"{name}: {error:.2g}")
@@ -219,6 +230,24 @@ def test_without_mujoco_it_is_asked_for(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(PlayError, match=r"the package mujoco is not installed: pip install mujoco.*`mjcf`"):
         Played(tmp_path / "arm.xml")
+
+
+def test_an_elastic_joint_goes_on_from_where_it_is_bent(bench: SimpleNamespace, tmp_path: Path) -> None:
+    """In the middle of a motion: with its deflection and that one's rate; a bent spring alone is as good as nothing."""
+    terms = terms_of(EFFECTS["elasticity"])
+    played, _ = exported(bench.arm, terms, tmp_path / "bench.xml")
+    q, qd, qdd = prescribed(bench.t, 2, 0.1)
+    tau = torque_along(bench.model, q, qd, qdd, 1 / PERIOD, terms)
+    states = np.array(plant_states(bench.model, terms, bench.t, tau, q[:, 0], qd[:, 0]))
+    at, rate = states[600, :2], states[600, 2:4]
+    (deflection, its_rate), rest = states[600, 4:6], states[600:, :2]
+    moved = np.abs(rest - at).max(axis=0)
+    error = {}
+    for name, bent in (("bent", np.array([[deflection, 0.0], [its_rate, 0.0]])), ("unbent", np.zeros((2, 2)))):
+        there, _ = played.play(bench.t[600:], tau[:, 600:].T, at, rate, bent, FINE)
+        error[name] = float((np.abs(there - rest).max(axis=0) / moved).max())
+    assert error["bent"] < of_effect(DECLARED["elasticity"], "mjcf").tolerance
+    assert error["unbent"] > 5 * error["bent"]
 
 
 def test_a_motion_that_runs_away_is_no_number(bench: SimpleNamespace, tmp_path: Path) -> None:
