@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-_TEXTS = ("", ".c", ".h", ".py", ".ld", ".md", ".txt", ".cmake", ".hpp", ".pyi", ".toml")
+_TEXTS = ("", ".c", ".h", ".py", ".ld", ".md", ".txt", ".cmake", ".hpp", ".pyi", ".toml", ".rs")
 """Suffixes of files with a banner."""
 _HERE, _EXCHANGE = -100, 2
 """AT_FDCWD and RENAME_EXCHANGE of Linux's renameat2."""

@@ -72,11 +72,12 @@ class Rendered:
 
 
 def render_all(source: Source, out: Path | None, effects: Path | None, rust: bool = False) -> Rendered:
-    """All generated files of an arm; effects: the user's file of effects; rust: with a module in Rust.
+    """All generated files of an arm; effects: the user's file of effects; rust: with a module in Rust, which is kept up
+    to date once it is there.
 
     Raises UsageError where a generated file would replace one of the two files that are read.
     """
-    from codegen import render
+    from codegen import disk, render
     from codegen.package.package import package_files
     from codegen.rust.rust_code import rust_files
     from symbolic.model import derive
@@ -90,7 +91,9 @@ def render_all(source: Source, out: Path | None, effects: Path | None, rust: boo
     check_directory(beside)
     library = source.compiled.library
     model = derive(arm)
-    files = package_files(model, library) | (rust_files(model) if rust else {})
+    files = package_files(model, library)
+    if rust or disk.has_banner(directory / f"{arm.name}.rs"):
+        files |= rust_files(model)
     effect_files = render.effect_files(tuple(library.values()))
     places = [*(directory / name for name in files), *(beside / name for name in effect_files)]
     keep([source.path, *([effects] if effects else [])], places)

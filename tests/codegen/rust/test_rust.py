@@ -14,7 +14,9 @@ from random_arms import MIXED
 
 from codegen import prepare
 from codegen.rust import rust_code
+from runtime.cli import main, output
 from runtime.model.loader import Library, Model
+from runtime.workspace.source import Source
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm, Drive
 
@@ -54,8 +56,8 @@ def test_the_same_numbers_as_c(vishard4: Arm, name: str, tmp_path: Path) -> None
             lines.append(f'    for x in arm::{function}(&p, {", ".join(texts)}) {{ print!("{{:e}} ", x); }}')
             lines.append("    println!();")
     (tmp_path / "arm.rs").write_text(rust_code.rust_files(derive(arm))["arm.rs"], encoding="utf-8")
-    main = "mod arm;\nfn main() {\n    let p = arm::Parameters::default();\n" + "\n".join(lines) + "\n}\n"
-    (tmp_path / "main.rs").write_text(main)
+    program = "mod arm;\nfn main() {\n    let p = arm::Parameters::default();\n" + "\n".join(lines) + "\n}\n"
+    (tmp_path / "main.rs").write_text(program)
     run(["rustc", "--edition", "2021", "-Dwarnings", "-Copt-level=0", "main.rs", "-o", "main"], tmp_path)
     rows = [np.array(row.split(), dtype=float) for row in run(["./main"], tmp_path).splitlines()]
     for i, (function, values) in enumerate(expected.items()):
@@ -67,3 +69,22 @@ def test_the_same_numbers_as_c(vishard4: Arm, name: str, tmp_path: Path) -> None
         scale = np.abs(values[within_reach]).max(initial=0.0)
         assert np.allclose(found[within_reach], values[within_reach], rtol=1e-12, atol=1e-13 * scale), function
     assert ("drive_torque" in expected) == (name == "driven")
+
+
+def test_generate_keeps_the_module_up_to_date_once_it_is_there(
+    bench: Source, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def generate(*options: str) -> int:
+        return output.run(main.app, ["generate", str(bench.path), "--out", str(tmp_path / "made"), *options])
+
+    module = tmp_path / "made" / "bench.rs"
+    assert generate() == 0
+    assert not module.exists()
+    assert generate("--rust") == 0
+    text = module.read_text(encoding="utf-8")
+    module.write_text(text + "\n", encoding="utf-8")
+    capsys.readouterr()
+    assert generate("--check") == 1
+    assert f"{module}: out of date" in capsys.readouterr().out
+    assert generate() == 0
+    assert module.read_text(encoding="utf-8") == text
