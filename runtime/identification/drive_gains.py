@@ -25,7 +25,7 @@ from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import prepared
 from runtime.identification.problem import Problem
 from runtime.identification.regressors import is_delay
-from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, SPARED, TOLD_APART
+from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, SPARED, STATED_MASS, TOLD_APART
 from runtime.identification.stated_parts import stated_lumps
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure
@@ -99,8 +99,9 @@ def told_gains(fit: Fit) -> dict[int, dict[str, ToldGain]]:
 
 def _over_shared(fit: Fit, found: Mapping[int, Mapping[str, ToldGain]]) -> dict[int, float]:
     """By joint (0-based) how much larger its command's coefficient is than the inertias that joints share make it
-    beside that of the first: a stated mass may be wrong, and gives all torques one scale."""
-    gains, driven = fit.motion.gains, fit.motion.driven
+    beside that of the first, as far as these tell more than what is stated of the joint alone: in the logarithm, the
+    mean of both by their variances."""
+    gains, driven, over = fit.motion.gains, fit.motion.driven, dict[int, float]()
     parts = dict(zip(gains, fit.coefficients[fit.problem.layout.gains], strict=True))
     commands = {i: (i, joint.command_gain) for i, joint in enumerate(driven) if i in found and joint is not None}
 
@@ -110,9 +111,15 @@ def _over_shared(fit: Fit, found: Mapping[int, Mapping[str, ToldGain]]) -> dict[
         if i in found and joint is not None and joint.command_gain in joint.identified
     }
     first = next((change for i, change in changes.items() if commands[i] not in parts), 1.0)
-    return {
-        i: change * (1.0 + float(parts[commands[i]])) / first for i, change in changes.items() if commands[i] in parts
-    }
+    for i, change in changes.items():
+        if commands[i] in parts:
+            low, high = found[i][commands[i][1]].interval or (0.0, np.inf)
+            alone = ((high - low) / (2 * INTERVAL_SIGMAS * found[i][commands[i][1]].value)) ** 2 + STATED_MASS**2
+            place = fit.problem.layout.gains.start + gains.index(commands[i])
+            shared = float(fit.uncertainty.covariance[place, place])
+            ratio = max(change * (1.0 + float(parts[commands[i]])) / first, STATED_MASS)
+            over[i] = float(ratio ** (alone / (alone + shared)))
+    return over
 
 
 def _scaled(gains: Mapping[str, ToldGain], by: float) -> dict[str, ToldGain]:

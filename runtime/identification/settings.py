@@ -207,3 +207,7 @@ SPARED: Final = (0.0, 0.03, 0.1, 0.3)
 """parts of the samples, those with the largest commands, that are left out where a drive has a limit and nothing yet
 tells which it cuts; the first that is as large as what the gains that follow say; a choice: a drive at its limit for
 longer does not hold its motion."""
+
+STATED_MASS: Final = 0.05
+"""part of a mass, or of an inertia, by which what a model file states is off; it says how much the scale of a joint's
+torque that follows from it counts beside what joints share; a choice, as simulated users' files are."""
