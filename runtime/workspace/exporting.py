@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from runtime import files
 from runtime.documents.experiments import ExportedMotionDocument
 from runtime.documents.models import ExportDocument, ExportedEffectEntry, ExportedJointEntry
 from runtime.workspace.source import CompiledArm
+from symbolic.model_file.checks import ModelError
 
 if TYPE_CHECKING:
     from runtime.experiments.options import MotionOptions
@@ -44,7 +46,9 @@ def export(
 
     made, missing = _with_bodies(compiled, language)
     if any(effect.standing.played != "exact" for effect in made.effects):
-        made = _with_shares(made, compiled.model(), recordings)
+        # A share needs inertias, which the parameters of a servo do not.
+        with suppress(ModelError) if language == "bam" else nullcontext():
+            made = _with_shares(made, compiled.model(), recordings)
     kept: list[str] = []
     written = {out: (urdf_text if language == "urdf" else mjcf_text)(made).encode()} if language != "bam" else {}
     if onto is not None:
@@ -127,7 +131,6 @@ def _with_shares(made: ExportedArm, model: Model, recordings: Sequence[Recording
     """The arm with the share of the torque that each effect is that the file does not hold exactly."""
     from runtime.model.terms import check_complete, structure
     from runtime.simulation.shares import shares
-    from symbolic.model_file.checks import ModelError
 
     known = {}
     for term, values in structure(model).items():
@@ -166,7 +169,8 @@ def _with_bodies(compiled: CompiledArm, language: Language) -> tuple[ExportedArm
     near = np.array([parameters(body) for body in bodies])
     behind = np.array(exporting.elastic(arm, compiled.library))
     if language == "bam":
-        return exporting.exported(arm, compiled.library, language, bodies, rotors, [0.0] * len(rotors)), 0.0
+        known = [joint.rotor_inertia or 0.0 for joint in arm.joints]
+        return exporting.exported(arm, compiled.library, language, bodies, known, [0.0] * len(known)), 0.0
     stated = not arm.inertial and not any(joint.unknown for joint in arm.joints)
     if stated and all(map(is_possible, near)):
         moved = mobilities(arm, near, np.array(rotors), behind).tolist()

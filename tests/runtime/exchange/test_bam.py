@@ -89,6 +89,16 @@ def test_a_servo_moves_there_as_in_the_plant(tendon: Run, cache: Path) -> None: 
     assert q == pytest.approx(float(plant.q[0]), rel=5e-3)
 
 
+def test_inertias_may_be_unknown(tendon: Run) -> None:
+    """A servo's parameters need none, but a share of the torque does."""
+    text = one_joint.model_text(TABLES + "[joint.effects.offset]\ntorque = 0.2\n")
+    Path("open.toml").write_text(text.replace(f"rotor_inertia = {one_joint.ROTOR:.2f}\n", ""))
+    status, out, err = tendon("export", "open.toml", "--to", "bam", "--out", "open.json", "--json", "-")
+    assert status == 0, err
+    assert [effect["share"] for effect in json.loads(out)["effects"] if effect["effect"] == "offset"] == [None]
+    assert "armature" not in json.loads(Path("open.json").read_text())
+
+
 def test_each_joint_has_a_file_and_the_rest_is_listed(tendon: Run) -> None:
     tables = TABLES + "[joint.effects.lugre]\nstiffness = 100.0\ndamping = 1.0\n"
     text = one_joint.model_text(tables) + "\n" + one_joint.joint_text()
