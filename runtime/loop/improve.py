@@ -16,6 +16,7 @@ from runtime.diagnosis.steps import Step, residuals_elsewhere
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.documents.fits import FitDocument
 from runtime.identification.compare import JointSeries, series_on
+from runtime.identification.drive_gains import with_gains_of
 from runtime.identification.fit import Fit
 from runtime.identification.identify import fit_document, without_tip_rests
 from runtime.identification.problem import Problem
@@ -37,6 +38,8 @@ class EditedModel(Protocol):
     def add(self, effect: str, joint: int | None = None, values: Mapping[str, float] | None = None) -> Self: ...
 
     def set(self, fit: FitDocument) -> Self: ...
+
+    def set_drive_gains(self, gains: Mapping[int, Mapping[str, float]]) -> Self: ...
 
 
 class CompiledModel(Protocol):
@@ -112,7 +115,9 @@ def improve(
         left = conclude(replace(trail, model=model, last=alone), budget=budget)
     # All joints share the inertial parameters: values of a fit that contradicts itself at one are not written.
     if found.verdict != "refused" and not any(v.why == "unsound fit" for v in found.joints):
-        edits = edits.set(fit_document(last.fit))
+        drives = (with_gains_of(last.fit, i) for i in range(last.fit.model.n))
+        gains = {i: drive.to_write for i, drive in enumerate(drives, 1) if drive is not None}
+        edits = edits.set(fit_document(last.fit)).set_drive_gains(gains)
     return Improvement(edits.text, found, left)
 
 

@@ -151,17 +151,19 @@ def test_a_gain_that_an_effect_imitates_is_said_to_be_in_it(tendon: Run, logs: d
 
 
 def test_a_late_command_moves_the_gains_until_it_is_named(tendon: Run, here: Path) -> None:
-    """Until then, its torque is taken for that of other gains."""
+    """Until then, its torque is taken for that of other gains. The improved model file states those that are told."""
     setting = Setting(excitation="brief", drive="servo_open", logger=Logger(every=4))
     (case,) = cases(["delay_of_samples"], [1], [1.0], [42], setting)
     folder, (drive,) = save(case, here), make(case).motors
-    status, out, err = tendon("improve", folder / "model.toml", folder / "fit.csv.gz", "--json", "-")
+    status, out, err = tendon("improve", folder / "model.toml", folder / "fit.csv.gz", "--out", "b.toml", "--json", "-")
     assert status in (0, 1), err
     document = json.loads(out)
     assert "torque_delay" in str(document["history"])
     gains = document["joints"][0]["drive"]["gains"]
     assert gains["kp"]["value"] == pytest.approx(drive.kp, rel=0.02)
     assert gains["kd"]["value"] == pytest.approx(drive.kd, rel=0.05)
+    (written,) = re.findall(r"kp = ([\d.]+)", Path("b.toml").read_text(encoding="utf-8"))
+    assert float(written) == pytest.approx(gains["kp"]["value"], rel=1e-3)
 
 
 @pytest.mark.slow
