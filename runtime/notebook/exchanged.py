@@ -11,6 +11,7 @@ from runtime.documents.models import ExportDocument
 from runtime.experiments.options import MotionOptions
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.notebook.results import MadeResult
+from runtime.notebook.verbs import Recordings, read_both
 from runtime.report import models, motions
 from runtime.workspace import exporting
 from runtime.workspace.source import Source, effects_described, effects_library
@@ -49,13 +50,22 @@ def import_(
 
 
 def export(
-    arm: LoadedArm, path: PathOrText, to: Literal["urdf", "mjcf", "bam"] = "urdf", onto: PathOrText | None = None
+    arm: LoadedArm,
+    path: PathOrText,
+    to: Literal["urdf", "mjcf", "bam"] = "urdf",
+    onto: PathOrText | None = None,
+    on: Recordings = (),
+    servo: str | None = None,
 ) -> ExportResult:
     """Write the arm as URDF or MJCF, with physically possible bodies, or BAM's parameters. Raises ValueError, OSError.
 
-    onto   a URDF of the arm: the new file is a copy of it, with the model's numbers in it
+    onto    a URDF of the arm: the new file is a copy of it, with the model's numbers in it
+    on      recordings along whose motion the file's lacks have their share of the torque
+    servo   BAM's name of it; None: the arm's
     """
-    return ExportResult(exporting.export(arm.source.compiled, to, Path(path), None if onto is None else Path(onto)))
+    data = read_both(arm, on)[0] if on else []
+    whole = None if onto is None else Path(onto)
+    return ExportResult(exporting.export(arm.source.compiled, to, Path(path), whole, data, servo))
 
 
 class ExportedMotionResult(MadeResult[ExportedMotionDocument]):

@@ -301,6 +301,8 @@ def test_what_the_file_lacks_has_its_share_of_the_torque(run: Run) -> None:
         assert friction["share"] == pytest.approx(0.25, rel=0.1)
         assert (stop["played"], stop["but"], stop["share"]) == ("not", "its values are not known", None)
         assert f"load_friction at joint 1 ({100 * friction['share']:.2g} % of the torque)" in document["unsaid"]
+    result = exchanged.export(load("loaded.toml"), "new.xml", to="mjcf", on="run.csv")
+    assert result.json["effects"] == document["effects"]
     status, out, err = run("export", "loaded.toml", "--to", "mjcf", "--out", "new.xml", "--on", "absent.csv")
     assert (status, out) == (2, "")
     assert "absent.csv" in err
