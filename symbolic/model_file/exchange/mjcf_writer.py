@@ -49,9 +49,9 @@ DEFLECTION = "_deflection"
 def mjcf_text(made: ExportedArm) -> str:
     """The text of an MJCF."""
     parts = [_Parts(joint) for joint in made.joints]
-    tendons = [line for part in parts for line in part.tendons]
     for k, drive in made.of(e.CoupledDrive):
-        tendons += _coupled(parts[(k or 1) - 1], parts[k or 1], drive)
+        parts[(k or 1) - 1].couple(parts[k or 1], drive)
+    tendons = [line for part in parts for line in part.tendons]
     lines = [*about(made), f"<mujoco model={quoteattr(made.arm.name)}>"]
     lines += ['  <compiler angle="radian" eulerseq="XYZ" autolimits="true"/>']
     lines += [f'  <option gravity="{numbers(made.arm.gravity)}" timestep="{STEP:g}" integrator="implicitfast"/>']
@@ -88,13 +88,6 @@ def _tip(made: ExportedArm) -> Iterator[str]:
         place = numbers((mass.x, mass.y, mass.z))
         yield f"  {_tag('inertial', pos=place, mass=mass.mass, diaginertia='0 0 0')}"
         yield "</body>"
-
-
-def _coupled(first: _Parts, second: _Parts, drive: e.CoupledDrive) -> list[str]:
-    """A tendon whose length grows with both joints' motors."""
-    sizes = {"frictionloss": drive.friction, "damping": drive.damping, "armature": drive.inertia}
-    stated: Attributes = {word: size for word, size in sizes.items() if size}
-    return first.tendon("coupled", {first.name: 1.0, second.name: drive.ratio}, **stated, **SHARP)
 
 
 @dataclass
@@ -237,6 +230,12 @@ class _Parts:
         opening = _tag("fixed", name=self._last, **attributes).removesuffix("/>") + ">"
         inside = "".join(_tag("joint", joint=joint, coef=part) for joint, part in parts.items())
         return [opening, f"  {inside}</fixed>"]
+
+    def couple(self, second: _Parts, drive: e.CoupledDrive) -> None:
+        """A tendon whose length grows with both joints' motors."""
+        sizes = {"frictionloss": drive.friction, "damping": drive.damping, "armature": drive.inertia}
+        stated: Attributes = {word: size for word, size in sizes.items() if size}
+        self.tendons += self.tendon("coupled", {self.name: 1.0, second.name: drive.ratio}, **stated, **SHARP)
 
     # --- joint and motor ---
 

@@ -96,7 +96,10 @@ EFFECTS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "gravity": {"gravity": {"gx": 9.0, "gy": -5.0, "gz": 2.0}},
     "payload": {"payload": {"mass": 0.5, "time": -1.0, "x": 0.02, "y": -0.05, "z": 0.03}},
     "coupled_friction": {"coupled_friction@1": {"torque": 3.0}},
-    "coupled_gear": {"coupled_gear@1": {"coulomb": 3.0, "viscous": 1.2, "inertia": 0.09, "ratio": -1.0}},
+    "coupled_gear": {
+        "coupled_gear@1": {"coulomb": 3.0, "viscous": 1.2, "inertia": 0.09, "ratio": -1.0},
+        "coupled_friction@1": {"torque": 1.0},
+    },
 }
 """The effect, and what it needs beside it: at a joint, or of the arm."""
 
