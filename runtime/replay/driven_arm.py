@@ -43,19 +43,20 @@ class Feedback:
     @property
     def reads(self) -> list[str]:
         """What it reads of a track."""
-        return ["tau", "q", "qd"] if self.drive is None else [*read_by(self.drive), "q"]
+        own = ["tau", "qd"] if self.drive is None else read_by(self.drive)
+        return [*own, "q", "residual"]
 
     def torque(self, read: Mapping[str, Any], q: Any, qd: Any, lagging: Any, gains: Gain) -> Any:
         """Of what it reads and the model's motion; lagging: the integral of the recorded less the model's position."""
         if self.drive is None:
-            return read["tau"] + self.kp * (read["q"] - q) + self.kd * (read["qd"] - qd)
+            return read["tau"] - read["residual"] + self.kp * (read["q"] - q) + self.kd * (read["qd"] - qd)
         signals = {**read, "q": q, "qd": qd}
         if INTEGRAL in signals:
             signals[INTEGRAL] = read[INTEGRAL] + lagging
         law, own = self.drive.law, self.drive.gains
         columns = law.columns(signals, own, _ramp)
         made = sum(gains[term.name] * x for term, x in zip(law.terms, columns, strict=True))
-        return law.limited(made, own, _ramp)
+        return law.limited(made, own, _ramp) - read["residual"]
 
 
 def _ramp(x: Any) -> Any:
@@ -150,7 +151,7 @@ class DrivenArm:
     def read(self, tracks: Sequence[Track], windows: Windows, without: float = 0.0) -> Array:
         """(length + 3, W, r) what is read along every window, and one sample before and after it.
 
-        without   the part of the unexplained torque that is taken out of the recorded one
+        without   the part of the torque that the model does not explain that is taken out
         """
         each = []
         for i, feedback in enumerate(self.feedback):
@@ -213,6 +214,6 @@ class DrivenArm:
 
 
 def _row(track: Track, i: int, name: str, without: float) -> Array:
-    if name == "tau":
-        return track.tau[i] - without * track.residual[i]
-    return getattr(track, name)[i] if name in ("q", "qd") else track.commands[i, name]
+    if name == "residual":
+        return without * track.residual[i]
+    return getattr(track, name)[i] if name in ("q", "qd", "tau") else track.commands[i, name]

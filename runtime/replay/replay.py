@@ -31,6 +31,7 @@ from runtime.replay.settings import (
     AGREES,
     RESTING,
     RUNAWAY,
+    SAME_PERIOD,
     SHORTEST,
     START,
     STEP,
@@ -114,6 +115,12 @@ class Replay:
             raise RecordingError(
                 f"{self.recordings[0].path}: its rigid-body torque is that of your own model, which cannot be moved: a "
                 "replay needs the arm's masses and frames in the model file"
+            )
+        periods = {piece.dt for piece in self.motion.pieces}
+        if max(periods) > min(periods) * (1 + SAME_PERIOD):
+            raise RecordingError(
+                f"{self.recordings[0].path}: these recordings have samples every {min(periods):.4g} to "
+                f"{max(periods):.4g} s; expected one rate: replay them one after the other"
             )
         return tracks(self.model, self.known, self.motion, self.recordings, self.skew)
 

@@ -35,6 +35,10 @@ START: Final = 0.5
 RUNAWAY: Final = 100.0
 """ratio; a motion that is off by so many times what the joint moves has left the arm's range; a choice."""
 
+SAME_PERIOD: Final = 0.01
+"""part of a sample's period; recordings that differ by less are played side by side: a window is then off by a sample
+at most; a choice."""
+
 SHORTEST: Final = 10
 """samples; a shorter window says nothing of a motion; a choice."""
 

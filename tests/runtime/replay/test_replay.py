@@ -150,3 +150,18 @@ def test_mujoco_moves_the_exported_arm_as_the_equations_do(tendon: Run, tmp_path
     status, _, said = tendon("replay", "drive1.toml", "run.csv", "--fit", "run.csv", "--in", "mujoco")
     assert status == 2
     assert "identify --write" in said
+
+
+def test_recordings_of_two_rates_are_not_played_together(recorded: Recording, tmp_path: Path, tendon: Run) -> None:
+    (tmp_path / "drive1.toml").write_text(model_text(FRICTION))
+    slower = simulate.simulate(
+        Source(Path("drive1.toml"), model_text(FRICTION)).compiled.model(),
+        settings=SimulationSettings(seconds=12.0, noise=0.0, seed=5),
+    )[0]
+    write_recording(tmp_path / "fast.csv", recorded)
+    write_recording(tmp_path / "slow.csv", slower)
+    rows = (tmp_path / "slow.csv").read_text().splitlines()
+    (tmp_path / "slow.csv").write_text("\n".join([rows[0], *rows[1::4]]) + "\n")
+    status, _, said = tendon("replay", "drive1.toml", "fast.csv", "slow.csv")
+    assert status == 2
+    assert "expected one rate: replay them one after the other" in said
