@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import subprocess
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ import unicorn
 from elftools.elf.constants import SH_FLAGS
 from unicorn import arm_const as arm
 
+from codegen.toolchain import cross
 from codegen.toolchain.stack import Elf
 
 CPUS = {"cortex-m4f": arm.UC_CPU_ARM_CORTEX_M4, "cortex-m7": arm.UC_CPU_ARM_CORTEX_M7}
@@ -123,3 +125,10 @@ class Meter:
             count += 1
         self._sizes[at, size] = count
         return count
+
+
+def on_qemu(image: Path, target: str, directory: Path) -> None:
+    """Runs an image by itself on QEMU's board of a target, in a directory, where it leaves its results."""
+    command = ["qemu-system-arm", "-M", cross.TARGETS[target].machine, "-kernel", str(image), "-display", "none"]
+    command += ["-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
+    subprocess.run(command, cwd=directory, check=True, timeout=60, stdin=subprocess.DEVNULL)

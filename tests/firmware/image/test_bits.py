@@ -17,7 +17,7 @@ import kept
 import motions
 import numpy as np
 import pytest
-from emulation import Processor
+from emulation import Processor, on_qemu
 
 from codegen import render
 from codegen.toolchain import build, cross
@@ -111,10 +111,7 @@ def test_on_unicorn(sources: Path, expected: Results, kind: str, target: str, le
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_qemu(sources: Path, expected: Results, tmp_path: Path, kind: str, target: str, level: str) -> None:
-    machine = cross.TARGETS[target].machine
-    command = ["qemu-system-arm", "-M", machine, "-kernel", str(image(sources, kind, target, level)), "-display"]
-    command += ["none", "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
-    subprocess.run(command, cwd=tmp_path, check=True, timeout=60, stdin=subprocess.DEVNULL)
+    on_qemu(image(sources, kind, target, level), target, tmp_path)
     assert (shaped((tmp_path / "results.bin").read_bytes()) == expected).all()
 
 

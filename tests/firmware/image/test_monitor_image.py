@@ -10,7 +10,7 @@ from pathlib import Path
 import kept
 import numpy as np
 import pytest
-from emulation import Meter, Processor
+from emulation import Meter, Processor, on_qemu
 
 from codegen import render
 from codegen.c.monitor import SIGNALS, VERDICTS
@@ -111,8 +111,5 @@ def test_on_unicorn_at_every_level(sources: Path, expected: np.ndarray, kind: st
 @pytest.mark.parametrize("target", list(cross.TARGETS))
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_qemu(sources: Path, expected: np.ndarray, tmp_path: Path, kind: str, target: str) -> None:
-    image = kept.image(sources, UNITS, kind, target)
-    command = ["qemu-system-arm", "-M", cross.TARGETS[target].machine, "-kernel", str(image), "-display", "none"]
-    command += ["-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
-    subprocess.run(command, cwd=tmp_path, check=True, timeout=60, stdin=subprocess.DEVNULL)
+    on_qemu(kept.image(sources, UNITS, kind, target), target, tmp_path)
     assert (shaped((tmp_path / "results.bin").read_bytes()) == expected).all()

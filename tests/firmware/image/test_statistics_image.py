@@ -11,7 +11,7 @@ from pathlib import Path
 import kept
 import numpy as np
 import pytest
-from emulation import Meter, Processor
+from emulation import Meter, Processor, on_qemu
 
 from codegen import render
 from codegen.toolchain import build
@@ -22,6 +22,7 @@ from tests.summed import with_statistics
 pytestmark = pytest.mark.xdist_group("statistics")
 HERE = Path(__file__).resolve().parent.parent
 GCC = pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="needs gcc-arm-none-eabi")
+QEMU = pytest.mark.skipif(shutil.which("qemu-system-arm") is None, reason="needs qemu-system-arm")
 KINDS = [pytest.param("zig"), pytest.param("gcc", marks=GCC)]
 STEP = "free4_statistics_step_f32"
 MOST_BYTES, MOST, MEAN = 4096, 3700, 770
@@ -73,3 +74,10 @@ def test_on_unicorn(sources: Path, expected: bytes, kind: str) -> None:
     print(f"\n{kind}: {counts.mean():.0f} instructions a step, at most {counts.max()}")
     assert counts.max() <= MOST
     assert counts.mean() <= MEAN
+
+
+@QEMU
+@pytest.mark.parametrize("kind", KINDS)
+def test_on_qemu(sources: Path, expected: bytes, tmp_path: Path, kind: str) -> None:
+    on_qemu(kept.image(sources, UNITS, kind), "cortex-m4f", tmp_path)
+    assert (tmp_path / "results.bin").read_bytes() == expected

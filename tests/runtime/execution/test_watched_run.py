@@ -49,7 +49,7 @@ def test_a_recording_without_motion_gives_no_floor() -> None:
 
 
 def test_a_model_that_holds_is_believed(watched: Source) -> None:
-    said = said_of(watched, friction(0.0), 15)
+    said = said_of(watched, friction(0.0), 12)
     assert [(entry.verdict, entry.signal, entry.since) for entry in said] == [("holds", "none", None)] * 2
 
 
@@ -67,7 +67,7 @@ def test_the_emulated_board_says_the_same(watched: Source, board: Callable[..., 
     assert said_of(watched, friction(1.0), 3, board=board, target="cortex-m4f") == said_of(watched, friction(1.0), 3)
 
 
-@pytest.mark.parametrize("board", [HostBoard, UnicornBoard])
+@pytest.mark.parametrize("board", [HostBoard, pytest.param(UnicornBoard, marks=pytest.mark.slow)])
 def test_what_the_board_adds_up_gives_the_parameters_of_the_recording(
     watched: Source, board: Callable[..., Board], tmp_path: Path
 ) -> None:
