@@ -56,6 +56,7 @@ class Played:
         q: ArrayLike,
         qd: ArrayLike,
         bent: Array | None = None,
+        rests: Array | None = None,
         step: float = PLAY_STEP,
     ) -> tuple[Array, Array]:
         """The motion under torques at the joints, linear between samples.
@@ -63,7 +64,8 @@ class Played:
         t (m,) s, rising; tau (m, n) N m or N     q, qd (n,) at the first sample     step: the longest, s
         bent (2, n)   how far the motors of elastic joints are ahead of their links there, and at which rate; without
                       it, as the load bends them with which the rigid arm would accelerate
-        Bristles and yielding springs begin as they are after a long way in the direction of qd, and
+        rests (P,)    where yielding springs are slack there, as of `rests`
+        Bristles, and yielding springs without `rests`, begin as they are after a long way in the direction of qd, and
         the drives have had the first torque for long. Returns q and qd (m, n), of the motors where joints are
         elastic; NaN from where the motion runs away. Raises PlayError.
         """
@@ -73,7 +75,7 @@ class Played:
         if torques.shape != (len(times), self.n) or len(times) < 2 or not (np.diff(times) > 0).all():
             raise PlayError(f"torques of shape {torques.shape}: expected ({len(times)}, {self.n}) at rising times")
         model, data = self.model, self.data
-        self._begin(torques[0], np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64), bent)
+        self._begin(torques[0], np.asarray(q, dtype=np.float64), np.asarray(qd, dtype=np.float64), bent, rests)
         out = np.full((2, *torques.shape), np.nan)
         at, rate = model.jnt_qposadr[self.motors], model.jnt_dofadr[self.motors]
         out[:, 0] = data.qpos[at], data.qvel[rate]
@@ -98,12 +100,31 @@ class Played:
         acting = [np.interp(middles - late, times, row) for late, row in zip(self.delay, torques.T, strict=True)]
         return iter(np.stack(acting, axis=1) / self.gear)
 
-    def windows(self, t: Array, tau: Array, q: Array, qd: Array, bent: Array | None = None) -> Array:
-        """Positions (W, K, n) in windows that begin at q, qd (W, n) and bent (W, 2, n). t (K,) s and tau (W, K, n)."""
-        begun = [None] * len(q) if bent is None else bent
-        return np.array([self.play(t, *each)[0] for each in zip(tau, q, qd, begun, strict=True)])
+    def windows(self, t: Array, tau: Array, q: Array, qd: Array, bent: Array, rests: Array) -> Array:
+        """Positions (W, K, n) in windows. t (K,) s, tau (W, K, n); at their beginnings q, qd (W, n), bent (W, 2, n) and
+        rests (W, P), as of `play`."""
+        return np.array([self.play(t, *each)[0] for each in zip(tau, q, qd, bent, rests, strict=True)])
 
-    def _begin(self, tau: Array, q: Array, qd: Array, bent: Array | None) -> None:
+    def rests(self, q: Array) -> Array:
+        """(N, P) where each yielding spring is slack along a motion q (N, n), at whose beginning it is unbent."""
+        model = self.model
+        found = np.empty((len(q), len(self._yielding)))
+        for column, k in enumerate(self._yielding):
+            limit, rest = model.tendon_springyield[k], q[0, self._joint(k)]
+            for row, x in enumerate(q[:, self._joint(k)].tolist()):
+                rest = min(max(rest, x - limit), x + limit)
+                found[row, column] = rest
+        return found
+
+    @property
+    def _yielding(self) -> list[int]:
+        return np.flatnonzero(self.model.tendon_plasticadr >= 0).tolist() if self.model.ntendon else []
+
+    def _joint(self, tendon: int) -> int:
+        """The joint on which a yielding spring sits."""
+        return self.motors.index(int(self.model.wrap_objid[self.model.tendon_adr[tendon]]))
+
+    def _begin(self, tau: Array, q: Array, qd: Array, bent: Array | None, rests: Array | None) -> None:
         """Set the state of the first sample, with the memories of effects."""
         import mujoco
 
@@ -118,11 +139,10 @@ class Played:
         elif bent is not None:
             ahead = bent[:, [self.motors.index(joint - 1) for joint in self.behind]]
             data.qpos[model.jnt_qposadr[self.behind]], data.qvel[model.jnt_dofadr[self.behind]] = -ahead
-        mujoco.mj_forward(model, data)
-        if model.nplastic:
-            for k in np.flatnonzero(model.tendon_plasticadr >= 0):
-                place, way = model.tendon_plasticadr[k], _direction(data.ten_velocity[k])
-                data.plastic[place : place + 2] = data.ten_length[k] - way * model.tendon_springyield[k]
+        for column, k in enumerate(self._yielding):
+            joint, place = self._joint(k), model.tendon_plasticadr[k]
+            slipped = q[joint] - _direction(qd[joint]) * model.tendon_springyield[k]
+            data.plastic[place : place + 2] = slipped if rests is None else rests[column]
 
     def _activate(self, qd: Array) -> None:
         """Fill the memories of lags and bristles."""

@@ -50,8 +50,19 @@ class MujocoReplay(Replay):
         assert self.player is not None
         cut = {name: windows.cut(self.tracks, name) for name in ("q", "qd", "tau")}
         t: Array = self.tracks[0].dt * np.arange(windows.length + 1, dtype=np.float64)
-        played = self.player.windows(t, cut["tau"], cut["q"][:, 0], cut["qd"][:, 0], self._bent(windows))
+        played = self.player.windows(
+            t, cut["tau"], cut["q"][:, 0], cut["qd"][:, 0], self._bent(windows), self._rests(windows)
+        )
         return PlayedWindows(windows, self.tracks[0].dt, cut["q"], played, np.full_like(played, np.nan))
+
+    def _rests(self, windows: Windows) -> Array:
+        """(W, P) where yielding springs are slack where windows begin, by the recorded motion before."""
+        return np.array([self._along[k][s] for k, s in windows.starts])
+
+    @cached_property
+    def _along(self) -> list[Array]:
+        assert self.player is not None
+        return [self.player.rests(track.q.T) for track in self.tracks]
 
     def _bent(self, windows: Windows) -> Array:
         """(W, 2, n) how far the motors are ahead of their links where windows begin, and at which rate."""

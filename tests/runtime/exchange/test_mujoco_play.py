@@ -247,10 +247,25 @@ def test_an_elastic_joint_goes_on_from_where_it_is_bent(bench: SimpleNamespace, 
     moved = np.abs(rest - at).max(axis=0)
     error = {}
     for name, bent in (("bent", np.array([[deflection, 0.0], [its_rate, 0.0]])), ("unbent", np.zeros((2, 2)))):
-        there, _ = played.play(bench.t[600:], tau[:, 600:].T, at, rate, bent, FINE)
+        there, _ = played.play(bench.t[600:], tau[:, 600:].T, at, rate, bent, step=FINE)
         error[name] = float((np.abs(there - rest).max(axis=0) / moved).max())
     assert error["bent"] < of_effect(DECLARED["elasticity"], "mjcf").tolerance
     assert error["unbent"] > 5 * error["bent"]
+
+
+def test_a_hysteresis_goes_on_from_where_it_has_slipped_to(bench: SimpleNamespace, tmp_path: Path) -> None:
+    terms = terms_of(EFFECTS["spring_hysteresis"])
+    played, _ = exported(bench.arm, terms, tmp_path / "bench.xml")
+    q, qd, qdd = prescribed(bench.t, 2, 0.1)
+    tau = torque_along(bench.model, q, qd, qdd, 1 / PERIOD, terms)
+    states = np.array(plant_states(bench.model, terms, bench.t, tau, q[:, 0], qd[:, 0]))
+    at, rest, moved = states[600, :2], states[600:, :2], np.abs(states[600:, :2] - states[600, :2]).max(axis=0)
+    error = []
+    for rests in (played.rests(states[:601, :2])[-1], np.repeat(at[0], 4)):
+        there, _ = played.play(bench.t[600:], tau[:, 600:].T, at, states[600, 2:4], rests=rests, step=FINE)
+        error.append(float((np.abs(there - rest).max(axis=0) / moved).max()))
+    assert error[0] < of_effect(DECLARED["spring_hysteresis"], "mjcf").tolerance
+    assert error[1] > 5 * error[0]
 
 
 def test_a_motion_that_runs_away_is_no_number(bench: SimpleNamespace, tmp_path: Path) -> None:
@@ -258,7 +273,8 @@ def test_a_motion_that_runs_away_is_no_number(bench: SimpleNamespace, tmp_path: 
     away = terms_of({"viscous_cubic@1": {"coefficient": -5.0}})
     played, _ = exported(bench.arm, away, tmp_path / "bench.xml")
     t, tau = 0.001 * np.arange(30), np.zeros((2, 30, 2))
-    q = played.windows(t, tau, np.zeros((2, 2)), np.array([[30.0, 0.0], [0.0, 0.0]]))
+    starts = np.zeros((2, 2)), np.array([[30.0, 0.0], [0.0, 0.0]])
+    q = played.windows(t, tau, *starts, np.zeros((2, 2, 2)), np.zeros((2, 0)))
     assert np.isnan(q[0, -1]).all()
     assert np.isfinite(q[0, 0]).all()
     assert np.isfinite(q[1]).all()
