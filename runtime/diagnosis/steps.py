@@ -291,7 +291,7 @@ def with_witnessed(fit: Fit, witnessed: Mapping[Term, Mapping[str, Estimate]]) -
 
 def errors_elsewhere(fit: Fit, motion: Motion) -> Errors:
     """Error of a fit, all its values as they are, on another motion."""
-    found, squares = [], []
+    found, squares, motion = [], [], fit.on(motion)
     for i, left in enumerate(residuals_elsewhere(fit, motion)):
         use, (_, stretch) = motion.moving(i), np.unique(stretches(motion, i), return_inverse=True)
         found.append(errors(left[use], motion.recorded(i, fit.skew)[use]))
@@ -302,8 +302,8 @@ def errors_elsewhere(fit: Fit, motion: Motion) -> Errors:
 def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
     """Per joint (M,) what a fit, all its values as they are, leaves of the torque on another motion; zero in rows
     that do not count."""
-    model = fit.model
-    problem = Problem(model, fit.on(motion), tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
+    model, motion = fit.model, fit.on(motion)
+    problem = Problem(model, motion, tuple(fit.shapes), prediction=fit.prediction, ahead=fit.ahead)
     found = []
     for i in range(model.n):
         with np.errstate(over="ignore", invalid="ignore"):  # what is simulated along another motion may have no end

@@ -74,8 +74,10 @@ class Fit:
         return self.problem.motion
 
     def on(self, motion: Motion) -> Motion:
-        """Another motion, with the drives' gains that were fitted here."""
-        return replace(motion, gains=self.motion.gains)
+        """Another motion, with the drives' gains of this one."""
+        told = {i: joint.told for i, joint in enumerate(self.motion.driven) if joint is not None and joint.unknown}
+        same = motion.with_gains(told) if told else motion
+        return same if same.gains == self.motion.gains else replace(same, gains=self.motion.gains)
 
     @cached_property
     def linearised(self) -> LinearSystem:

@@ -149,8 +149,8 @@ class HeldOut:
 def left(fit: Fit, recordings: Sequence[Recording]) -> HeldOut:
     """Residuals of a fit on one or more recordings."""
     model = fit.model
-    motion = without_tip_rests(model, prepare(recordings, fit.motion.band, model))
-    problem = Problem(model, fit.on(motion), tuple(fit.shapes), fit.prediction, ahead=fit.ahead)
+    motion = fit.on(without_tip_rests(model, prepare(recordings, fit.motion.band, model)))
+    problem = Problem(model, motion, tuple(fit.shapes), fit.prediction, ahead=fit.ahead)
     residuals = residuals_elsewhere(fit, motion)
     return HeldOut(motion, tuple(residuals), series_on(fit, problem, residuals))
 

@@ -24,6 +24,7 @@ from runtime.motion.settings import (
     ENCODER_SHARE,
     HIGHEST_CUTOFF,
     INERTIA_SEEN,
+    LEAST_OWN_NOISE,
     LEAST_PERIODS,
     LINE_INSIDE,
     LINE_SHARE,
@@ -125,8 +126,8 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     torque, position, step = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
         step[i] = max(resolution(r.q[i, g.longest.samples]) for r, g in zip(recordings, grids, strict=True))
-        torque[i] = np.median([d.density(r.tau[i]) for r, d in zip(recordings, noise, strict=True)])
         position[i] = np.median([d.density(r.q[i]) for r, d in zip(recordings, noise, strict=True)])
+        torque[i] = np.median([_own_density(r, d, i, position[i]) for r, d in zip(recordings, noise, strict=True)])
     ceiling = min(HIGHEST_CUTOFF, CUTOFF_OF_SAMPLING * min(1 / g.spacing for g in grids))
     cutoffs, reason = _cutoffs(inertia, torque, position, rate=np.zeros(n), ceiling=ceiling)
     jittered = all(d.jittered(r.q) for r, d in zip(recordings, noise, strict=True))
@@ -141,6 +142,16 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
     cutoffs, reason = _cutoffs(inertia, torque, *densities, ceiling)
     wider = np.maximum(cutoffs, band.cutoffs)
     return replace(band, cutoffs=wider, reason=reason if wider.min() > band.cutoff else band.reason)
+
+
+def _own_density(recording: Recording, noise: SampleNoise, joint: int, position: float) -> float:
+    """One-sided density of the white noise of a joint's torque (0-based); of one that a drive's law makes, without that
+    of the recorded positions, of density `position`, which a servo's rate carries to high frequencies alone."""
+    whole, driven = noise.density(recording.tau[joint]), recording.driven[joint] if recording.driven else None
+    if driven is None:
+        return whole
+    read = np.random.default_rng(joint).standard_normal(len(recording.t)) * np.sqrt(0.5 * position * noise.rate)
+    return max(whole - noise.density(driven.reread(read, recording.t, recording.run)), LEAST_OWN_NOISE * whole)
 
 
 def _cutoffs(inertia: Array, torque: Array, position: Array, rate: Array, ceiling: float) -> tuple[Array, str]:

@@ -139,6 +139,9 @@ class Motion:
             if value != before.acting[name]
         }
 
+        if not change:
+            return self
+
         def changed(p: Piece) -> Piece:
             tau = p.tau.copy()
             for gain, column in p.gains.items():

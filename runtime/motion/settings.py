@@ -135,3 +135,7 @@ LINE_INSIDE: Final = 1.1
 LINE_SHARE: Final = 0.1
 """ratio of RMS; small beside a line: a weaker line asks for no higher band, and the encoder's noise as an inertial
 torque in the raised band must not exceed it; a choice, with a real motor in view."""
+
+LEAST_OWN_NOISE: Final = 0.03
+"""part of the noise of a torque that a drive's law makes; at least so much is taken to be the drive's own and not that
+of the recorded positions, whose part is known to about as much; a choice."""

@@ -43,7 +43,7 @@ class DrivenJoint:
     signals    what the law reads, (N,) each
     told       coefficients of the law that were identified, by their names; None where the data do not tell one
     supply     the column of the supply's voltage, if it is not the usual one
-    prismatic  whether it is a prismatic joint
+    prismatic  whether it is a prismatic joint      rate_recorded  whether the joint's rate is
     spared     part of the samples, those with the largest commands, that its limit may cut; while no scale tells which
     """
 
@@ -53,6 +53,7 @@ class DrivenJoint:
     told: Mapping[str, ToldGain] = field(default_factory=dict)
     supply: str = ""
     prismatic: bool = False
+    rate_recorded: bool = False
     spared: float = 0.0
 
     @property
@@ -108,6 +109,17 @@ class DrivenJoint:
         """(N,) torque without the drive's limit."""
         parts = (c * self.columns[name] for name, c in self.acting.items() if c)
         return sum(parts, start=np.zeros(len(next(iter(self.columns.values())))))
+
+    def reread(self, error: Array, t: Array, run: NDArray[np.int64]) -> Array:
+        """(N,) by how much an error (N,) of recorded positions changes the torque; t, run (N,) as in a Recording."""
+        moved = {**self.signals, "q": self.signals["q"] + error}
+        if not self.rate_recorded:
+            moved["qd"] = self.signals["qd"] + rate(error, t, _runs(run))
+        again = self.law.columns(moved, self.gains, _ramp)
+        names = [term.name for term in self.law.terms]
+        return np.asarray(
+            sum(self.acting[name] * (x - self.columns[name]) for name, x in zip(names, again, strict=True))
+        )
 
     @property
     def scale(self) -> float:
@@ -186,6 +198,7 @@ def driven_joint(
         _complete(law, gains, own, t, run),
         supply=supply if supply in own else "",
         prismatic=joint.type == "prismatic",
+        rate_recorded="qd" in own,
     )
 
 
@@ -244,8 +257,7 @@ def _complete(
     law: DriveLaw, gains: Mapping[str, float], own: Mapping[str, Array], t: Array, run: NDArray[np.int64]
 ) -> dict[str, Array]:
     """Signals of a law: those of a file, and what follows from them."""
-    found, starts = dict(own), np.flatnonzero(np.diff(run, prepend=run[0] - 1))
-    runs = [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(t)], strict=True)]
+    found, runs = dict(own), _runs(run)
     for signal, (column, gain) in law.instead.items():
         if signal not in found:
             found[signal] = found[column] if column in found else np.full(len(t), gains[gain])
@@ -261,6 +273,11 @@ def _complete(
         step = np.concatenate([np.append(0.0, np.diff(t[r])) for r in runs])
         found[INTEGRAL] = np.concatenate([np.cumsum((error * step)[r]) for r in runs])
     return found
+
+
+def _runs(run: NDArray[np.int64]) -> list[slice]:
+    starts = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
+    return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(run)], strict=True)]
 
 
 def rate(x: Array, t: Array, runs: Sequence[slice]) -> Array:

@@ -26,7 +26,7 @@ def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
     """
     fit = found.steps[-1].fit
     band, model = fit.motion.band, fit.model
-    motion = prepare([made.held_out], band, model)
+    motion = fit.on(prepare([made.held_out], band, model))
     bare = replace(made.held_out, q=made.exact, tau=made.disturbed, qd=None, q_link=None)
     floor = _floor(made, motion, prepare([bare], band, model))
     return np.array(errors_elsewhere(fit, motion).rms), floor

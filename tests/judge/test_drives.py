@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from runtime.identification.identify import prepared
 from tests import bank
 from tests.judge import drives, plan, rates
 from tests.judge.cases import Case, Setting, cases, make
-from tests.judge.line import Line
+from tests.judge.line import Line, logged, opened
 from tests.judge.recorder import Logger
 from tests.judge.save import save
 from tests.kept import kept
@@ -83,6 +84,14 @@ def test_rows_are_counted_by_what_is_recorded() -> None:
         ["the", "torque", "2", "1", "2", "3", "(1)"],
         ["servo", "2", "1", "2", "3", "(1)"],
     ]
+
+
+def test_the_encoders_noise_in_a_servos_torque_widens_no_band() -> None:
+    """It grows with the frequency, and is no measure of the torque's own noise in the band."""
+    coarse = [replace(c, setting=replace(c.setting, coarse=10.0)) for c in (one("stribeck"), one("stribeck", "servo"))]
+    read = [logged(make(case)) for case in coarse]
+    torque, servo = (prepared(opened(m.model).compiled.model(), [m.recording]).band.cutoff for m in read)
+    assert servo == pytest.approx(torque, rel=0.3)
 
 
 @pytest.mark.slow
