@@ -178,7 +178,8 @@ def test_a_law_that_no_target_can_evaluate_is_one_line(tmp_path: Path, law: str)
 
 @pytest.mark.parametrize("name", ["int", "lambda", "double", "class", "while", "register"])
 def test_a_word_of_c_or_python_is_no_name(tmp_path: Path, name: str) -> None:
-    for text in (f"name='{name}'", f"name='mine', parameters=(replace(P, name='{name}'),), torque=parameter('{name}')"):
+    own = f"parameters=(replace(P, name='{name}'),), torque=parameter('{name}'), elements=()"
+    for text in (f"name='{name}'", f"name='mine', {own}"):
         (tmp_path / "mine.py").write_text(f"{HEAD}{OWN}EFFECTS = (replace(O, {text}),)")
         with pytest.raises(EffectsError, match=f'name "{name}" cannot be used in C'):
             effects_library(tmp_path / "mine.py", space=False)
