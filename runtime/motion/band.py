@@ -145,10 +145,10 @@ def choose_band(recordings: Sequence[Recording], inertia: Array) -> Band:
 
 
 def _own_density(recording: Recording, noise: SampleNoise, joint: int, position: float) -> float:
-    """One-sided density of the white noise of a joint's torque (0-based); of one that a drive's law makes, without that
-    of the recorded positions, of density `position`, which a servo's rate carries to high frequencies alone."""
+    """One-sided density of the white noise of a joint's torque (0-based); where a drive's law makes it of a rate that
+    follows from positions, without the noise of these, of density `position`, which grows with the frequency."""
     whole, driven = noise.density(recording.tau[joint]), recording.driven[joint] if recording.driven else None
-    if driven is None:
+    if driven is None or driven.rate_recorded:
         return whole
     read = np.random.default_rng(joint).standard_normal(len(recording.t)) * np.sqrt(0.5 * position * noise.rate)
     return max(whole - noise.density(driven.reread(read, recording.t, recording.run)), LEAST_OWN_NOISE * whole)
