@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from math import inf, log
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from runtime.diagnosis.settings import (
     LEAST_FALL,
     LEAST_OF_EXCESS,
     MOST_LEFT,
+    OUTWEIGHED,
     PREDICTED,
     VUONG_APART,
     WIDEST_ORDER,
@@ -209,12 +211,23 @@ def acting(model: Model, term: Term) -> list[Collection[int]]:
 
 def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]], part: float = HELD_OUT_FALLS_TO) -> bool:
     """Whether a step explains recordings that were not fitted clearly better than another: to a part of the squared
-    error at one group of joints (0-based), and none of the joints worse than chance makes it."""
+    error at one group of joints (0-based), and none of the joints worse than chance makes it.
+
+    Joints share inertias, and those of a better structure are others: what a joint loses by that is outweighed where
+    the likelihood gains many times as much at the group.
+    """
     here, there = one.held_out, other.held_out
     if here is None or there is None:
         return False
-    fallen = any(here.squared(group) < part * there.squared(group) for group in groups)
-    return fallen and not any(_is_worse(here, there, i) for i in range(len(here.rms)))
+    gain = max((_likelier(here, there, group) for group in groups), default=-inf)
+    lost = sum(_likelier(there, here, (i,)) for i in range(len(here.rms)) if _is_worse(here, there, i))
+    return gain > -log(part) and lost <= OUTWEIGHED * gain
+
+
+def _likelier(here: Errors, there: Errors, group: Collection[int]) -> float:
+    """By how much a row of some joints (0-based) is likelier than with other errors, in twice the log-likelihood, each
+    with its own variance."""
+    return log(max(there.squared(group), 1e-300)) - log(max(here.squared(group), 1e-300))
 
 
 def _is_worse(here: Errors, there: Errors, joint: int) -> bool:
