@@ -298,8 +298,8 @@ def _failing(e: RankedCandidate, place: JointEntry) -> str:
 def why_not_named(e: RankedCandidate, context: Context, held_out: bool) -> str:
     """Why a candidate was not added once the search had ended."""
     if not e.evidence.failed_gates:
-        also = " or on the held-out recording" if held_out else ""
-        return f"passes every gate, but adding it does not lower the error of the fit{also}"
+        also = " or by the held-out recording" if held_out else ""
+        return f"passes every gate, but is not borne out once everything is fitted with it{also}"
     return _failing(e, context.at(e))
 
 
