@@ -80,7 +80,7 @@ def identify(
 
     with terminal.working("fitting the model"):
         found = judged(fit(loaded, data, skew=skew), data)
-        document = diagnosed.judged(found)
+        document = to_write = diagnosed.judged(found)
     refined: OutputErrorEntry | UnsetType = UNSET
     if motion and found.verdict == "fitted":
         from runtime.replay import output_error
@@ -88,12 +88,12 @@ def identify(
         with terminal.working("simulating the motion"):
             inference, data, refined = output_error.refined(found.fit, data)
         own = inference.document(loaded)
-        document = replace(document, inertial=own.inertial, effects=own.effects)
+        to_write = replace(document, inertial=own.inertial, effects=own.effects)
     written: list[str] = []
     if write and found.verdict == "fitted":
         gains = {i: joint.to_write for i, joint in enumerate(drives_of(data), 1) if joint is not None}
-        source.edits.set(document).set_drive_gains(gains).write()
-        written = [*_written(document), *(f"{name}@{i}" for i, own in gains.items() for name in own)]
+        source.edits.set(to_write).set_drive_gains(gains).write()
+        written = [*_written(to_write), *(f"{name}@{i}" for i, own in gains.items() for name in own)]
     origin = replace(document.skew, given=skew is not None)
     whole = document.as_part_of(
         IdentifyDocument, skew=origin, written=written, output_error=refined, provenance=provenance

@@ -16,6 +16,7 @@ from runtime.cli.places import READ
 from runtime.documents.replays import ReplayDocument, ReplayedJoint, ReplayStep
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
+from symbolic.model_file.checks import ModelError
 
 if TYPE_CHECKING:
     from runtime.model.loader import Model
@@ -64,6 +65,8 @@ def replay(
     from runtime.report import replays, terminal
 
     fitted = fit or []
+    if fitted and player is Player.MUJOCO:
+        raise UsageError("--in mujoco plays the numbers of the file; identify --write writes those of --fit there")
     typed = TypedInputs(model, fitted or recordings, recordings if fitted else (), effects, maps, allow_gaps)
     source, data, loaded = typed.read()
     provenance = made_from(
@@ -79,16 +82,14 @@ def replay(
     sources = [source]
     if before is not None:
         sources.insert(0, opened(before, effects))
-    names = [None, str(model)][: len(sources)]
+    names = [None] if before is None else [str(before), str(model)]
     with terminal.working("replaying"):
         models = [each.compiled.model() for each in sources]
         if (n := models[0].n) != loaded.n:
-            raise UsageError(f"--before {before}: has {n} joints and {model} {loaded.n}; expected the same arm")
+            raise UsageError(f"--before {before}: has {n} of the {loaded.n} joints of {model}; expected the same arm")
         found = [replayed(each, data[: len(fitted)], data[len(fitted) :]) for each in models]
         steps = [ReplayStep(added=name, joints=one.joints) for name, one in zip(names, found, strict=True)]
     if player is Player.MUJOCO:
-        if fitted:
-            raise UsageError("--in mujoco plays the numbers of the file; identify --write writes those of --fit there")
         with terminal.working("replaying in MuJoCo"):
             for name, one, own in zip(names, sources, found, strict=True):
                 steps.append(ReplayStep(added=name, player="mujoco", joints=in_mujoco(one, own)))
@@ -105,7 +106,12 @@ def replayed(model: Model, fitted: Sequence[Recording], recordings: Sequence[Rec
     from runtime.identification.identify import identify
     from runtime.replay.replay import Replay
 
-    return Replay.of_fit(identify(model, fitted), recordings) if fitted else Replay.of_file(model, recordings)
+    if fitted:
+        return Replay.of_fit(identify(model, fitted), recordings)
+    try:
+        return Replay.of_file(model, recordings)
+    except ModelError as error:
+        raise ModelError(f"{error}, or fit them to another recording first: --fit RECORDING") from error
 
 
 def in_mujoco(source: Source, own: Replay) -> list[ReplayedJoint]:

@@ -203,6 +203,7 @@ class IdentifyDocument(JudgedFitDocument, frozen=True, kw_only=True):
 
     written: Annotated[list[str], key("parameters and effects that --write put into the model file")]
     output_error: Annotated[
-        OutputErrorEntry | UnsetType, key("with --output-error: what the motion says; the values above are these")
+        OutputErrorEntry | UnsetType,
+        key("with --output-error: what the motion says, and --write writes; above are the torque's values"),
     ] = UNSET
     provenance: Origin = UNSET

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, UnsetType
 
 from runtime.documents.models import ArmName
-from runtime.documents.parts import Document, JointName, JointNumber, JointOrArm, key
+from runtime.documents.parts import Document, Interval95, JointName, JointNumber, JointOrArm, Unit, key
 from runtime.documents.provenance import Origin
 
 
@@ -67,8 +67,10 @@ class RefinedParameter(Document, frozen=True, kw_only=True):
 
     joint: JointOrArm
     name: Annotated[str, key("base parameter, parameter of an effect or gain of the drive")]
-    before: Annotated[float, key("with the smallest error of the torque", "the parameter's `unit`")]
-    after: Annotated[float, key("with the smallest error of the motion", "the parameter's `unit`")]
+    unit: Unit
+    before: Annotated[float, key("with the smallest error of the torque", "`unit`")]
+    after: Annotated[float, key("with the smallest error of the motion", "`unit`")]
+    interval: Interval95
 
 
 class RefinedMotion(Document, frozen=True, kw_only=True):

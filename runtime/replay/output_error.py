@@ -390,20 +390,37 @@ def refined(fit: Fit, recordings: Sequence[Recording]) -> tuple[Inference, list[
     inference, told = fit.inference, list(recordings)
     if found.better:
         inference, told = found.inference(fit), [r.with_gains(found.told(recordings)) for r in recordings]
-    entries = [
-        RefinedParameter(
-            joint=_joint_of(fit, of),
-            name=of.name if of.term is None else f"{of.term.name}: {of.name}",
-            before=of.value,
-            after=float(found.found[k]),
+    entries = []
+    for k, of in enumerate(found.sought):
+        after = found.estimate(k, _told(fit, recordings, of))
+        name = of.name if of.term is None else f"{of.term.name}: {of.name}"
+        entries.append(
+            RefinedParameter(
+                joint=_joint_of(fit, of),
+                name=name,
+                unit=after.unit,
+                before=of.value,
+                after=after.value,
+                interval=after.known_interval,
+            )
         )
-        for k, of in enumerate(found.sought)
-    ]
     motions = [
         RefinedMotion(joint=i + 1, unit=fit.model.joints[i].position_unit, before=before, after=after)
         for i, (before, after) in found.joints.items()
     ]
     return inference, told, OutputErrorEntry(better=found.better, skew=found.skew, parameters=entries, motions=motions)
+
+
+def _told(fit: Fit, recordings: Sequence[Recording], of: Sought) -> Estimate:
+    """A parameter as the torque tells it."""
+    if of.lump is not None:
+        return fit.inference.lumps[of.lump]
+    if of.term is not None:
+        return fit.inference.values[of.term][of.name]
+    drive = drives_of(recordings)[of.joint or 0]
+    assert drive is not None, "a gain of no drive"
+    gain = drive.told[of.name]
+    return Estimate(gain.value, gain.interval, gain.unit)
 
 
 def _joint_of(fit: Fit, of: Sought) -> int | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import ceil
 from typing import Literal
 
 import numpy as np
@@ -188,8 +189,8 @@ class Replay:
         """The whole recording under its controller; None where no joint has one."""
         if not any(self.controllers):
             return None
-        longest = max(len(track.t) for track in self.tracks) - 1
-        windows = self._windows(min(STRETCH, longest * self.motion.pieces[0].dt))
+        longest = (max(len(track.t) for track in self.tracks) - 1) * self.motion.pieces[0].dt
+        windows = self._windows(longest / ceil(longest / STRETCH))
         return None if windows is None else self._played(self.controlled, windows)
 
     def _windows(self, seconds: float) -> Windows | None:
@@ -240,7 +241,7 @@ class Replay:
         if last.promised is None or last.rest is None:
             return False, f"in windows of {last.seconds:.3g} s the model's motion runs away"
         if last.promised >= AGREES * last.rest:
-            return True, "most of the error comes from the torque's"
+            return True, "the torque's error makes most of it"
         resting = float(np.average([t.resting[i] for t in self.tracks], weights=[len(t.t) for t in self.tracks]))
         if resting > RESTING:
             return False, f"it rests for {100 * resting:.0f} % of the time, where dry friction takes up any torque"
@@ -249,7 +250,7 @@ class Replay:
         if rate * last.seconds / np.sqrt(3) > START * last.rest:
             return False, f"the rate at which a window begins is known to {rate:.2g} {unit}/s only"
         cutoff = self.motion.cutoff(i)
-        return False, f"what is left comes from the states in which windows begin, or from torque above {cutoff:.3g} Hz"
+        return False, f"the states in which windows begin make most of it, or torque above {cutoff:.3g} Hz"
 
 
 def _rms(x: Array) -> float:

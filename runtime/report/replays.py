@@ -14,12 +14,14 @@ from runtime.documents.replays import (
     ReplayedJoint,
     ReplayStep,
 )
+from runtime.identification.estimate import Estimate
 from runtime.report import fits
 from runtime.report.fits import place
-from runtime.report.sections import Group, Section, TableSection, table, texts, words
-from runtime.wording import number, percent, quantity
+from runtime.report.sections import Group, Section, TableColumn, TableSection, table, texts, words
+from runtime.wording import number, percent, quantity, unit
 
 _CLOSED = "closed loop"
+NO_CLOSED_LOOP = "No closed loop: the model states neither gains of a joint's controller nor a drive's law."
 AGAINST = "Against the torque's error"
 
 
@@ -60,7 +62,8 @@ def headline(steps: Sequence[ReplayStep]) -> str:
     found = [e for entry in entries if (e := _longest(entry)) is not None]
     where = f"joint {worst}" if len(steps[-1].joints) > 1 else "the joint"
     after = " → ".join(_error(e, entries[-1].unit) for e in dict.fromkeys(found))
-    return f"after {number(found[-1].seconds, 3)} s in open loop {where} is off by {after} of its motion (rms)"
+    when = f"after {number(found[-1].seconds, 3)} s in open loop"
+    return f"{when}, error of {where} (rms, and as a share of its motion): {after}"
 
 
 def errors(steps: Sequence[ReplayStep]) -> list[Section]:
@@ -83,7 +86,8 @@ def errors(steps: Sequence[ReplayStep]) -> list[Section]:
             rows.append([place(at, names), *([called(step)] if len(steps) > 1 else []), *cells])
     if not rows:
         return []
-    return [_titled(table([words("joint"), *([words("model")] if len(steps) > 1 else []), *figures], rows))]
+    made = [_titled(table([words("joint"), *([words("model")] if len(steps) > 1 else []), *figures], rows))]
+    return made if closed else [*made, *texts([NO_CLOSED_LOOP])]
 
 
 def _titled(made: TableSection) -> Section:
@@ -103,9 +107,10 @@ def agreement(step: ReplayStep) -> list[str]:
     for joint in step.joints:
         error = _longest(joint)
         said = f"joint {place(joint.joint, names)}: {joint.reason}"
-        if error is not None and error.promised is not None and error.rest is not None:
-            promised, rest = (quantity(x, joint.unit, 2) for x in (error.promised, error.rest))
-            said += f" (after {number(error.seconds, 3)} s the torque's error makes {promised}, all else {rest})"
+        if error is not None and None not in (parts := (error.promised, error.rest, error.rms)):
+            promised, rest, both = (quantity(x, joint.unit, 2) for x in parts if x is not None)
+            said += f" (after {number(error.seconds, 3)} s the torque's error makes {promised}, all else {rest}, "
+            said += f"together {both})"
         lines.append(f"{said}.")
     return lines
 
@@ -133,11 +138,27 @@ def identification(document: IdentifyDocument) -> list[Section]:
 def refined(found: OutputErrorEntry) -> list[Section]:
     """What output error changed: parameters, and the error of each joint's motion."""
     first = found.motions[0].after.seconds if found.motions else 0.0
-    rows = [(place(p.joint, {}), p.name, number(p.before), number(p.after)) for p in found.parameters]
+    rows = [
+        (
+            place(p.joint, {}),
+            p.name,
+            number(p.before),
+            fits.estimate(Estimate(p.after, p.interval, p.unit)),
+            unit(p.unit) or "1",
+        )
+        for p in found.parameters
+    ]
     lines = [
         f"joint {m.joint}: {_error(m.before, m.unit)} before, {_error(m.after, m.unit)} after." for m in found.motions
     ]
     changed = "Refined by the motion" if found.better else "Not refined: no parameters lower the error of the motion"
-    title = f"{changed}, in windows of {number(first, 3)} s with the torque {number(found.skew, 2)} samples late"
-    made = table((words("joint"), words("parameter"), "by the torque", "by the motion"), rows)
+    title = f"{changed}, in windows of {number(first, 3)} s; shift of the torque {number(found.skew, 2)} samples"
+    heads = (
+        words("joint"),
+        words("parameter"),
+        "by the torque",
+        TableColumn("by the motion", "estimate"),
+        words("unit"),
+    )
+    made = table(heads, rows)
     return [Group(title, (made, *texts(lines)))]

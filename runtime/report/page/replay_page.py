@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.documents.parts import given
 from runtime.documents.replays import ReplayDocument
 from runtime.plain_json import plain
 from runtime.replay.replay import Replay
-from runtime.report import replays
+from runtime.report import origin, replays
 from runtime.report.page.arm_motion import ArmMotion, Course, JointReadings, frames, picture
 from runtime.report.page.html import ReportPage, add_figures, part
 from runtime.report.page.moving import LONGEST
 from runtime.report.page.page_figures import drawn
+from runtime.report.page.reports import origin_group
 from runtime.report.plots import motion_plots
 from runtime.report.sections import Group, Paragraph, Plots, texts
 from runtime.wording import numbered, sentence
@@ -61,6 +63,8 @@ def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage
         groups.append(Group("Joint by joint", (Paragraph(f"{legend}; black: recorded.", "note"), plots), "joints"))
     agreement = tuple(texts(map(sentence, replays.agreement(own[-1]))))
     groups.append(Group(replays.AGAINST, agreement, "agreement"))
+    provenance = given(document.provenance)
+    groups += origin_group(provenance)
     return ReportPage(
         title=f"{model.name}: replayed",
         model=model.name,
@@ -70,6 +74,7 @@ def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage
         short=[],
         groups=groups,
         drawings=drawings,
+        made="" if provenance is None else origin.made(provenance),
         document=plain(document),
     )
 

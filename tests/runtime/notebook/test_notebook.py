@@ -166,5 +166,5 @@ def test_a_replay_says_how_far_the_motion_is_off(folder: Path, improved: tendon.
     assert isinstance(after, tendon.ReplayResult)
     errors = [result.joints[0].closed_loop.rms for result in (before, after)]  # type: ignore[union-attr]
     assert errors[1] < 0.3 * errors[0]  # type: ignore[operator]
-    assert "in open loop the joint is off by" in repr(after)
+    assert "after 1 s in open loop, error of the joint" in repr(after)
     assert after.report(folder / "replayed").is_file()

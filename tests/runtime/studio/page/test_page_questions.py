@@ -35,7 +35,7 @@ def test_a_replay_shows_the_arm_as_recorded_and_as_the_model_moves(fitted: Watch
     page = fitted.at_step(1)
     page.click("[data-do=replay]:not([disabled])")
     page.wait_for_selector("a[href^='/download/replay']")
-    assert "in open loop the joint is off by" in page.inner_text("[role=status]:has-text('open loop')")
+    assert "fter 1 s in open loop, error of the joint" in page.inner_text("[role=status]:has-text('open loop')")
     assert "Error of the motion, rms" in page.inner_text("#questions, main")
     assert page.locator(".arm-picture").count() == 2
     assert fitted.wrong == []
