@@ -19,6 +19,7 @@ from runtime.workspace.names import UsageError
 if TYPE_CHECKING:
     from runtime.model.loader import Model
     from runtime.recordings.recording import Recording
+    from runtime.workspace.edits import ModelEdits
     from runtime.workspace.source import Source
 
 app = typer.Typer()
@@ -52,16 +53,23 @@ def firmware(
 ) -> None:
     """Files in the directory that were not generated are kept;
     exit status 1 if the stack does not suffice."""
+    from codegen.toolchain.cross import HOST, named_target
     from runtime.report import models
-    from runtime.report.terminal import printer, working
+    from runtime.report.terminal import printer, say, working
 
+    if target != HOST:
+        named_target(target)
+    if check and monitor:
+        raise UsageError("--check writes nothing and --monitor writes floors; leave one of them out")
+    watched: ModelEdits | None = None
     if monitor:
-        if check:
-            raise UsageError("--check writes nothing and --monitor writes floors; leave one of them out")
         check_own(model)
         typed = TypedInputs(model, monitor, effects=effects, maps=maps, allow_gaps=allow_gaps)
-        _write_floors(*typed.read())
-    source = opened(model, effects)
+        given_source, data, loaded = typed.read()
+        watched = _with_floors(given_source, data, loaded)
+        source = given_source.with_text(watched.text)
+    else:
+        source = opened(model, effects)
     name = source.arm().name
     if check:
         directory = firmware_directory(source, out)
@@ -71,17 +79,20 @@ def firmware(
     else:
         with working(f"deriving {name} and compiling its firmware"):
             document = firmware_of(source, out, target, toolchain)
+    if watched is not None:
+        watched.write()
     emit(json, document, printer(models.firmware))
+    if watched is not None and json != "-":
+        say(f"Written to {source.path}: the floors of the monitor.")
     build = given(document.build)
     if document.stale or (build is not None and not build.fits):
         raise typer.Exit(NO)
 
 
-def _write_floors(source: Source, data: list[Recording], loaded: Model) -> None:
-    """Put the floors that recordings show into the model file. Raises ControllerError, RecordingError, UsageError."""
+def _with_floors(source: Source, data: list[Recording], loaded: Model) -> ModelEdits:
+    """The model file with the floors that recordings show. Raises ControllerError, RecordingError, UsageError."""
     from runtime.report.terminal import working
     from runtime.workspace.watching import propose_monitor
 
     with working("measuring the floors of the monitor"):
-        edits = propose_monitor(source, loaded, data)
-    edits.write()
+        return propose_monitor(source, loaded, data)

@@ -66,6 +66,8 @@ def identify(
     if bool(recordings) == bool(statistics):
         raise UsageError("expected recordings, or --statistics with what a board has added up, and not both")
     if statistics:
+        if motion or skew is not None:
+            raise UsageError("--statistics has no samples, which --output-error and --skew need; leave them out")
         _identify_sums(model, statistics, write=write, effects=effects, json=json)
         return
     assert recordings is not None

@@ -85,3 +85,17 @@ def test_what_the_board_adds_up_gives_the_parameters_of_the_recording(
         for name, parameter in one.parameters.items():
             assert parameter.value == pytest.approx(other.parameters[name].value, rel=0.05), (one.name, one.joint, name)
     assert min(found.rows) > 300
+
+
+def test_nothing_is_written_for_a_target_that_does_not_exist(
+    watched: Source, tmp_path: Path, tendon: Callable[..., tuple[int, str, str]]
+) -> None:
+    (tmp_path / "arm.toml").write_text(watched.text)
+    (tmp_path / "run.csv").write_text("t [s],q1,tau1\n")
+    status, _, said = tendon("firmware", "arm.toml", "--monitor", "run.csv", "--target", "avr")
+    assert status == 2
+    assert "there are cortex-m4f" in said
+    assert (tmp_path / "arm.toml").read_text() == watched.text
+    status, _, said = tendon("identify", "arm.toml", "--statistics", "run.csv", "--output-error")
+    assert status == 2
+    assert "--statistics has no samples" in said
