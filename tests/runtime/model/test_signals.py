@@ -180,10 +180,11 @@ PLACES = (
     "symbolic/grammar/",
     "runtime/recordings/",
     "codegen/verify/proof.py",
+    "codegen/c/arm_effects.py",
 )
 """Where signals are declared, of which quantities a grid may be a part (not all are signals), where those without a
-source are read, where laws are made of them, where columns of recordings have their names, and where functions are
-proved that have the names of signals."""
+source are read, where laws are made of them, where columns of recordings have their names, where functions are proved
+that have the names of signals, and where those without a source are computed in C."""
 
 
 def strings(nodes: list[ast.expr | None]) -> set[str]:

@@ -445,7 +445,7 @@ def test_why_a_candidate_was_not_named(summary):
     useless = ranked(ELASTICITY, model, SHARE.asked(0.03), delta_bic=-12.3)
     assert findings.why_not_named(useless, context, held_out=False).endswith("with it, BIC rises by 12")
     passing = findings.why_not_named(ranked(ELASTICITY, model), context, held_out=True)
-    assert passing.endswith("or on the held-out recording")
+    assert passing.endswith("or by the held-out recording")
 
 
 def card_of(improvement: Improvement, ranking: Ranking, rivals: tuple[Term, ...]) -> Reader:
