@@ -45,7 +45,7 @@ check: quick analysis
 
 analysis: $(STAMP)
 	$(BIN)/mypy
-	$(PYTEST) -m "not slow" tests/codegen/c/test_misra.py
+	$(PYTEST) tests/codegen/c/test_misra.py
 
 # In an environment of its own: one of the methods that are compared with asks for an older NumPy.
 benchmark:

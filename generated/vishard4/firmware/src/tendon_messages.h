@@ -14,7 +14,7 @@
 #define TENDON_FINGERPRINT 0xe5c093b2U
 
 /* CRC-32 of the generated sources. */
-#define TENDON_BUILD 0x5300d486U
+#define TENDON_BUILD 0xdc6a66d4U
 
 /* Capacity for a trajectory. A board with more memory may be built with more, up to 65535 each: a control point takes
  * 4 bytes a joint, and `tendon execute` needs 32 of them for a second of a motion, and 2 phases. */
