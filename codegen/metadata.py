@@ -103,6 +103,7 @@ def _effect(effect: Effect) -> dict[str, object]:
         **to_json(effect, DescribedEffect),
         "signals": [s.name for s in effect.signals],
         "coefficients": [to_json(c, DescribedParameter) for c in effect.coefficients],
+        "from_parameters": None if effect.form is None else [prefix(e) for e in effect.form.from_parameters],
         "recover": None if effect.form is None else [prefix(e) for e in effect.form.recover],
         "states": [s.name for s in effect.states],
         "deflection": effect.deflection,

@@ -369,7 +369,8 @@ def _term_estimates(fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estim
         others = {o for k, g in zip(where, gradient[name], strict=True) if g for o in among.tangled.get(k, ())}
         used = np.flatnonzero(gradient[name])
         slope = gradient[name][used]
-        variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope)
+        # What hangs on no unknown is as the file states it.
+        variance = float(slope @ part_covariance[np.ix_(used, used)] @ slope) if len(used) else np.inf
         found[name] = _estimate(
             value, variance, sigmas, unit=unit_of(problem.model, term, name), others=tuple(sorted(others))
         )

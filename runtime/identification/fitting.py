@@ -47,11 +47,12 @@ def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]
         line = problem.model.library.effects[term.effect].line
         if line is not None and line.name not in known.get(term, {}):
             lines.append(term)
-        names = [p.name for p in problem.model.library.effects[term.effect].shape]
-        given = {k: v for k, v in known.get(term, {}).items() if k in names}
+        info = problem.model.library.effects[term.effect]
+        names = [p.name for p in info.shape if p.name not in known.get(term, {})]
+        given = {p.name: known[term][p.name] for p in (*info.given, *info.shape) if p.name in known.get(term, {})}
         choices = grids.points(problem.regressors, term)
         choices = list({tuple({**c, **given}.items()): {**c, **given} for c in choices}.values())
-        if not choices and len(given) < len(names):
+        if not choices and names:
             raise RecordingError(
                 f"{term} cannot be placed: these recordings give its {' and '.join(names)} no scale (a link without "
                 "inertia, a joint without dry friction); state them in the model file, or leave the effect out"

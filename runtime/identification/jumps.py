@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from runtime.identification.estimate import Estimate
 from runtime.identification.grids import OF_PLACES, axis, points, searchable
 from runtime.identification.problem import Problem, Skew, first_least, weighted
-from runtime.identification.settings import AS_GOOD_A_FLANK, HOPELESS_FLANK, INTERVAL_SIGMAS
+from runtime.identification.settings import AS_GOOD_A_FLANK, CLEARLY_LIKELIER, HOPELESS_FLANK, INTERVAL_SIGMAS
 from runtime.model.terms import Term, Values, joints_of
 from runtime.regression.noise import lag_by_lag
 
@@ -35,9 +35,10 @@ def least_places(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) ->
 
     A torque sets in at a sample, so that the error over the place is a staircase without a useful derivative. Fixed
     places are tried, 16 to a step of the grid, about as far as an arm goes in a sample: first every fourth and then
-    those between. Their columns are shared, wherever the search began.
+    those between. Their columns are shared, wherever the search began. A place that the motion does not reach stays
+    where the model file has it, unless another is clearly likelier.
     """
-    best, fine, coarse = dict(shapes), 16, 4
+    best = dict(shapes)
     for term in problem.layout.terms:
         for parameter in problem.model.library.effects[term.effect].shape:
             if parameter.grid is None or parameter.grid.of not in OF_PLACES:
@@ -45,15 +46,41 @@ def least_places(problem: Problem, shapes: Mapping[Term, Values], skew: Skew) ->
             grid = axis(problem.regressors, term, parameter, best[term])
             if len(grid) < 2 or not searchable(parameter, grid):
                 continue
-            for every, reach in ((coarse, fine // coarse), (1, coarse - 1)):
-                at = float(np.clip(best[term][parameter.name], grid[0], grid[-1]))
-                choices = [
-                    {**best[term], parameter.name: x} for x in (at, *_around(at, grid, fine, every=every, reach=reach))
-                ]
-                problem.foresee(term, choices, best)
-                errors = problem.errors([{**best, term: shape} for shape in choices], skew)
-                best[term] = choices[first_least(errors)]
+            if grid[0] <= best[term][parameter.name] <= grid[-1]:
+                best = _refined(problem, best, skew, term, parameter.name, grid)
+                continue
+            reached = _least(problem, best, skew, term, [{**best[term], parameter.name: float(x)} for x in grid])
+            other = _refined(problem, reached, skew, term, parameter.name, grid)
+            best = other if _clear(problem, best, other, skew) else best
     return best
+
+
+def _refined(
+    problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term: Term, place: str, grid: Array
+) -> dict[Term, Values]:
+    """Shapes with a term's place, which is on the grid, at the least error within a step of it."""
+    best, fine, coarse = dict(shapes), 16, 4
+    for every, reach in ((coarse, fine // coarse), (1, coarse - 1)):
+        at = best[term][place]
+        near = (at, *_around(at, grid, fine, every=every, reach=reach))
+        best = _least(problem, best, skew, term, [{**best[term], place: x} for x in near])
+    return best
+
+
+def _least(
+    problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term: Term, choices: Sequence[Values]
+) -> dict[Term, Values]:
+    """Shapes with the choice for a term that leaves the least error."""
+    problem.foresee(term, choices, shapes)
+    errors = problem.errors([{**shapes, term: shape} for shape in choices], skew)
+    return {**shapes, term: choices[first_least(errors)]}
+
+
+def _clear(problem: Problem, one: Mapping[Term, Values], other: Mapping[Term, Values], skew: Skew) -> bool:
+    """Whether other shapes are clearly likelier than some."""
+    rows = sum(int(problem.motion.moving(i).sum()) for i in range(problem.model.n))
+    errors = problem.errors([one, other], skew)
+    return bool(rows * np.log(errors[0] / max(errors[1], 1e-300)) > CLEARLY_LIKELIER)
 
 
 def _around(place: float, grid: Array, fine: int, every: int, reach: int) -> list[float]:

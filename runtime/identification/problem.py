@@ -64,9 +64,7 @@ class LinearUnknowns:
             start += len(info.coefficients)
             lower += [c.bounds[0] for c in info.coefficients]
             upper += [c.bounds[1] for c in info.coefficients]
-            # The coefficients of a form are others than the file's parameters.
-            values = known.get(term, {}) if info.recover is None else {}
-            stated += [values.get(c.name, 0.0) for c in info.coefficients]
+            stated += model.library.coefficients(term.effect, known.get(term, {})).tolist()
         rotors = slice(start, start + (model.n if rigid_given else 0))
         count = rotors.stop - rotors.start
         # No rotor has less than none: at the least, all that the file states was in the user's model too often.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import atan2, nan, prod
+from math import atan2, cos, nan, prod, sin
 from typing import Any, cast
 
 from symbolic.described import DescribedEffect, DescribedParameter, from_json
@@ -43,12 +43,15 @@ class EffectInfo(DescribedEffect[DescribedParameter]):
     """A declared effect with compiled equations.
 
     signals        names of the signals that it reads
-    coefficients   unknowns of the linear fit     recover   linear parameters as functions of them, in prefix form
-    states         names of its states            deflection   the state that a link-side encoder measures
+    coefficients     unknowns of the linear fit
+    from_parameters  them as functions of the parameters, in prefix form, where they are others than the linear ones
+    recover          and the linear parameters as functions of them
+    states           names of its states            deflection   the state that a link-side encoder measures
     """
 
     signals: tuple[str, ...]
     coefficients: tuple[DescribedParameter, ...]
+    from_parameters: tuple[Any, ...] | None
     recover: tuple[Any, ...] | None
     states: tuple[str, ...]
     deflection: str | None
@@ -134,6 +137,8 @@ _OPERATIONS: dict[str, Callable[[list[float]], float]] = {
     "mul": prod,
     "pow": lambda a: a[0] ** a[1],
     "atan2": lambda a: atan2(a[0], a[1]),
+    "cos": lambda a: cos(a[0]),
+    "sin": lambda a: sin(a[0]),
 }
 
 

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from math import prod
+from math import nan, prod
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -272,6 +272,14 @@ class Library:
             return {}
         rows = self._call(info, "states", len(info.states), signals=signals, parameters=parameters, dt=dt)
         return dict(zip(info.states, rows, strict=True))
+
+    def coefficients(self, effect: str, parameters: Mapping[str, float]) -> Array:
+        """The unknowns of the linear fit (k,) from an effect's parameters; 0 for those that need one without value."""
+        info = self[effect]
+        if info.from_parameters is None:
+            return np.array([parameters.get(c.name, 0.0) for c in info.coefficients])
+        known = {p.name: parameters.get(p.name, nan if p.default is None else p.default) for p in info.parameters}
+        return np.nan_to_num(np.array([evaluate(form, known) for form in info.from_parameters]), nan=0.0)
 
     def recover(self, effect: str, coefficients: ArrayLike, shape: Mapping[str, float]) -> dict[str, float]:
         """All parameters of an effect, from its coefficients (k,) and its other parameters."""

@@ -258,20 +258,21 @@ def _union(expressions: Iterable[sp.Expr]) -> set[sp.Symbol]:
     return {e for e in seen if isinstance(e, sp.Symbol)}
 
 
-_OPERATORS = {sp.Add: "add", sp.Mul: "mul", sp.Pow: "pow", sp.atan2: "atan2"}
+_OPERATORS = {sp.Add: "add", sp.Mul: "mul", sp.Pow: "pow", sp.atan2: "atan2", sp.cos: "cos", sp.sin: "sin"}
 
 
 def prefix(expr: sp.Expr) -> Any:
     """`expr` as JSON: a number, a parameter's name, or [operator, argument...].
 
-    Operators: add, mul (any number of arguments), pow, atan2 (two). Raises ValueError for any other.
+    Operators: add, mul (any number of arguments), pow, atan2 (two), cos, sin (one). Raises ValueError for any other.
     """
     if expr.is_Number:
         return float(expr)
     if expr.is_Symbol:
         return expr.name.removeprefix("p_")
     if expr.func not in _OPERATORS:
-        raise ValueError(f"{expr.func.__name__} cannot stand in the form of an effect; use +, *, powers and atan2")
+        allowed = "+, *, powers, atan2, cos and sin"
+        raise ValueError(f"{expr.func.__name__} cannot stand in the form of an effect; use {allowed}")
     return [_OPERATORS[expr.func], *map(prefix, expr.args)]
 
 

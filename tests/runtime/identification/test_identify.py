@@ -15,10 +15,12 @@ from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
+from runtime.workspace.source import Source
 from tests.kept import kept
 from tests.runtime.conftest import recorded
 
 Shared = Callable[[str, Model], Recording]
+SPRING = Term("parallel_spring", 4)
 
 PUBLISHED = {"M1": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}
 """A. Janot, M. Gautier, M. Brunot, Data Set and Reference Models of EMPS, 2019; without skew correction."""
@@ -122,3 +124,23 @@ def test_joints_that_are_held_stay_as_the_file_has_them(model: Model) -> None:
     residual = found.residual[3]
     # The noise of the torque is 3 % of it, and all that is left.
     assert np.sqrt(np.mean(residual**2)) < 0.03 * np.sqrt(np.mean(made.tau[3] ** 2))
+
+
+def test_a_spring_that_the_motion_does_not_reach_stays_as_the_file_has_it(model: Model) -> None:
+    """The spring of joint 4 is taut below -1.2 rad, the motion ends at -0.4."""
+    made, _ = simulate(model, settings=SimulationSettings(seed=3, seconds=15.0))
+    assert made.q[3].min() > -0.5
+    found = kept(identify, model, [made])
+    values = found.inference.values[SPRING]
+    assert {name: e.value for name, e in values.items()} == pytest.approx(model.joints[3].effects["parallel_spring"])
+    assert all(e.interval is None for e in values.values())
+
+
+def test_a_spring_that_is_elsewhere_than_the_file_says_is_found(model: Model) -> None:
+    source = Source.shipped("vishard4")
+    elsewhere = source.with_text(source.edits.place("parallel_spring", 4, {"offset": 0.05}).text).compiled.model()
+    made, _ = simulate(elsewhere, settings=SimulationSettings(seed=3, seconds=15.0))
+    values = kept(identify, model, [made]).inference.values[SPRING]
+    assert values["offset"].value == pytest.approx(0.05, abs=0.01)
+    assert values["stiffness"].value == pytest.approx(5900.0, rel=0.03)
+    assert values["radius"].value == 0.06

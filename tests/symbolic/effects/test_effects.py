@@ -194,6 +194,8 @@ def test_regressor_and_form_give_the_torque(effect: Effect, data: st.DataObject)
     total = rows[0] + sum(r * c for r, c in zip(rows[1:], coefficients, strict=True))
     assert math.isclose(total, evaluate(effect.torque, values), **CLOSE)
     if effect.form:
+        for law, value in zip(effect.form.from_parameters, coefficients, strict=True):
+            assert math.isclose(from_json(prefix(law), values), value, **CLOSE)
         known = values | {c.symbol: x for c, x in zip(effect.form.coefficients, coefficients, strict=True)}
         for p, back in zip(effect.linear, effect.form.recover, strict=True):
             assert math.isclose(from_json(prefix(back), known), values[p.symbol], **CLOSE)
@@ -208,6 +210,9 @@ def from_json(tree: object, values: Values) -> float:
         return tree
     assert isinstance(tree, list)
     arguments = [from_json(a, values) for a in tree[1:]]
+    of_one = {"cos": math.cos, "sin": math.sin}
+    if tree[0] in of_one:
+        return of_one[tree[0]](*arguments)
     operators = {"add": math.fsum, "mul": math.prod, "pow": lambda a: a[0] ** a[1], "atan2": lambda a: math.atan2(*a)}
     return operators[tree[0]](arguments)
 
