@@ -44,7 +44,7 @@ MOST_UNDONE: Final = 100
 """number of changes of the inputs that can be undone; a choice."""
 
 LOOKS_EVERY: Final = 0.05
-"""s between two looks at whether a file that was sent has been read; a person sees no delay."""
+"""s between two looks at whether the task has ended for which a file that was sent waits; a person sees no delay."""
 
 MOST_CURES: Final = 3
 """number of times that a recording is read to guess its columns: position, rate and torque of a joint may be wrong; a

@@ -62,6 +62,7 @@ class Studio:
         shutil.rmtree(session.scratch, ignore_errors=True)  # of a process that was killed
         self._work = Work(session.folder, effects, self._changed, self._finished)
         self._plan_files: tuple[GivenFile, ...] = ()
+        self._arrivals = asyncio.Lock()
 
     def close(self) -> None:
         """End the process of the session. The folder stays and may be opened again."""
@@ -118,13 +119,18 @@ class Studio:
     async def receive(self, role: str, name: str, chunks: AsyncIterator[bytes]) -> None:
         """A file from a browser, as "model", "fitted", "held_out" or "plan". Raises WorkError, too.
 
-        A recording is read before this returns.
+        Files are taken one after another, in the order in which they came, each once no task is running. A recording
+        is read before this returns.
         """
         if role not in ("model", "fitted", "held_out", "plan"):
             raise SessionError("a file is sent as model, as fitted, as held_out or as plan")
-        self._check_idle()
         if role == "plan":
             check_plan(name)
+        async with self._arrivals:
+            await self._idle()
+            await self._receive_now(role, name, chunks)
+
+    async def _receive_now(self, role: str, name: str, chunks: AsyncIterator[bytes]) -> None:
         file = await self._received(name, chunks, MOST_UPLOADED if role in ("fitted", "held_out") else MOST_MODEL)
         if role == "plan":
             self._open_plans([file])
@@ -134,8 +140,7 @@ class Studio:
         else:
             await asyncio.to_thread(self._give_recording, file, role == "held_out", GivenReading())
         self.read()
-        while self._work.busy:
-            await asyncio.sleep(LOOKS_EVERY)
+        await self._idle()
 
     def close_plan(self, number: int) -> None:
         """Delete the folder of a plan."""
@@ -435,6 +440,11 @@ class Studio:
             for file in given:
                 self.session.given(file).unlink(missing_ok=True)
             raise
+
+    async def _idle(self) -> None:
+        """Until no task is running."""
+        while self._work.busy:
+            await asyncio.sleep(LOOKS_EVERY)
 
     def _check_idle(self) -> None:
         if self._work.busy:

@@ -86,8 +86,30 @@ def test_an_arm_of_the_toolkit_needs_no_model_and_a_foreign_one_does(made, tmp_p
     assert made.plans()[1].headline.startswith("scenario1 in 1.2 s")
 
 
-async def chunks(content: bytes) -> AsyncIterator[bytes]:
-    yield content
+async def chunks(*content: bytes) -> AsyncIterator[bytes]:
+    for part in content:
+        yield part
+        await asyncio.sleep(0)  # others have their turn
+
+
+def test_files_that_arrive_together_or_during_a_task_are_taken_in_their_order(tmp_path, files):
+    """A plan is of the model that was sent before it, though that one needs longer to arrive; none is refused."""
+    studio = Studio(StudioSession.create(tmp_path / "session"))
+    model, plan = (files / "bench.toml").read_bytes(), (files / "plan.json").read_bytes()
+
+    async def send() -> None:
+        await asyncio.gather(
+            studio.receive("model", "bench.toml", chunks(*(model[k : k + 9] for k in range(0, len(model), 9)))),
+            studio.receive("plan", "first.json", chunks(plan)),
+            studio.receive("plan", "second.json", chunks(plan)),
+        )
+
+    try:
+        asyncio.run(send())
+        done(studio)
+        assert [plan.name for plan in studio.plans().values()] == ["first.json", "second.json"]
+    finally:
+        studio.close()
 
 
 BROKEN = {

@@ -53,7 +53,8 @@
 
     async send(files) {
       for (const file of files) {
-        this.say(`Reading ${file.name} …`);
+        const waits = document.querySelector("[data-do=cancel]");
+        this.say(waits ? `${file.name} is read once the running task has ended …` : `Reading ${file.name} …`);
         const query = new URLSearchParams({ as: this.getAttribute("as"), name: file.name });
         try {
           const answer = await fetch(`/given?${query}`, { method: "POST", body: file, credentials: "same-origin" });

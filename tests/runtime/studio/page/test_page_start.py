@@ -128,15 +128,9 @@ def test_a_plan_is_opened_and_its_page_shown_by_clicks(tab: Tab, new_server: Ser
     page = seen.emptied()
     page.set_input_files("#start file-drop[as=model] input", tmp_path / "bench.toml")
     page.wait_for_selector("#start .given:has-text('bench.toml')")
+    page.set_input_files("#plans file-drop input", hostile)
     link = page.locator("#plans a")
-    for _ in range(3):  # a studio that still works on what was given before says so, and takes no plan
-        page.set_input_files("#plans file-drop input", hostile)
-        for _ in range(60):
-            if not link.count():
-                page.wait_for_timeout(500)
-        if link.count():
-            break
-    assert link.count() == 1
+    link.wait_for()
     text = page.inner_text("#plans")
     assert "<img src=x onerror=alert(1)>.json" in text
     assert "<b>there</b> in 1.4 s, with friction" in text
@@ -154,3 +148,24 @@ def test_a_plan_is_opened_and_its_page_shown_by_clicks(tab: Tab, new_server: Ser
     link.wait_for(state="detached")
     assert seen.wrong == []
     assert seen.outside() == []
+
+
+def test_a_plan_that_is_dropped_during_a_task_is_opened_after_it(tab: Tab, new_server: Server, tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text(BENCH)
+    for name in ("first", "held", "last"):
+        trajectory(THERE_AND_BACK).write(tmp_path / f"{name}.json")
+    seen = tab(new_server)
+    page = seen.emptied()
+    page.set_input_files("#start file-drop[as=model] input", tmp_path / "bench.toml")
+    page.set_input_files("#plans file-drop input", tmp_path / "first.json")
+    page.wait_for_selector("#plans a:has-text('first.json')")
+    new_server.hold_task()  # it waits for a task, and will not begin the next one
+    page.set_input_files("#plans file-drop input", tmp_path / "held.json")
+    page.wait_for_selector("progress")
+    page.set_input_files("#plans file-drop input", tmp_path / "last.json")
+    page.wait_for_selector("#plans [role=status]:has-text('last.json is read once the running task has ended')")
+    page.click("[data-do=cancel]")
+    page.wait_for_selector("#plans a:has-text('last.json')")
+    assert page.locator("#plans a:has-text('held.json')").count() == 0
+    page.wait_for_selector("#plans [role=status]:text-is('')", state="attached")
+    assert seen.wrong == []
