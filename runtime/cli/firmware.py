@@ -17,6 +17,7 @@ from runtime.workspace.generated import firmware_directory, firmware_of
 from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
+    from runtime.documents.generated import MissedEntry
     from runtime.model.loader import Model
     from runtime.recordings.recording import Recording
     from runtime.workspace.edits import ModelEdits
@@ -53,6 +54,8 @@ def firmware(
 ) -> None:
     """Files in the directory that were not generated are kept;
     exit status 1 if the stack does not suffice."""
+    from msgspec.structs import replace
+
     from codegen.toolchain.cross import HOST, named_target
     from runtime.report import models
     from runtime.report.terminal import printer, say, working
@@ -66,7 +69,7 @@ def firmware(
         check_own(model)
         typed = TypedInputs(model, monitor, effects=effects, maps=maps, allow_gaps=allow_gaps)
         given_source, data, loaded = typed.read()
-        watched = _with_floors(given_source, data, loaded)
+        watched, missed = _with_floors(given_source, data, loaded)
         source = given_source.with_text(watched.text)
     else:
         source = opened(model, effects)
@@ -81,18 +84,24 @@ def firmware(
             document = firmware_of(source, out, target, toolchain)
     if watched is not None:
         watched.write()
+        document = replace(document, missed=missed)
     emit(json, document, printer(models.firmware))
     if watched is not None and json != "-":
         say(f"Written to {source.path}: the floors of the monitor.")
+        if (stated := source.arm().monitor) is not None and not stated.statistics:
+            say("With statistics = true under [monitor] the board also adds up what identify --statistics needs.")
     build = given(document.build)
     if document.stale or (build is not None and not build.fits):
         raise typer.Exit(NO)
 
 
-def _with_floors(source: Source, data: list[Recording], loaded: Model) -> ModelEdits:
-    """The model file with the floors that recordings show. Raises ControllerError, RecordingError, UsageError."""
+def _with_floors(source: Source, data: list[Recording], loaded: Model) -> tuple[ModelEdits, list[MissedEntry]]:
+    """The model file with the floors that recordings show, and the joints whose model misses something.
+
+    Raises ControllerError, RecordingError, UsageError.
+    """
     from runtime.report.terminal import working
-    from runtime.workspace.watching import propose_monitor
+    from runtime.workspace.watching import missed_joints, propose_monitor
 
     with working("measuring the floors of the monitor"):
-        return propose_monitor(source, loaded, data)
+        return propose_monitor(source, loaded, data), missed_joints(loaded, data)

@@ -147,6 +147,15 @@ class MonitorEntry(Document, frozen=True, kw_only=True):
     joints: Annotated[list[MonitoredJointEntry], key("each joint")]
 
 
+class MissedEntry(Document, frozen=True, kw_only=True):
+    """A joint of which the recordings of --monitor show more than noise beside the model."""
+
+    joint: Annotated[int, key("its number, from 1")]
+    unit: Annotated[str, key("of the following two")]
+    rms: Annotated[float, key("of the residual with the model file's values")]
+    floor: Annotated[float, key("noise of the recordings")]
+
+
 class FirmwareDocument(Document, frozen=True, kw_only=True):
     """The controller's firmware: `tendon firmware --json`; with --check only name, directory and stale."""
 
@@ -158,3 +167,6 @@ class FirmwareDocument(Document, frozen=True, kw_only=True):
     stale: Annotated[list[str], key("files that --check found out of date")]
     build: Annotated[BuildEntry | UnsetType, key("what was compiled")] = UNSET
     monitor: Annotated[MonitorEntry | UnsetType, key("with [monitor]: of the model on the board")] = UNSET
+    missed: Annotated[list[MissedEntry] | UnsetType, key("with --monitor: joints whose model the recordings miss")] = (
+        UNSET
+    )

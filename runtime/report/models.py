@@ -20,7 +20,7 @@ from runtime.documents.models import (
 from runtime.documents.parts import given
 from runtime.model.loader import Model
 from runtime.report.sections import Commands, Paragraph, Section, table, texts, words
-from runtime.wording import number, percent
+from runtime.wording import number, percent, quantity, times_floor
 
 _MOST_NUMBERS = 7
 """Numbers of a vector that a cell of a table has room for."""
@@ -144,6 +144,12 @@ def firmware_lines(document: FirmwareDocument) -> list[str]:
             + ", ".join(f"{number(joint.floor, 3)}" for joint in monitor.joints)
             + f"; {number(hours, 3)} hours of motion between two false alarms of a joint"
         )
+    lines += [
+        f"warning: joint {joint.joint}: the model file's values leave {quantity(joint.rms, joint.unit)} of the torque, "
+        f"{number(times_floor(joint.rms, joint.floor), 2)} times the noise, and the monitor will call that normal; "
+        "run tendon identify or diagnose first"
+        for joint in given(document.missed) or ()
+    ]
     if (stack := build.stack) is None:
         return lines
     chain = " > ".join(f"{name} {size}" for name, size in stack.chain)

@@ -6,12 +6,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from runtime.documents.generated import MonitoredJointEntry, MonitorEntry
+from runtime.documents.generated import MissedEntry, MonitoredJointEntry, MonitorEntry
 from runtime.hardware.floors import HIGHEST_CUTOFF, MeasuredFloor, measured_floors
 from runtime.hardware.settings import check_controllable
+from runtime.identification.compare import compare
 from runtime.identification.identify import prepared
 from runtime.model.loader import Model
 from runtime.recordings.recording import Recording
+from runtime.wording import MORE_THAN_NOISE, times_floor
 from runtime.workspace.source import Source
 from symbolic.model_file.arm import ArmMonitor, JointMonitor, ProposedValue
 from symbolic.model_file.checks import check_stated
@@ -45,6 +47,21 @@ def propose_monitor(source: Source, model: Model, recordings: Sequence[Recording
     of = ", ".join(recording.path.name for recording in recordings)
     band = ProposedValue(None, ("monitor",), "cutoff", cutoff, f"the band of {of}")
     return source.edits.propose([band, *_values(floors, of)])
+
+
+def missed_joints(model: Model, recordings: Sequence[Recording]) -> list[MissedEntry]:
+    """The joints of which the model file's values leave more than noise; their floors would call that normal.
+
+    Raises RecordingError.
+    """
+    compared = compare(model, recordings)
+    if compared.written is None:
+        return []
+    return [
+        MissedEntry(joint=series.joint, unit=series.force_unit, rms=rms, floor=series.floor.value)
+        for series, (rms, _) in zip(compared.joints, compared.written, strict=True)
+        if times_floor(rms, series.floor.value) > MORE_THAN_NOISE
+    ]
 
 
 def _values(floors: Sequence[MeasuredFloor], of: str) -> Iterator[ProposedValue]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -85,6 +87,24 @@ def test_what_the_board_adds_up_gives_the_parameters_of_the_recording(
         for name, parameter in one.parameters.items():
             assert parameter.value == pytest.approx(other.parameters[name].value, rel=0.05), (one.name, one.joint, name)
     assert min(found.rows) > 300
+
+
+@pytest.mark.parametrize(("hide", "missed"), [([], []), (["--hide", "coulomb@2:torque=0.4"], [2])])
+def test_a_recording_that_the_model_misses_is_said(
+    hide: list[str], missed: list[int], tmp_path: Path, tendon: Callable[..., tuple[int, str, str]]
+) -> None:
+    """With the file's values: fitted again, they would take up friction that has grown."""
+    (tmp_path / "arm.toml").write_text(PLAIN)
+    there_and_back().write(tmp_path / "plan.json")
+    run = ["execute", "arm.toml", "plan.json", "--on", "simulation", "--cycles", "8", "--out", "run.csv"]
+    assert tendon(*run, *hide)[0] == 0
+    built = ["firmware", "arm.toml", "--monitor", "run.csv", "--target", "host", "--json", "built.json"]
+    status, said, _ = tendon(*built)
+    assert status == 0
+    found = json.loads((tmp_path / "built.json").read_text())["missed"]
+    assert [(entry["joint"], entry["rms"] > 0.3) for entry in found] == [(joint, True) for joint in missed]
+    assert [int(joint) for joint in re.findall(r"joint (\d): the model file's values leave", said)] == missed
+    assert "With statistics = true under [monitor] the board also" in said
 
 
 def test_nothing_is_written_for_a_target_that_does_not_exist(
