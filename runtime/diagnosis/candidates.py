@@ -25,7 +25,8 @@ from runtime.identification.problem import change
 from runtime.identification.recorded_torque import LINK_LOAD
 from runtime.identification.regressors import Regressors
 from runtime.model.terms import Term, Values, joints_of, reads_arm
-from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from runtime.regression.rows import Block, Columns, JointRows
+from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
 

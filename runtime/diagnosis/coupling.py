@@ -10,7 +10,8 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from runtime.diagnosis.gates import BOTH_JOINTS, EACH_SHARE, PROPORTION, GateResult
-from runtime.regression.system import Block, LinearSystem
+from runtime.regression.rows import Block
+from runtime.regression.system import LinearSystem
 
 
 def results(

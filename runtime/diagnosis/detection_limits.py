@@ -27,7 +27,7 @@ from runtime.identification import grids
 from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term, Values, joints_of, unit_of
 from runtime.progress import is_late, of_each
-from runtime.regression.system import Block, Columns
+from runtime.regression.rows import Block, Columns
 
 Array = NDArray[np.float64]
 

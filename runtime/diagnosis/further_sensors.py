@@ -24,8 +24,9 @@ from runtime.identification.twist import late, without_peaks
 from runtime.model.terms import Term, joints_of
 from runtime.motion.piece import Piece, Sensors
 from runtime.regression.noise import over_stretches
+from runtime.regression.rows import Block
 from runtime.regression.settings import FOLDS, LEAST_OWN
-from runtime.regression.system import Block, LinearSystem
+from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
 

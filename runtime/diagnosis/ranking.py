@@ -40,7 +40,8 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
 from runtime.regression.noise import Whitening, vuong
-from runtime.regression.system import Block, LinearSystem, Solution
+from runtime.regression.rows import Block
+from runtime.regression.system import LinearSystem, Solution
 from runtime.wording import times_floor
 
 Array = NDArray[np.float64]

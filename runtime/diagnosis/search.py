@@ -35,7 +35,8 @@ from runtime.diagnosis.steps import Step, Trail, seconds_moving, with_witnessed
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
-from runtime.regression.system import Block, Columns, LinearSystem
+from runtime.regression.rows import Block, Columns
+from runtime.regression.system import LinearSystem
 
 # comparisons ---------------------------------------------------------------------------------------------------------
 

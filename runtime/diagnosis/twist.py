@@ -19,7 +19,8 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.twist import TwistEquation, TwistFit, fit_twist
 from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term
-from runtime.regression.system import Block, Columns, LinearSystem
+from runtime.regression.rows import Block, Columns
+from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
 

@@ -32,7 +32,8 @@ from runtime.motion.piece import Piece
 from runtime.progress import of_each
 from runtime.recordings.recording import Recording
 from runtime.regression.bounded import bounded
-from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from runtime.regression.rows import Block, Columns, JointRows
+from runtime.regression.system import LinearSystem
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, led, simulate
 

@@ -29,7 +29,8 @@ from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure, unit_of
 from runtime.motion.motion import Motion
 from runtime.regression.noise import over_stretches
-from runtime.regression.system import JointAt, LinearSystem
+from runtime.regression.rows import JointAt
+from runtime.regression.system import LinearSystem
 from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]

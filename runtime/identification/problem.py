@@ -15,7 +15,8 @@ from runtime.identification.regressors import Ahead, Regressors
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
-from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from runtime.regression.rows import Block, Columns, JointRows
+from runtime.regression.system import LinearSystem
 from symbolic.model_file.arm import ROTOR
 
 Array = NDArray[np.float64]

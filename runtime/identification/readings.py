@@ -18,7 +18,8 @@ from runtime.identification.settings import EXCERPT, WORK_TELLS
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.recordings.columns import UNITS
-from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from runtime.regression.rows import Block, Columns, JointRows
+from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,8 @@ from runtime.model.terms import Term
 from runtime.motion.spectra import in_band_white_density
 from runtime.regression.bounded import inverse
 from runtime.regression.noise import over_stretches
-from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from runtime.regression.rows import Block, Columns, JointRows
+from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from runtime.regression.rows import Block, Columns, JointRows
+from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
 ROWS, JOINTS = 60, 2

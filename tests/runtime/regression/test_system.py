@@ -12,8 +12,9 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from runtime.regression.noise import Whitening, autoregression, vuong
+from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.settings import FOLDS, WHITE_LEAST
-from runtime.regression.system import Block, Columns, JointRows, LinearSystem
+from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
 
