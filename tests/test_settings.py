@@ -49,7 +49,7 @@ ELSEWHERE = {
     "diagnosis/search.py: _beside": "a step for a derivative",
     "regression/bounded.py": "numerics of least squares: what is rounding, and where a solver ends",
     "regression/noise.py: Whitening": "what is rounding",
-    "regression/system.py: Block": "where squares overflow",
+    "regression/rows.py: Block": "where squares overflow",
     "experiments/pieces.py": "motions, written down as numbers: what is chosen among them is in the settings",
     "experiments/first.py": "likewise",
     "experiments/motion_files.py": "formats of other programs: sizes, codes and numbers of fields",

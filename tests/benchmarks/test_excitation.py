@@ -162,7 +162,7 @@ def test_information_against_other_motions(name: str) -> None:
     by_nats = sorted(random, key=lambda told: told.nats)
     swevers = _fourier(ready, 10.0, (1, 2, 3, 4, 5))
     ways = {
-        f"{points} waypoints, {apart:g} s apart, conditioned (figaroh, {of})": (
+        f"{points} waypoints every {apart:g} s (figaroh, {of})": (
             _search(ready, Splines(ready.limits.envelopes, ready.moving, (points - 1) * apart, points)),
             partial(_well_conditioned, starts=STARTS),
         )
@@ -180,7 +180,7 @@ def test_information_against_other_motions(name: str) -> None:
         (label, f"{x.nats:.1f}", f"{x.left[tellable].max():.3f}", f"{x.condition:.0f}", f"{x.seconds:.1f}")
         for label, x in found.items()
     ]
-    columns = ("motion", "nats", f"widest of {tellable.sum()} intervals left", "condition", "s")
+    columns = ("motion", "nats", f"widest of {tellable.sum()} left", "condition", "s")
     show(f"Excitation of {name}, {SECONDS:g} s", columns, rows)
     assert found["Tendon"].nats > by_nats[-1].nats
 
