@@ -148,7 +148,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class RowStack:
     """Rows of one joint that stand at `index` (r,) among all of a system: rows (r, m) and noise (r, m)."""
 
     index: Places
@@ -156,7 +156,7 @@ class Stack:
     noise: Array | None
 
     @classmethod
-    def of(cls, start: int, columns: Columns, rows: JointRows) -> Stack:
+    def of(cls, start: int, columns: Columns, rows: JointRows) -> RowStack:
         """Of the rows that count, without those that are zero throughout."""
         used, noise = rows.used(columns.rows), None if columns.noise is None else rows.used(columns.noise)
         index = np.arange(start, start + len(used))
@@ -165,7 +165,7 @@ class Stack:
             index, used, noise = index[there], used[there], None if noise is None else noise[there]
         return cls(index, used, noise)
 
-    def products(self, other: Stack, folds: Sequence[slice]) -> Array:
+    def products(self, other: RowStack, folds: Sequence[slice]) -> Array:
         """(FOLDS, r, r') with other rows, compensated for the noise in both."""
         found = np.array([self.rows[:, part] @ other.rows[:, part].T for part in folds])
         if self.noise is not None and other.noise is not None:
@@ -190,7 +190,7 @@ class JointAt:
     unknown: Places
 
     @classmethod
-    def of(cls, rows: JointRows, parts: Sequence[Stack], direction: Array, number: Places) -> JointAt:
+    def of(cls, rows: JointRows, parts: Sequence[RowStack], direction: Array, number: Places) -> JointAt:
         """direction (R,) of the residual, number (R,) of the unknowns of a system, -1 for what is none."""
         left, left_noise = np.zeros(rows.count), np.zeros(rows.count)
         columns, noise, unknown = [], [], []
@@ -209,7 +209,7 @@ class JointAt:
 class JointProducts:
     """One joint's products (FOLDS, r, r) of its stacks by key, unweighted; order: keys and first rows of these."""
 
-    stacks: Mapping[Hashable, Stack]
+    stacks: Mapping[Hashable, RowStack]
     gram: Array
     order: Sequence[tuple[Hashable, int]]
 
@@ -226,10 +226,10 @@ class JointProducts:
         if like is not None and [(key, start) for key, start, _ in parts] == like.order:
             return like
         old = {} if like is None else like.places
-        stacks: dict[Hashable, Stack] = {}
+        stacks: dict[Hashable, RowStack] = {}
         for key, start, columns in parts:
             kept = like.stacks[key] if like is not None and key in old else None
-            stacks[key] = Stack.of(start, columns[joint], rows) if kept is None else kept
+            stacks[key] = RowStack.of(start, columns[joint], rows) if kept is None else kept
         size, order = sum(len(s.index) for s in stacks.values()), [(key, start) for key, start, _ in parts]
         made = cls(stacks, np.zeros((len(rows.folds), size, size)), order)
         new, both = made.places, [key for key in stacks if key in old]
@@ -258,9 +258,9 @@ class JointProducts:
         return np.concatenate([s.index for s in self.stacks.values()])
 
 
-def merged(parts: Sequence[Stack]) -> Stack:
+def merged(parts: Sequence[RowStack]) -> RowStack:
     """All rows of a joint in one array."""
     noise = None
     if any(x.noise is not None for x in parts):
         noise = np.vstack([np.zeros_like(x.rows) if x.noise is None else x.noise for x in parts])
-    return Stack(np.concatenate([x.index for x in parts]), np.vstack([x.rows for x in parts]), noise)
+    return RowStack(np.concatenate([x.index for x in parts]), np.vstack([x.rows for x in parts]), noise)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
 from runtime.regression.noise import Whitening
-from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, Stack, merged
+from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, merged
 from runtime.regression.settings import LEAST_OWN, SHRINKAGE
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ class LinearSystem:
 
     joints: tuple[JointRows, ...]
     blocks: tuple[BlockPlace, ...]
-    stacks: tuple[tuple[Stack, ...], ...]
+    stacks: tuple[tuple[RowStack, ...], ...]
     gram: Array
     level: Array
     zero: frozenset[Hashable] = frozenset()
@@ -102,7 +102,7 @@ class LinearSystem:
         stacks = list(self.stacks)
         for joint, columns in block.columns.items():
             rows = self.joints[joint]
-            own = Stack.of(start, columns, rows)
+            own = RowStack.of(start, columns, rows)
             for other in stacks[joint]:
                 gram[:, own.index[:, None], other.index] += rows.weight**2 * own.products(other, rows.folds)
             gram[:, own.index[:, None], own.index] += rows.weight**2 * own.products(own, rows.folds)
@@ -143,14 +143,14 @@ class LinearSystem:
 
     def without_noise(self) -> LinearSystem:
         """The system without compensation for noise in its columns."""
-        stacks = [[Stack(x.index, x.rows, None) for x in parts] for parts in self.stacks]
+        stacks = [[RowStack(x.index, x.rows, None) for x in parts] for parts in self.stacks]
         return self._anew(self.joints, stacks)
 
     def alone(self, joint: int) -> LinearSystem:
         """The equations of one joint (0-based) by themselves, which then is joint 0, without compensation for noise and
         without bounds."""
         stack = merged(self.stacks[joint])
-        made = self._anew([self.joints[joint]], [[Stack(stack.index, stack.rows, None)]])
+        made = self._anew([self.joints[joint]], [[RowStack(stack.index, stack.rows, None)]])
         free = tuple(
             replace(b, lower=np.full_like(b.lower, -np.inf), upper=np.full_like(b.upper, np.inf)) for b in self.blocks
         )
@@ -163,7 +163,9 @@ class LinearSystem:
         for rows, kept, place, parts in zip(self.joints, joints, places, self.stacks, strict=True):
             among = np.searchsorted(rows.at, place[kept.at])
             stacks.append(
-                tuple(Stack(x.index, x.rows[:, among], None if x.noise is None else x.noise[:, among]) for x in parts)
+                tuple(
+                    RowStack(x.index, x.rows[:, among], None if x.noise is None else x.noise[:, among]) for x in parts
+                )
             )
         return self._anew(joints, stacks)
 
@@ -187,7 +189,7 @@ class LinearSystem:
             )
             stacks.append(
                 tuple(
-                    Stack(
+                    RowStack(
                         x.index,
                         white(rows.spread(x.rows)),
                         None if x.noise is None else white(rows.spread(x.noise)),
@@ -197,7 +199,7 @@ class LinearSystem:
             )
         return self._anew(joints, stacks)
 
-    def _anew(self, joints: Sequence[JointRows], stacks: Sequence[Sequence[Stack]]) -> LinearSystem:
+    def _anew(self, joints: Sequence[JointRows], stacks: Sequence[Sequence[RowStack]]) -> LinearSystem:
         """The same blocks over other rows, levelled."""
         gram = np.zeros((len(joints[0].folds), *self.gram.shape[1:]))
         for rows, parts in zip(joints, stacks, strict=True):
