@@ -36,6 +36,7 @@ _TIMES_SAID = 5
 _INSIDE_LIMITS = 0.05
 """part of the range; nearer to a limit of the file a stop is that limit, as well as soft stops and the zeros of
 encoders are known."""
+_ENDED = "time ended the search before all was tried"
 _MOST_IN_FILE = 2
 """number of parameters; so many that the file has a little wrong are listed: the table has them all."""
 
@@ -242,12 +243,13 @@ def _disturbance(found: Disturbance) -> str:
 
 def reason(diagnosis: Diagnosis) -> str:
     """Why a diagnosis decided so: what is missing at which joints, what is said of the others, lines of the torque that
-    lie above the band, and what the model file has a little wrong."""
+    lie above the band, what the model file has a little wrong, and whether time ended the search."""
     why, last, compared = diagnosis.decisive.why, diagnosis.searched.last, diagnosis.recordings
     believed = why not in ("wrong data", "unsound fit", "outdone")
     apart = f"{_contradictory(compared)}; " if compared.contradictory and why != "contradiction" else ""
     before = f"{apart}{_first_in_file(last) if believed else ''}"
-    return f"{before}{_arm(diagnosis)}{_above_band(last)}{_also_in_file(last) if believed else ''}"
+    ended = f"; {_ENDED}" if diagnosis.searched.stopped else ""
+    return f"{before}{_arm(diagnosis)}{_above_band(last)}{_also_in_file(last) if believed else ''}{ended}"
 
 
 def _arm(diagnosis: Diagnosis) -> str:
@@ -297,9 +299,7 @@ def untried(diagnosis: Diagnosis) -> list[str]:
     """What was left out for want of time."""
     found = []
     if diagnosis.searched.stopped:
-        found.append(
-            "time ended the search before all was tried, so that more may be missing; --budget gives it more seconds"
-        )
+        found.append(f"{_ENDED}, so that more may be missing; --budget gives it more seconds")
     if diagnosis.unseen:
         every = len(diagnosis.seen) + diagnosis.unseen
         found.append(f"of {every} detection limits {diagnosis.unseen} were left out for want of time")
@@ -330,7 +330,8 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
         case "nothing explains":
             found = remainder(last, i)
             rest = "" if found is None else left_over(found)
-            return f"no effect of the library explains the residual: {rest}{_undecided(said)}"
+            which = "that was tried" if diagnosis.searched.stopped else "of the library"
+            return f"no effect {which} explains the residual: {rest}{_undecided(said)}"
         case "not borne out":
             assert said.undecided is not None
             return (

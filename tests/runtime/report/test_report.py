@@ -198,6 +198,17 @@ def changed(diagnosis: Diagnosis, change: Callable[[Step], Step]) -> Diagnosis:
     return replace(diagnosis, found=diagnosis.found.to(last), searched=diagnosis.searched.to(last))
 
 
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_verdict_says_that_time_ended_its_search(improvement, unexplained, stopped):
+    """Wherever the verdict is read alone: at the prompt, on the page, in a notebook."""
+    for made in (improvement.found, unexplained):
+        ended = replace(made, searched=replace(made.searched, stopped=stopped))
+        assert ("time ended the search before all was tried" in diagnosed.document(ended).reason) is stopped
+        assert ("no effect of the library explains" in diagnosed.document(ended).reason) is (
+            ended.verdict == "unexplained" and not stopped
+        )
+
+
 def test_page_needs_nothing_beside_it(page):
     read = Reader(page)
     assert read.open == []
