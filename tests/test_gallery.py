@@ -81,7 +81,7 @@ def test_the_tables_of_real_machines_are_what_improve_finds(name: str, heading: 
         pytest.skip(f"the recordings of {name} are not in {pictures.DATA}")
     steps = GALLERY[name].improved().history
     rows = test_guides.table("runtime/guides/gallery.md", heading)
-    assert [row[0] for row in rows] == ["as in the file", *(f"+ {step.added}" for step in steps[1:])]
+    assert [row[0] for row in rows] == ["file, refitted", *(f"+ {step.added}" for step in steps[1:])]
     for row, step in zip(rows, steps, strict=True):
         held_out = step.held_out_relative
         assert held_out is not None

@@ -24,6 +24,7 @@ from runtime.documents.parts import BandEntry, DelayEntry, EstimateEntry, SkewEn
 from runtime.identification.estimate import Estimate
 from runtime.report.sections import Cell, Group, Paragraph, Section, TableColumn, TableSection, table, texts, words
 from runtime.wording import (
+    AS_GIVEN,
     MORE_THAN_NOISE,
     fixed,
     joints_said,
@@ -252,7 +253,7 @@ def errors_by_joint(
 
 def step_name(step: HistoryEntry) -> str:
     """What a step did to the model."""
-    return f"+ {step.added}" if step.added else "as in the file"
+    return f"+ {step.added}" if step.added else AS_GIVEN
 
 
 # --- parameters ---

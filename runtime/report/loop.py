@@ -178,10 +178,9 @@ def in_short(document: LoopDocument | JudgedFitDocument | Any) -> list[str]:
 
 
 def _step(step: HistoryEntry) -> str:
-    name = "as in the file, fitted" if step.added is None else f"+ {step.added}"
     fitted = ", ".join(map(fits.percent_or_dash, step.relative))
     held = ", ".join(map(fits.percent_or_dash, step.held_out_relative or ()))
-    return f"{name}: {fitted} of the torque" + (f", held out {held}" if held else "")
+    return f"{fits.step_name(step)}: {fitted} of the torque" + (f", held out {held}" if held else "")
 
 
 def _finding(finding: FindingEntry) -> str:

@@ -26,7 +26,7 @@ from runtime.studio.history import Kind, PlacedEffect, SessionStep
 from runtime.studio.loaded import LoadedSession, Reporter, write
 from runtime.studio.questions import COMPILING, FITTING, experiment, hidden, open_plans, replayed, tried
 from runtime.studio.terminal import invocation
-from runtime.wording import percent
+from runtime.wording import AS_GIVEN, percent
 from symbolic.model_file.checks import ModelError
 
 READING, DRAWING = "reading the recordings", "drawing the results"
@@ -165,7 +165,7 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
     report.part(SEARCHING)
 
     def reached(found: Step) -> None:
-        model = "as in the file" if found.added is None else f"with {found.added}"
+        model = AS_GIVEN if found.added is None else f"with {found.added}"
         report.line(f"{model}: error {', '.join(percent(r) for r in found.fitted.relative)}")
 
     trail = complete(trail, reached, BUDGET_S)

@@ -20,6 +20,7 @@ from runtime.model.catalogue import EffectInfo
 from runtime.motion import spectra
 from runtime.report.plots import joint_plots, style
 from runtime.report.summary import ResultSummary, relative_floor
+from runtime.wording import AS_GIVEN
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,7 @@ def drawn(figure: Figure, name: str, caption: str) -> Drawn:
 
 def label(step: Step) -> str:
     """What a step did to the model, in a few words."""
-    return "as in the file" if step.added is None else f"+\N{NO-BREAK SPACE}{step.added}"
+    return AS_GIVEN if step.added is None else f"+\N{NO-BREAK SPACE}{step.added}"
 
 
 def error(steps: Sequence[Step], joint: int, held_out_floor: float | None = None) -> Figure:

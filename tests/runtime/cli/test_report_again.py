@@ -163,7 +163,7 @@ def test_without_its_recordings_a_report_has_the_words(made: Path, here: Path, t
     page = html.unescape((here / "again" / "report.html").read_text())
     assert "<svg" not in page
     assert "<h1>Added to the model: stribeck@1.</h1>" in page
-    for text in ("stribeck at joint 1: residual", "as in the file", "What it was made from", "cross-validated"):
+    for text in ("stribeck at joint 1: residual", "file, refitted", "What it was made from", "cross-validated"):
         assert text in page
 
 
