@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
@@ -13,7 +14,8 @@ from runtime.cli.inputs import TypedInputs, made_from, opened
 from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, ModelFile, Recordings, Report
 from runtime.cli.output import draw, emit
 from runtime.cli.places import READ
-from runtime.documents.replays import ReplayDocument, ReplayedJoint, ReplayStep
+from runtime.documents.provenance import Provenance
+from runtime.documents.replays import ReplayDocument, ReplayStep
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 from symbolic.model_file.checks import ModelError
@@ -21,7 +23,9 @@ from symbolic.model_file.checks import ModelError
 if TYPE_CHECKING:
     from runtime.model.loader import Model
     from runtime.recordings.recording import Recording
+    from runtime.replay.elsewhere import MujocoReplay
     from runtime.replay.replay import Replay
+    from runtime.report.page.html import ReportPage
 
 app = typer.Typer()
 
@@ -79,26 +83,63 @@ def replay(
         maps=maps or (),
         allow_gaps=allow_gaps,
     )
-    sources = [source]
+    sources: dict[str | None, Source] = {None: source}
     if before is not None:
-        sources.insert(0, opened(before, effects))
-    names = [None] if before is None else [str(before), str(model)]
-    with terminal.working("replaying"):
-        models = [each.compiled.model() for each in sources]
-        if (n := models[0].n) != loaded.n:
+        sources = {str(before): opened(before, effects), str(model): source}
+        if (n := len(sources[str(before)].arm().joints)) != loaded.n:
             raise UsageError(f"--before {before}: has {n} of the {loaded.n} joints of {model}; expected the same arm")
-        found = [replayed(each, data[: len(fitted)], data[len(fitted) :]) for each in models]
-        steps = [ReplayStep(added=name, joints=one.joints) for name, one in zip(names, found, strict=True)]
-    if player is Player.MUJOCO:
-        with terminal.working("replaying in MuJoCo"):
-            for name, one, own in zip(names, sources, found, strict=True):
-                steps.append(ReplayStep(added=name, player="mujoco", joints=in_mujoco(one, own)))
-    document = ReplayDocument(provenance=provenance, arm=loaded.name, fitted=bool(fitted), steps=steps)
+    found = ReplayedModels.of(sources, data[: len(fitted)], data[len(fitted) :], player)
+    document = found.document(provenance)
     emit(json, document, terminal.printer(replays.sections))
     if report is not None:
+        draw(lambda: found.page(document).write(report), json)
+
+
+@dataclass(frozen=True)
+class ReplayedModels:
+    """One model or two, by what they are called, replayed.
+
+    fitted      whether their parameters were fitted to other recordings
+    elsewhere   the same in MuJoCo; empty where nobody asked
+    """
+
+    names: list[str | None]
+    fitted: bool
+    found: list[Replay]
+    elsewhere: list[MujocoReplay]
+
+    @classmethod
+    def of(
+        cls,
+        sources: Mapping[str | None, Source],
+        fitted: Sequence[Recording],
+        recordings: Sequence[Recording],
+        player: Player,
+    ) -> Self:
+        """Raises ModelError, RecordingError, PlayError."""
+        from runtime.report.terminal import working
+
+        with working("replaying"):
+            found = [replayed(each.compiled.model(), fitted, recordings) for each in sources.values()]
+        elsewhere: list[MujocoReplay] = []
+        if player is Player.MUJOCO:
+            with working("replaying in MuJoCo"):
+                elsewhere = [in_mujoco(one, own) for one, own in zip(sources.values(), found, strict=True)]
+        return cls(list(sources), bool(fitted), found, elsewhere)
+
+    def document(self, provenance: Provenance) -> ReplayDocument:
+        """As --json writes it."""
+        steps = [ReplayStep(added=k, joints=one.joints) for k, one in zip(self.names, self.found, strict=True)]
+        if self.elsewhere:
+            others = zip(self.names, self.elsewhere, strict=True)
+            steps += [ReplayStep(added=name, player="mujoco", joints=one.joints) for name, one in others]
+        return ReplayDocument(provenance=provenance, arm=self.found[-1].model.name, fitted=self.fitted, steps=steps)
+
+    def page(self, document: ReplayDocument) -> ReportPage:
+        """With the arm in motion."""
         from runtime.report.page.replay_page import replay_page
 
-        draw(lambda: replay_page(found, document).write(report), json)
+        return replay_page(self.found, document, self.elsewhere)
 
 
 def replayed(model: Model, fitted: Sequence[Recording], recordings: Sequence[Recording]) -> Replay:
@@ -114,7 +155,7 @@ def replayed(model: Model, fitted: Sequence[Recording], recordings: Sequence[Rec
         raise ModelError(f"{error}, or fit them to another recording first: --fit RECORDING") from error
 
 
-def in_mujoco(source: Source, own: Replay) -> list[ReplayedJoint]:
+def in_mujoco(source: Source, own: Replay) -> MujocoReplay:
     """The same windows in MuJoCo. Raises PlayError, ModelError, RecordingError."""
     from tempfile import TemporaryDirectory
 
@@ -125,4 +166,4 @@ def in_mujoco(source: Source, own: Replay) -> list[ReplayedJoint]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.xml"
         export(source.compiled, "mjcf", path)
-        return MujocoReplay.beside(own, Played(path)).joints
+        return MujocoReplay.beside(own, Played(path))

@@ -20,18 +20,23 @@ from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.parts import given
 from runtime.documents.provenance import InputFile, ReportDocument, digest
+from runtime.documents.replays import ReplayDocument
 from runtime.report import page
 from runtime.workspace.names import UsageError, column_mapping
 from runtime.workspace.source import Source, effects_library
 
 if TYPE_CHECKING:
+    from runtime.cli.replay import ReplayedModels
+    from runtime.documents.provenance import Provenance
+    from runtime.report.page.html import ReportPage
     from runtime.report.summary import LoopDocument, ResultSummary
 
-_KINDS: dict[str, type[LoopDocument | IdentifyDocument]] = {
+_KINDS: dict[str, type[LoopDocument | IdentifyDocument | ReplayDocument]] = {
     "history": ImprovementDocument,
     "findings": DiagnosisDocument,
     "written": IdentifyDocument,
     "joints": CompareDocument,
+    "steps": ReplayDocument,
 }
 """The kind of a document by a key that the kinds below it lack."""
 _SAME = 1e-3
@@ -40,6 +45,8 @@ _SAME = 1e-3
 _OF_OTHERS = {"optimize": " --report DIR", "execute": " --report DIR", "simulate": "", "inspect": ""}
 """Verbs whose results are not made again here, and the option by which they make a page."""
 
+_TAKEN = "compare, diagnose, improve, identify, replay or demo"
+
 app = typer.Typer()
 
 
@@ -47,7 +54,7 @@ app = typer.Typer()
 def report_again(
     result: Annotated[
         Path,
-        typer.Argument(metavar="RESULT.json", help="What compare, diagnose, improve, identify or demo wrote as JSON."),
+        typer.Argument(metavar="RESULT.json", help=f"What {_TAKEN} wrote as JSON."),
         READ,
     ],
     out: Annotated[
@@ -61,31 +68,29 @@ def report_again(
     """The result is computed again and the page has its plots, if the recordings are where they were and have not
     changed; otherwise the page has the words and tables of the JSON, and the reason is said. Plans, executions,
     simulations and inspections are not made again from JSON: it says the command that makes them."""
-    from runtime.report.page import reports, words_alone
+    from runtime.report.page import words_alone
     from runtime.report.terminal import say
 
     document = read_result(result)
     why_not = list(_changed(document, effects))
-    summary = None
+    made: ReportPage | None = None
     if not why_not and not isinstance(document, IdentifyDocument):
         try:
-            summary = _computed_again(document, effects)
+            made = _page_again(document, effects)
+            if made is None:
+                why_not = ["computed again, the result is another one; the page is that of the JSON"]
         except ValueError as error:
             why_not = [f"it cannot be computed again: {error}"]
-        if summary is not None and not _agree(document, summary.document):
-            summary, why_not = None, ["computed again, the result is another one; the page is that of the JSON"]
     for reason in why_not:
         print(f"{result}: no plots: {reason}", file=sys.stderr)
-    made = words_alone.of_document(document) if summary is None else reports.report(summary)
-    path = made.write(out)
-    again = ReportDocument(page=str(path), plots=summary is not None, why_not=why_not)
+    path = (made or words_alone.of_document(document)).write(out)
+    again = ReportDocument(page=str(path), plots=made is not None, why_not=why_not)
     how = "computed again from the same files" if again.plots else "words and tables of the JSON, no plots"
     emit(json, again, lambda _: say(f"Report: {path} ({how})"))
 
 
-def read_result(path: Path) -> LoopDocument | IdentifyDocument:
+def read_result(path: Path) -> LoopDocument | IdentifyDocument | ReplayDocument:
     """The result in a JSON file. Raises UsageError, OSError."""
-    kinds = "compare, diagnose, improve, identify or demo"
     try:
         found = loads(path.read_bytes())
         if (instead := _instead(found)) is not None:
@@ -94,8 +99,8 @@ def read_result(path: Path) -> LoopDocument | IdentifyDocument:
         if kind is not None:
             return msgspec.convert(found, kind)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-        raise UsageError(f"{path}: not what --json of {kinds} writes: {error}") from error
-    raise UsageError(f"{path}: not the result of {kinds}; expected the file that its --json wrote")
+        raise UsageError(f"{path}: not what --json of {_TAKEN} writes: {error}") from error
+    raise UsageError(f"{path}: not the result of {_TAKEN}; expected the file that its --json wrote")
 
 
 def _instead(found: object) -> str | None:
@@ -110,7 +115,7 @@ def _instead(found: object) -> str | None:
     return f"a result of {verb} is not made again from its JSON{page}; run the verb again{again}"
 
 
-def _changed(document: LoopDocument | IdentifyDocument, effects: Path | None) -> Iterator[str]:
+def _changed(document: LoopDocument | IdentifyDocument | ReplayDocument, effects: Path | None) -> Iterator[str]:
     """Why a result cannot be computed again, a sentence each."""
     provenance = given(document.provenance)
     if provenance is None:
@@ -118,7 +123,7 @@ def _changed(document: LoopDocument | IdentifyDocument, effects: Path | None) ->
         return
     if provenance.model is None or provenance.model_text is None:
         yield "the JSON does not hold the model file"
-    for file in (*provenance.recordings, *provenance.held_out):
+    for file in (*provenance.recordings, *provenance.held_out, *provenance.further):
         yield from _differs(file, Path(file.path))
     if provenance.effects is not None and effects is None:
         yield f"name the file of effects again, which is run: --effects {provenance.effects.typed}"
@@ -133,22 +138,72 @@ def _differs(file: InputFile, path: Path) -> Iterator[str]:
         yield f"{path} is not the file that was read: its SHA-256 differs"
 
 
-def _computed_again(document: LoopDocument, effects: Path | None) -> ResultSummary:
+def _page_again(document: LoopDocument | ReplayDocument, effects: Path | None) -> ReportPage | None:
+    """The page of the same result, from the text of the model and the recordings; None if it is another result.
+
+    Raises ModelError, RecordingError.
+    """
+    from runtime.report.page import reports
+
+    provenance = given(document.provenance)
+    assert provenance is not None
+    if isinstance(document, ReplayDocument):
+        replays = _replayed_again(document, provenance, effects)
+        again = replays.document(provenance)
+        return replays.page(again) if _same_motion(document, again) else None
+    summary = _computed_again(document, provenance, effects)
+    return reports.report(summary) if _agree(document, summary.document) else None
+
+
+def _source_of(provenance: Provenance, effects: Path | None) -> Source:
+    """The model file as it was."""
+    from symbolic.model_file import reader
+
+    assert provenance.model is not None
+    assert provenance.model_text is not None
+    text = provenance.model_text
+    own = None if effects is None else effects_library(effects, reader.is_spatial(text))
+    return Source(Path(provenance.model.path), text, own)
+
+
+def _replayed_again(document: ReplayDocument, provenance: Provenance, effects: Path | None) -> ReplayedModels:
+    """The same from the text of the model and the files that were read."""
+    from runtime.cli.replay import Player, ReplayedModels
+
+    source, columns = _source_of(provenance, effects), column_mapping(provenance.maps)
+    names = list(dict.fromkeys(step.added for step in document.steps))
+    further = [Path(file.path) for file in provenance.further]
+    sources = [source] if len(names) < 2 else [Source.read(further.pop(), effects), source]
+    fitted, recordings = (
+        source.recordings(paths, columns, provenance.allow_gaps)
+        for paths in (further, [Path(file.path) for file in provenance.recordings])
+    )
+    player = Player(document.steps[-1].player)
+    return ReplayedModels.of(dict(zip(names, sources, strict=True)), fitted, recordings, player)
+
+
+def _same_motion(one: ReplayDocument, other: ReplayDocument) -> bool:
+    """Whether two replays are of the same models and leave the same errors in the longest windows."""
+
+    def errors(document: ReplayDocument) -> list[float]:
+        joints = (joint for step in document.steps for joint in step.joints)
+        return [joint.open_loop[-1].rms or 0.0 if joint.open_loop else 0.0 for joint in joints]
+
+    pairs = zip(errors(one), errors(other), strict=False)
+    alike = len(errors(one)) == len(errors(other))
+    return alike and all(math.isclose(a, b, rel_tol=_SAME) for a, b in pairs)
+
+
+def _computed_again(document: LoopDocument, provenance: Provenance, effects: Path | None) -> ResultSummary:
     """The same from the text of the model and the recordings. Raises ModelError, RecordingError."""
     from runtime.cli.improve import improved_summary
     from runtime.diagnosis.stages import diagnose
     from runtime.identification.compare import compare
     from runtime.report.summary import ResultSummary
     from runtime.report.terminal import working
-    from symbolic.model_file import reader
 
-    provenance = given(document.provenance)
-    assert provenance is not None
+    source, budget = _source_of(provenance, effects), provenance.budget or math.inf
     assert provenance.model is not None
-    assert provenance.model_text is not None
-    text, budget = provenance.model_text, provenance.budget or math.inf
-    own = None if effects is None else effects_library(effects, reader.is_spatial(text))
-    source = Source(Path(provenance.model.path), text, own)
     typed = TypedInputs(
         Path(provenance.model.typed),
         [Path(file.typed) for file in provenance.recordings],

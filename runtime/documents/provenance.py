@@ -89,7 +89,8 @@ class Provenance(Document, frozen=True, kw_only=True):
         """Every file with its part in the result."""
         if self.model is not None:
             yield "model", self.model
-        yield from (("fitted", file) for file in self.recordings)
+        read = "replayed" if self.verb == "replay" else "fitted"
+        yield from ((read, file) for file in self.recordings)
         yield from (("held out", file) for file in self.held_out)
         yield from (("also read", file) for file in self.further)
         if self.effects is not None:

@@ -86,7 +86,8 @@ def errors(steps: Sequence[ReplayStep]) -> list[Section]:
             rows.append([place(at, names), *([called(step)] if len(steps) > 1 else []), *cells])
     if not rows:
         return []
-    made = [_titled(table([words("joint"), *([words("model")] if len(steps) > 1 else []), *figures], rows))]
+    model = [TableColumn("model", "estimate")] if len(steps) > 1 else []
+    made = [_titled(table([words("joint"), *model, *figures], rows))]
     return made if closed else [*made, *texts([NO_CLOSED_LOOP])]
 
 

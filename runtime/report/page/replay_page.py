@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from runtime.documents.parts import given
 from runtime.documents.replays import ReplayDocument
 from runtime.plain_json import plain
+from runtime.replay.elsewhere import MujocoReplay
 from runtime.replay.replay import Replay
 from runtime.report import origin, replays
 from runtime.report.page.arm_motion import ArmMotion, Course, JointReadings, frames, picture
@@ -28,11 +29,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReplayedSeconds:
-    """Some seconds of a recording: times t (F,) s, positions recorded (n, F), and those of every model (n, F)."""
+    """Some seconds of a recording: times t (F,) s, positions recorded (n, F), and those of every model (n, F).
+
+    elsewhere   those of every model in MuJoCo; empty where nobody asked
+    """
 
     t: Array
     recorded: Array
     models: tuple[Array, ...]
+    elsewhere: tuple[Array, ...]
     closed: bool
     restart: float
 
@@ -42,9 +47,11 @@ class ReplayedSeconds:
         return "in closed loop" if self.closed else f"in open loop, anew from the recording every {self.restart:g} s"
 
 
-def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage:
-    """The page of a replay of one model or two; document: what --json gives."""
-    model, seconds = found[-1].model, replayed_seconds(found)
+def replay_page(
+    found: Sequence[Replay], document: ReplayDocument, elsewhere: Sequence[MujocoReplay] = ()
+) -> ReportPage:
+    """The page of a replay of one model or two, and elsewhere, in MuJoCo; document: what --json gives."""
+    model, seconds = found[-1].model, replayed_seconds(found, elsewhere)
     own = document.steps[: len(found)]
     drawings, made = {}, []
     groups = [Group("Errors", (*replays.errors(document.steps), *texts(replays.translation(document.steps))), "errors")]
@@ -54,11 +61,13 @@ def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage
         for i, joint in enumerate(model.joints):
             if own[-1].joints[i].agrees is not None:
                 caption = f"Joint {numbered(i + 1, joint.name)}: position, and how far the model is off, {seconds.how}."
+                models, others = (tuple(q[i] for q in drawn) for drawn in (seconds.models, seconds.elsewhere))
                 lines = motion_plots.ReplayedJointLines(
-                    seconds.t, seconds.recorded[i], tuple(q[i] for q in seconds.models), joint.position_unit
+                    seconds.t, seconds.recorded[i], models, others, joint.position_unit
                 )
                 made.append(drawn(motion_plots.replayed_joint(lines), f"replayed{i + 1}", caption))
         legend = "Blue: the model" if len(found) == 1 else "Orange: the model before, blue: the model after"
+        legend += "; dashed, where it is off: the same in MuJoCo" if elsewhere else ""
         plots = Plots(add_figures(drawings, made, "replayed"))
         groups.append(Group("Joint by joint", (Paragraph(f"{legend}; black: recorded.", "note"), plots), "joints"))
     agreement = tuple(texts(map(sentence, replays.agreement(own[-1]))))
@@ -79,12 +88,14 @@ def replay_page(found: Sequence[Replay], document: ReplayDocument) -> ReportPage
     )
 
 
-def replayed_seconds(found: Sequence[Replay]) -> ReplayedSeconds | None:
-    """The seconds in which the first model is off most; in closed loop where the joints have controllers."""
-    closed = found[0].closed_loop is not None
-    played = [one.closed_loop if closed else one.longest for one in found]
+def replayed_seconds(found: Sequence[Replay], elsewhere: Sequence[MujocoReplay] = ()) -> ReplayedSeconds | None:
+    """The seconds in which the first model is off most; in closed loop where the joints have controllers, but in open
+    loop beside MuJoCo, which plays no others."""
+    every = (*found, *elsewhere)
+    closed = not elsewhere and found[0].closed_loop is not None
+    played = [one.closed_loop if closed else one.longest for one in every]
     there = [each for each in played if each is not None]
-    if len(there) < len(found):
+    if len(there) < len(every):
         return None
     first = there[0]
     worst = int(np.nanargmax(np.nanmean((first.played - first.recorded) ** 2, axis=(1, 2))))
@@ -100,8 +111,9 @@ def replayed_seconds(found: Sequence[Replay]) -> ReplayedSeconds | None:
         whole: Array = np.concatenate([x[k, :-1] for k in own]).T[:, at]
         return whole
 
-    models = tuple(np.nan_to_num(joined(each.played)) for each in there)
-    return ReplayedSeconds(t[at], joined(first.recorded), models, closed, first.windows.length * first.dt)
+    drawn = [np.nan_to_num(joined(each.played)) for each in there]
+    models, others = tuple(drawn[: len(found)]), tuple(drawn[len(found) :])
+    return ReplayedSeconds(t[at], joined(first.recorded), models, others, closed, first.windows.length * first.dt)
 
 
 def moving_arm(found: Sequence[Replay], seconds: ReplayedSeconds) -> dict[str, Any]:
@@ -117,6 +129,8 @@ def _moving(found: Sequence[Replay], seconds: ReplayedSeconds) -> ArmMotion:
     model = found[-1].model
     units = [joint.position_unit for joint in model.joints]
     names = ["off"] if len(seconds.models) == 1 else ["off before", "off after"]
-    readings = [JointReadings(name, q - seconds.recorded, units) for name, q in zip(names, seconds.models, strict=True)]
+    names += [f"{name}, in MuJoCo" for name in names] if seconds.elsewhere else []
+    drawn = (*seconds.models, *seconds.elsewhere)
+    readings = [JointReadings(name, q - seconds.recorded, units) for name, q in zip(names, drawn, strict=True)]
     courses = (Course("recorded", seconds.recorded), Course("replayed", seconds.models[-1]))
     return ArmMotion(model=model, t=seconds.t, courses=courses, readings=tuple(readings))

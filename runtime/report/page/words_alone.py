@@ -7,20 +7,20 @@ from pathlib import Path
 from runtime.documents.diagnosis import ImprovementDocument
 from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.parts import given
+from runtime.documents.replays import ReplayDocument
 from runtime.plain_json import plain
-from runtime.report import fits, loop, origin
+from runtime.report import fits, loop, origin, replays
 from runtime.report.page.html import ReportPage
 from runtime.report.page.reports import TAGS, PageVerdict, headline_of, origin_group
-from runtime.report.sections import Group, texts
+from runtime.report.sections import Group, Section, texts
 from runtime.report.summary import LoopDocument
 from runtime.wording import sentence
 
 
-def of_document(document: LoopDocument | IdentifyDocument) -> ReportPage:
+def of_document(document: LoopDocument | IdentifyDocument | ReplayDocument) -> ReportPage:
     """What the terminal prints, as a page without plots."""
     provenance = given(document.provenance)
     answer = _verdict_of(document)
-    shown = fits.identification(document) if isinstance(document, IdentifyDocument) else loop.sections(document)
     name = "" if provenance is None or provenance.model is None else Path(provenance.model.typed).stem
     headline, further = headline_of(answer.sentence)
     return ReportPage(
@@ -31,14 +31,23 @@ def of_document(document: LoopDocument | IdentifyDocument) -> ReportPage:
         made="" if provenance is None else origin.made(provenance),
         headline=headline,
         short=[*further, *texts(filter(None, [answer.more]))],
-        groups=[Group("Result", tuple(shown), "result"), *origin_group(provenance)],
+        groups=[Group("Result", tuple(_sections(document)), "result"), *origin_group(provenance)],
         drawings={},
         document=plain(document),
     )
 
 
-def _verdict_of(document: LoopDocument | IdentifyDocument) -> PageVerdict:
+def _sections(document: LoopDocument | IdentifyDocument | ReplayDocument) -> list[Section]:
+    if isinstance(document, ReplayDocument):
+        return replays.sections(document)
+    return fits.identification(document) if isinstance(document, IdentifyDocument) else loop.sections(document)
+
+
+def _verdict_of(document: LoopDocument | IdentifyDocument | ReplayDocument) -> PageVerdict:
     """The answer at the head of a document's page."""
+    if isinstance(document, ReplayDocument):
+        own = [step for step in document.steps if step.player == "tendon"]
+        return PageVerdict("clean", "replay", replays.headline(own), "")
     if isinstance(document, CompareDocument):
         every = "; ".join(map(fits.joint_in_short, document.joints))
         return PageVerdict("comparison", TAGS["comparison"], every, "")

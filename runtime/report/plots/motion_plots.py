@@ -220,11 +220,15 @@ def signals_over_time(t: Array, rows: Sequence[tuple[str, str, Array]], pieces: 
 
 @dataclass(frozen=True)
 class ReplayedJointLines:
-    """A joint's positions over t (F,): recorded (F,), and those of one model or two, before and after."""
+    """A joint's positions over t (F,): recorded (F,), and those of one model or two, before and after.
+
+    elsewhere   those of the same models in MuJoCo; empty where nobody asked
+    """
 
     t: Array
     recorded: Array
     models: tuple[Array, ...]
+    elsewhere: tuple[Array, ...]
     unit: str
 
 
@@ -234,12 +238,13 @@ def replayed_joint(lines: ReplayedJointLines) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.5 + 2 * _PANEL), layout="constrained")
     position, off = figure.subplots(2, 1, sharex=True)
     colours = (BEFORE, AFTER)[-len(lines.models) :]
-    names = ("before", "after") if len(lines.models) > 1 else ("model",)
     off.axhline(0.0, color=FAINT, lw=0.8)
-    for q, colour, name in zip(lines.models, colours, names, strict=True):
-        position.plot(lines.t, q, color=colour, lw=1.1, label=name)
+    for q, colour in zip(lines.models, colours, strict=True):
+        position.plot(lines.t, q, color=colour, lw=1.1)
         off.plot(lines.t, q - lines.recorded, color=colour, lw=1.1)
-    position.plot(lines.t, lines.recorded, color=INK, lw=0.9, label="recorded")
+    for q in lines.elsewhere:
+        off.plot(lines.t, q - lines.recorded, "--", color=INK, lw=0.8)
+    position.plot(lines.t, lines.recorded, color=INK, lw=0.9)
     position.set_ylabel(f"position, {lines.unit}")
     off.set_ylabel(f"off, {lines.unit}")
     off.set_xlabel("time, s")

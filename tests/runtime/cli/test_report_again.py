@@ -8,6 +8,7 @@ import json
 import os
 import re
 from collections.abc import Callable
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from runtime.cli.main import app
 from runtime.documents.provenance import now
 from runtime.version import VERSION
 from runtime.workspace.names import ARMS
+from tests.runtime.studio.browser import launched
 
 Run = Callable[..., tuple[int, str, str]]
 SIMULATED = ("--hide", "stribeck@1:torque=0.6,speed=0.15", "--seconds", "12")
@@ -189,6 +191,41 @@ def test_the_words_of_every_kind_of_result(
     assert f">{tag}</span>" in page
 
 
+CUT = "() => [...document.querySelectorAll('#errors .scroll')].filter(e => e.scrollWidth > e.clientWidth).length"
+"""Number of tables of errors that are wider than the page."""
+
+
+@pytest.mark.parametrize("player", ["tendon", "mujoco"])
+def test_a_replay_is_made_again(made: Path, here: Path, tendon: Run, player: str) -> None:
+    """Of two models, with other parameters or those of the files; without its recording, its words and tables."""
+    if player == "mujoco":
+        pytest.importorskip("mujoco", reason="no MuJoCo: pip install mujoco")
+    (here / "run.csv.gz").write_bytes((made / "run.csv.gz").read_bytes())
+    (here / "arm.toml").write_bytes((made / "arm.toml").read_bytes())
+    assert tendon("identify", "arm.toml", "run.csv.gz", "--write")[0] == 0
+    assert tendon("improve", "arm.toml", "run.csv.gz", "--out", "more.toml")[0] == 0
+    how = ["--in", "mujoco"] if player == "mujoco" else ["--fit", made / "other.csv.gz"]
+    line = ["replay", "more.toml", "run.csv.gz", "--before", "arm.toml", *how]
+    assert tendon(*line, "--json", "said.json", "--report", "page")[0] == 0
+    status, out, err = tendon("report", "said.json", "--out", "again")
+    assert (status, "computed again" in out, "no plots" in err) == (0, True, False)
+    assert (here / "again" / "report.html").read_bytes() == (here / "page" / "report.html").read_bytes()
+    (here / "run.csv.gz").unlink()
+    status, _, err = tendon("report", "said.json", "--out", "words")
+    assert (status, "run.csv.gz is not there" in err) == (0, True)
+    page = html.unescape((here / "words" / "report.html").read_text())
+    assert "<h1>After 1 s in open loop, error of the joint" in page
+    assert ("in MuJoCo" in page) is (player == "mujoco")
+    drawn = html.unescape((here / "page" / "report.html").read_text())
+    for text in ("dashed, where it is off: the same in MuJoCo", ">off after, in MuJoCo<"):
+        assert (text in drawn) is (player == "mujoco")
+    assert drawn.count("stroke-dasharray: 2.9") == 2 * (player == "mujoco")  # the models' curves
+    with contextmanager(launched)() as browser:
+        opened = browser.new_page(viewport={"width": 1000, "height": 900})
+        opened.goto((here / "page" / "report.html").as_uri())
+        assert opened.evaluate(CUT) == 0
+
+
 def test_a_name_that_is_no_utf8(made: Path, here: Path, tendon: Run) -> None:
     """It is escaped in JSON and page, and the report is made again from it."""
     run = here / os.fsdecode(b"run\xff.csv.gz")
@@ -218,7 +255,7 @@ def test_a_file_of_effects_is_run_only_if_it_is_named(made: Path, here: Path, te
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
-        ("{", "not what --json of compare, diagnose, improve, identify or demo writes"),
+        ("{", "not what --json of compare, diagnose, improve, identify, replay or demo writes"),
         ("[1]", "not the result of compare"),
         ('{"out": "drive.toml"}', "not the result of compare"),
         ('{"joints": 3}', "Expected `array`, got `int`"),
