@@ -125,15 +125,17 @@ def execute(
         recording.write(out, result.recording)
     if model_out is not None:
         files.replace(model_out, text.encode())
-    if statistics is not None and result.sums is not None:
-        replace(result.sums, path=statistics).write()
+    summed = statistics if result.sums is not None else None
+    if summed is not None and result.sums is not None:
+        replace(result.sums, path=summed).write()
     same = model_out or (model if text == source.text else None)
     said = msgspec.structs.replace(
         document,
         provenance=provenance,
         recording=None if out is None else str(out),
         model_out=None if model_out is None else str(model_out),
-        next=_next(same, out, effects),
+        statistics=msgspec.UNSET if statistics is None else None if summed is None else str(summed),
+        next=[] if same is None else _next(same, out, summed, effects),
     )
     emit(json, said, terminal.printer(motions.execution))
     if report is not None and result.recording is not None:
@@ -144,15 +146,17 @@ def execute(
         raise typer.Exit(NO)
 
 
-def _next(model: Path | None, recording: Path | None, effects: Path | None) -> list[CommandEntry]:
-    """Commands for a recording, if model and recording are of the same arm."""
+def _next(model: Path, recording: Path | None, summed: Path | None, effects: Path | None) -> list[CommandEntry]:
+    """Commands for a recording and for what the board added up, both of the model's arm."""
     from runtime.documents.diagnosis import CommandEntry
 
-    if recording is None or model is None:
-        return []
     own = [] if effects is None else ["--effects", str(effects)]
-    verbs = {"compare": "where the model fails on this recording", "diagnose": "which effect is missing in it"}
+    lines: list[tuple[str, str, list[str]]] = []
+    if recording is not None:
+        lines.append(("where the model fails on this recording", "compare", [str(recording)]))
+        lines.append(("which effect is missing in it", "diagnose", [str(recording)]))
+    if summed is not None:
+        lines.append(("the parameters by what the board added up", "identify", ["--statistics", str(summed)]))
     return [
-        CommandEntry(what=what, command=shlex.join(["tendon", verb, str(model), str(recording), *own]))
-        for verb, what in verbs.items()
+        CommandEntry(what=what, command=shlex.join(["tendon", verb, str(model), *of, *own])) for what, verb, of in lines
     ]

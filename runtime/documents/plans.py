@@ -412,6 +412,7 @@ class ExecuteDocument(Document, frozen=True, kw_only=True):
     drives: Annotated[DrivesEntry | UnsetType, key("CANopen: the drives")] = UNSET
     recording: Annotated[str | UnsetType | None, key("path of the recording; null if none was written")] = UNSET
     model_out: Annotated[str | UnsetType | None, key("path of the model file; null if none was written")] = UNSET
+    statistics: Annotated[str | UnsetType | None, key("path of what the board added up; null if it sent none")] = UNSET
     next: Annotated[list[CommandEntry] | UnsetType, key("commands that follow")] = UNSET
 
 

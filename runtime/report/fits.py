@@ -82,12 +82,14 @@ def identification(document: JudgedFitDocument) -> list[Section]:
 
 def identification_of_sums(document: StatisticsFitDocument) -> list[Section]:
     """Parameters with their 95 % intervals, and what the board's rows leave of each joint's torque."""
-    rows = ", ".join(map(str, document.rows))
-    left = ", ".join(number(rms, 3) for rms in document.rms)
+    left = [
+        (str(joint), number(rms), str(rows))
+        for joint, (rms, rows) in enumerate(zip(document.rms, document.rows, strict=True), 1)
+    ]
     return [
+        Paragraph("By what the board added up: the noise of its encoders is not compensated, nor a skew or delay."),
         parameters(document, None, dict.fromkeys(range(1, len(document.rows) + 1))),
-        Paragraph(f"Rows of the joints: {rows}; residual rms: {left} N m (N)."),
-        Paragraph("Noise of the encoders is not compensated."),
+        table(("joint", "residual rms [N m or N]", "rows added up"), left),
     ]
 
 

@@ -431,6 +431,10 @@ def _end(document: ExecuteDocument) -> list[Section]:
         made.append(Paragraph("With --out RUN.csv.gz the recording is kept."))
     if mounted:
         made.append(Paragraph(f"Model with the springs and contact of this motion: {mounted}"))
+    if (added := given(document.statistics)) is not None:
+        made.append(Paragraph(f"What the board added up: {added}"))
+    elif document.statistics is None:
+        made.append(Paragraph("The board has sent nothing that it added up."))
     if following := given(document.next):
         made.append(Group("Next", (Commands(tuple(following)),)))
     elif recording:

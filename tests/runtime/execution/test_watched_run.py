@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from runtime import wording
 from runtime.execution import execute as execution
 from runtime.execution.options import ExecutionSettings
 from runtime.hardware.boards import HostBoard, QemuBoard, UnicornBoard
@@ -87,6 +88,25 @@ def test_what_the_board_adds_up_gives_the_parameters_of_the_recording(
         for name, parameter in one.parameters.items():
             assert parameter.value == pytest.approx(other.parameters[name].value, rel=0.05), (one.name, one.joint, name)
     assert min(found.rows) > 300
+
+
+def test_what_the_board_added_up_is_named_with_the_command_that_reads_it(
+    watched: Source, tmp_path: Path, tendon: Callable[..., tuple[int, str, str]]
+) -> None:
+    (tmp_path / "arm.toml").write_text(watched.text.replace("[monitor]\n", "[monitor]\nstatistics = true\n"))
+    there_and_back().write(tmp_path / "plan.json")
+    run = ["execute", "arm.toml", "plan.json", "--on", "simulation", "--cycles", "8", "--trials", "1"]
+    status, said, _ = tendon(*run, "--statistics", "sums.json", "--json", "run.json")
+    assert status == 0
+    assert "What the board added up: sums.json\n" in said
+    assert json.loads((tmp_path / "run.json").read_text())["statistics"] == "sums.json"
+    command = next(line for line in said.splitlines() if line.strip().startswith("tendon identify"))
+    status, fitted, _ = tendon(*command.split()[1:], "--json", "fit.json")
+    assert status == 0
+    assert fitted.startswith("By what the board added up")
+    document = json.loads((tmp_path / "fit.json").read_text())
+    for joint, (rows, rms) in enumerate(zip(document["rows"], document["rms"], strict=True), 1):
+        assert re.search(rf"^ {joint} +{wording.number(rms)} +{rows} *$", fitted, re.MULTILINE)
 
 
 @pytest.mark.parametrize(("hide", "missed"), [([], []), (["--hide", "coulomb@2:torque=0.4"], [2])])
