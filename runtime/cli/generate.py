@@ -25,8 +25,8 @@ def generate(
     rust: Annotated[bool, typer.Option("--rust", help="Also the equations as a module in Rust, NAME.rs.")] = False,
     json: Json = None,
 ) -> None:
-    """The library of effects is written beside it, into
-    ../effects."""
+    """The library of effects is written beside it, into ../effects
+    or, of arms in space, ../effects_space."""
     from runtime.report import models, terminal
 
     source = opened(model, effects)

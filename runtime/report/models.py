@@ -217,11 +217,19 @@ def generated(document: GenerateDocument) -> list[Section]:
 
 def generated_lines(document: GenerateDocument) -> list[str]:
     """The same as lines."""
-    count = document.operations["inverse_dynamics"]
+    count, name = document.operations["inverse_dynamics"], document.name
+    rust = f"{name}.rs" if f"{name}.rs" in document.files else "generate --rust"
     return [
         f"{document.directory}: {len(document.files)} files; effects in {document.effects_directory}",
-        "inverse dynamics: " + ", ".join(f"{value} {name}" for name, value in count.items() if value),
+        "inverse dynamics: " + ", ".join(f"{value} {kind}" for kind, value in count.items() if value),
+        f"C++: tendon_{name}.hpp, by CMake find_package(tendon_{name}); Python: pip install "
+        f"{_as_folder(document.directory)}; Rust: {rust}",
     ]
+
+
+def _as_folder(directory: str) -> str:
+    """A folder for pip, which takes a name without a slash for a package of an index."""
+    return shlex.quote(directory if "/" in directory else f"./{directory}")
 
 
 def imported(document: ImportDocument) -> list[Section]:

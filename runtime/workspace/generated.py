@@ -21,6 +21,9 @@ from runtime.workspace.writing import check_directory, keep
 NOTE, SHIPPED = ".model", "tendon: "
 """File beside generated code that names the model file; one that comes with Tendon is named with this prefix."""
 
+EFFECTS = ("effects", "effects_space")
+"""Folders of the library of effects, of planar and of spatial arms: gravity and payload have other arguments there."""
+
 
 @dataclass(frozen=True)
 class Rendered:
@@ -84,8 +87,8 @@ def render_all(source: Source, out: Path | None, effects: Path | None, rust: boo
 
     arm = source.arm()
     directory = out if out is not None else own_directory(source, arm.name)
-    beside = directory.parent / "effects"
-    if directory.resolve() == beside.resolve():
+    beside = directory.parent / EFFECTS[arm.space]
+    if directory.resolve() in [(directory.parent / name).resolve() for name in EFFECTS]:
         raise UsageError(f"{directory}: the library of effects is written there; choose another --out")
     check_directory(directory)
     check_directory(beside)

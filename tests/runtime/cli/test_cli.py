@@ -317,6 +317,27 @@ def test_generate_and_check(run, here):
     assert json.loads(out)["stale"]
 
 
+def test_arms_in_the_plane_and_in_space_stay_up_to_date_beside_each_other(run, here):
+    for arm in ("drive.toml", "vishard4", "ur10"):
+        assert run("generate", arm)[0] == 0
+    for arm in ("drive.toml", "vishard4", "ur10"):
+        assert run("generate", arm, "--check")[0] == 0
+    (here / "generated" / "effects" / "effects_f32.c").unlink()
+    assert [run("generate", arm, "--check")[0] for arm in ("drive.toml", "vishard4", "ur10")] == [1, 1, 0]
+
+
+def test_generate_says_how_other_programs_use_it(run, here):
+    out = run("generate", "drive.toml", "--rust", "--out", "code")[1].splitlines()[-1]
+    header, package, folder, module = re.fullmatch(
+        r"C\+\+: (\S+), by CMake find_package\((\w+)\); Python: pip install (\S+); Rust: (\S+)", out
+    ).groups()
+    assert (here / "code" / header).is_file()
+    assert f"project({package} " in (here / "code" / "CMakeLists.txt").read_text()
+    assert (here / folder / "pyproject.toml").is_file()
+    assert folder.startswith("./")  # else pip looks for it in an index
+    assert (here / "code" / module).is_file()
+
+
 def test_two_models_of_one_name_do_not_share_a_folder(run, here):
     assert run("generate", "drive.toml")[0] == 0
     assert run("generate", f"../{here.name}/drive.toml")[0] == 0
