@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
@@ -234,8 +234,10 @@ class ModelText:
         for table_of in (_table, _inline):  # tables with headers, else inline ones among dotted keys
             try:
                 document = tomlkit.parse(bare if bare.endswith("\n") else f"{bare}\n")
-                above = _detached(document)
+                above, inline = _detached(document), [(table, set(table)) for table in _inline_tables(document)]
                 change(document, table_of)
+                for table, known in inline:
+                    _space(table, known)
                 _reattach(document, above, apart)
                 result = tomlkit.dumps(document)
                 same = tomllib.loads(result) == expected
@@ -287,6 +289,27 @@ def _inline(values: Mapping[str, Any], _: str = "") -> Any:
     table = tomlkit.inline_table()
     table.update(values)
     return table
+
+
+def _inline_tables(value: Any) -> Iterator[InlineTable]:
+    """All inline tables within a value of tomlkit."""
+    if isinstance(value, InlineTable):
+        yield value
+    below = value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ()
+    for each in below:
+        yield from _inline_tables(each)
+
+
+def _space(table: InlineTable, known: Set[str]) -> None:
+    """A blank before each key of an inline table that was not known before, and at the end if there is one at the
+    start; tomlkit leaves them out."""
+    body = table.value.body
+    for place, (key, item) in enumerate(body):
+        if key is not None and key.key not in known:
+            follows = place > 0 and not isinstance(body[place - 1][1], Whitespace)
+            item.trivia.indent = " " if follows else ""
+            if place == len(body) - 1 and isinstance(body[0][1], Whitespace):
+                item.trivia.trail = " "
 
 
 Trivia = list[tuple[Any, Any]]

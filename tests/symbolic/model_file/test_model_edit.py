@@ -145,6 +145,22 @@ def test_inline_tables_and_dotted_keys_are_edited_too(text: str):
     assert reader.parse(changed, "arm.toml").joints[1].effects["viscous"] == {"coefficient": 3.0}
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("{}", "{positive = 1.5, negative = 1.0}"),
+        ("{ }", "{ positive = 1.5, negative = 1.0 }"),
+        ("{ negative = 2 }", "{ negative = 1.0, positive = 1.5 }"),
+        ("{negative=2}", "{negative=1.0, positive = 1.5}"),
+    ],
+)
+def test_new_keys_of_an_inline_table_stand_apart(before: str, after: str):
+    above, joint, below = TEXT.replace("[joint.effects.viscous]\n# measured warm", "").rpartition("[[joint]]\n")
+    text = f"{above}{joint}effects.coulomb_asymmetric = {before}\n{below}"
+    changed = put(text, {("coulomb_asymmetric", 2): {"positive": 1.5, "negative": 1.0}})
+    assert f"effects.coulomb_asymmetric = {after}\n" in changed
+
+
 def test_of_an_effect_of_which_a_joint_may_have_several_another_is_added():
     once = add(TEXT, "torque_ripple", 1, order=72.0, amplitude=0.2, phase=0.1)
     twice = add(once, "torque_ripple", 1, order=18.0, amplitude=0.1, phase=0.0)
