@@ -14,6 +14,7 @@ from runtime.recordings.recording import Recording
 from . import drives, forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
 from .bench import NOISE, Bench, Setting, bench, specimen
 from .bodies import BELIEVED, Bodies, in_space
+from .first import first_motion
 from .hidden import ENTRIES, PAIRS, Entry, Hidden, Rows, Setup
 from .limits import AMOUNTS
 from .plant import PERIOD, RanAwayError, Run
@@ -40,6 +41,8 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+FIRST = "first"
+"""An excitation: the motion that `tendon experiment` proposes."""
 NEAR = 0.1
 """A size within this of the wanted one is near enough."""
 
@@ -117,6 +120,9 @@ def make(case: Case, amounts: Sequence[float] | None = None) -> Made:
     amounts   of the hidden effects; without them they are grown to the case's size, if it has one
     """
     form = case.setting.drive
+    if amounts is None and case.size and case.setting.excitation == FIRST:
+        # As much of the effect as is of this size on today's excitation.
+        amounts = make(replace(case, setting=_ordinary(case.setting))).amounts
     made, runs = _simulated(replace(case, setting=replace(case.setting, drive="")), amounts and tuple(amounts))
     if not form:
         return made
@@ -135,7 +141,8 @@ def _simulated(case: Case, amounts: tuple[float, ...] | None) -> tuple[Made, tup
     believed = next((h.believed for h in hidden if h.believed != BELIEVED), BELIEVED)
     warms = any(h.warms for h in hidden)
     rows = world.specimen(bodies, believed, plant_rng)
-    main = world.bench(setting, wanted, motion_rng, warms, rows)
+    text = world.model_text(setting, case.seed, believed, _known_gravity(setting, hidden))
+    main = world.bench(setting, _moved(setting, text, wanted, 0), motion_rng, warms, rows)
     found = []
     for k, (what, joint) in enumerate(zip(hidden, joints, strict=True)):
         if amounts is not None:
@@ -143,7 +150,7 @@ def _simulated(case: Case, amounts: tuple[float, ...] | None) -> tuple[Made, tup
         else:
             found.append(_sized(main, what, joint, case.size, believed) if case.size else (what.amount, 0.0))
     inside_it = [(what, joint, amount) for what, joint, (amount, _) in zip(hidden, joints, found, strict=True)]
-    elsewhere = _wanted(other_rng, setting)
+    elsewhere = _moved(setting, text, _wanted(other_rng, setting), 1)
     elsewhere = elsewhere[..., : round(world.held_out * elsewhere.shape[-1])]
     other = world.bench(setting, elsewhere, other_rng, warms, rows)
     together, apart = main.run(inside_it), other.run(inside_it)
@@ -154,7 +161,7 @@ def _simulated(case: Case, amounts: tuple[float, ...] | None) -> tuple[Made, tup
     made = Made(
         case,
         known,
-        world.model_text(setting, case.seed, believed, known),
+        text,
         main.recording(together),
         held_out,
         tuple(hidden),
@@ -198,9 +205,24 @@ def _drawn(case: Case) -> tuple[list[np.random.Generator], Array, list[Hidden], 
     return others, wanted, [world.entries[name].draw(s) for name, s in zip(case.names, setups, strict=True)], joints
 
 
+def _ordinary(setting: Setting) -> Setting:
+    """As today's excitation would record it, where it is a first motion that does."""
+    kind = setting.excitation
+    return replace(setting, excitation=motion.ORDINARY[setting.simulator] if kind == FIRST else kind)
+
+
+def _moved(setting: Setting, text: str, wanted: Array, number: int) -> Array:
+    """The motion itself: the one that is wanted, or in its place a first motion for the model file, the same whatever
+    is hidden."""
+    if setting.excitation != FIRST:
+        return wanted
+    typical = _wanted(np.random.default_rng(setting.joints), setting)
+    return motion.along(first_motion(text, typical, number))
+
+
 def _wanted(rng: np.random.Generator, setting: Setting) -> Array:
     """The motion (3, n, N), of an arm in space about its home and gentler, as long links need."""
-    found = motion.desired(rng, setting.joints, setting.excitation)
+    found = motion.desired(rng, setting.joints, _ordinary(setting).excitation)
     return motion.gentle(found[0], np.array(HOME[setting.joints])) if setting.joints in HOME else found
 
 

@@ -11,6 +11,8 @@ PERIOD = 1e-3
 KINDS = ("full", "no_repeat", "no_slow", "slow", "small", "one_cosine", "brief", "fourier")
 """full: slow triangles, cosines of rising speed, a multi-sine three times, a fast part; brief: each of them for a
 quarter of the time; fourier: a multi-sine four times and nothing else. The others lack something."""
+ORDINARY = {"": "full", "mujoco": "fourier"}
+"""By simulator, the excitation in whose place, and with which, a first motion is compared."""
 
 
 def desired(rng: np.random.Generator, n: int, kind: str = "full") -> Array:
@@ -33,6 +35,11 @@ def desired(rng: np.random.Generator, n: int, kind: str = "full") -> Array:
     if kind == "small":
         angle *= 0.13
     return _derived(_smooth(_smooth(angle, 30), 30))
+
+
+def along(angle: Array) -> Array:
+    """Angles (n, N) with rate and acceleration, (3, n, N)."""
+    return _derived(angle)
 
 
 def gentle(angle: Array, home: Array) -> Array:

@@ -158,7 +158,11 @@ def _arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--situation", nargs="+", choices=list(SITUATIONS), default=["plain"], help="how recordings are made"
     )
-    parser.add_argument("--excitation", choices=judging.motion.KINDS)
+    parser.add_argument(
+        "--excitation",
+        choices=[*judging.motion.KINDS, judging.FIRST],
+        help="first: what tendon experiment proposes, with as much of an effect as has the size on today's excitation",
+    )
     parser.add_argument("--simulator", choices=["mujoco"], help="instead of the judge's own")
     parser.add_argument(
         "--drive",
