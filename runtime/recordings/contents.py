@@ -279,6 +279,15 @@ def median_step(t: Array, run: Numbers) -> float:
     return float(np.median(steps)) if len(steps) else math.nan
 
 
+def check_command(joint: int, q: Array, desired: Array | None, refuse: Refusal) -> None:
+    """Refuses the position (N,) of a moving joint (from 1) in the place of the one that its drive was told."""
+    if desired is not None and np.ptp(q) >= SMALLEST and np.array_equal(q, desired):
+        refuse(
+            f"q{joint}_desired is q{joint} in every sample while it moves, so that its drive makes no torque; expected "
+            "the position that the drive is told: log what is sent, not what is read back"
+        )
+
+
 def check_moving(q: Array, tau: Array, refuse: Refusal) -> None:
     """Refuses a recording in which no joint moves, or none with a changing torque; some joints may be held."""
     still: NDArray[np.bool_] = np.ptp(q, axis=1) < SMALLEST

@@ -31,6 +31,7 @@ from runtime.recordings.contents import (
     Contents,
     Refusal,
     Samples,
+    check_command,
     check_length,
     check_moving,
     gap_free_segments,
@@ -307,6 +308,7 @@ def _recording(
     driven = driven_joints(arm.joints, signals, t, run)
     for i, joint in enumerate(driven, 1):
         if joint is not None:
+            check_command(i, q[i - 1], signals.get(f"q{i}_desired"), refuse)
             signals[f"tau{i}"] = joint.torque
     tau = rows("tau{}")
     assert tau is not None

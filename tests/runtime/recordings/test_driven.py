@@ -42,6 +42,12 @@ def test_a_servo_whose_rates_nobody_recorded(tmp_path: Path) -> None:
     assert found.tau[0] == pytest.approx(np.clip(torque, -0.5, 0.5), abs=1e-6)
 
 
+def test_a_position_that_is_read_back_is_no_command(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"run\.csv: q1_desired is q1 in every sample .*; expected the position"):
+        recorded(tmp_path, arm("position_servo", kp=7.0), q1_desired=Q)
+    assert recorded(tmp_path, arm("position_servo", kp=7.0), q1_desired=np.append(WANTED[:1], Q[1:])).tau.any()
+
+
 def test_rates_of_a_slow_logger_are_those_of_the_motion(tmp_path: Path) -> None:
     """Differences of these samples are too small by a tenth."""
     quick = 0.1 * np.sin(2 * np.pi * 12.0 * T)
