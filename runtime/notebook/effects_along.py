@@ -91,8 +91,10 @@ def whole_torque(model: Model, q: Array, qd: Array, qdd: Array, dt: float | None
     """(n, N) torques of the motors with all effects of the model file, for motion (n, N).
 
     dt   as for GivenMotion
-    Raises ModelError if a value is unknown, LoaderError if an effect depends on what is not given.
+    Raises ModelError if a value is unknown, LoaderError for a wrong dt or an effect that depends on what is not given.
     """
+    if dt is not None and not 0.0 < dt < np.inf:
+        raise LoaderError(f"{model.name}: dt is {dt}; expected seconds from sample to sample, more than 0")
     values = structure(model)
     check_complete(model, values)
     motion = GivenMotion(model, values, q, qd, qdd, dt)

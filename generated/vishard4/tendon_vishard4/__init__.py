@@ -303,6 +303,8 @@ def _added(
 ) -> Array:
     if REMEMBERS and dt is None:
         raise ValueError("vishard4: an effect depends on the samples before: pass dt, the time from sample to sample")
+    if dt is not None and not 0.0 < dt < np.inf:
+        raise ValueError(f"vishard4: dt is {dt}; expected seconds from sample to sample, more than 0")
     numbers = _numbers("values", EFFECT_VALUES, values)
     if open_values := [name for name, number in zip(EFFECT_VALUES, numbers, strict=True) if np.isnan(number)]:
         raise ValueError(_left_open("values", open_values))

@@ -139,6 +139,14 @@ def test_names_are_those_of_the_package_tendon(places: dict[str, Any]) -> None:
             "arm.torque(np.zeros(4), 0, 0, values={'joint1_viscous_coefficient': None})",
             "vishard4: the model file leaves",
         ),
+        *(
+            (
+                f"arm.{call}(np.zeros(4), 0, 0, dt={dt})",
+                f"vishard4: dt is {said}; expected seconds from sample to sample",
+            )
+            for call in ("torque", "effects")
+            for dt, said in (("-1", "-1"), ("0.0", "0.0"), ("np.nan", "nan"), ("np.inf", "inf"))
+        ),
         ("arm._core.call(99, 1, ())", "there is no such function"),
         ("arm._core.call(0, 1 << 62, ())", "so many samples do not fit into memory"),
         ("arm._core.call(0, 1, ())", "expected "),

@@ -41,6 +41,9 @@ def test_an_effect_of_the_drive_sees_the_torque_of_all_others(arm: LoadedArm) ->
 
 def test_an_effect_with_a_memory_needs_the_time_from_sample_to_sample(arm: LoadedArm) -> None:
     lugre = arm.with_text(DRIVE + "[joint.effects.lugre]\nstiffness = 300.0\ndamping = 1.0\n")
+    for wrong in (-1.0, 0.0, np.nan, np.inf):
+        with pytest.raises(ValueError, match=r"drive1: dt is .*; expected seconds from sample to sample, more than 0"):
+            lugre.torque(*(np.zeros((3, 1)),) * 3, dt=wrong)
     with pytest.raises(ValueError, match="drive1: an effect depends on what was before; pass dt"):
         lugre.torque([0.0], [1.0], [0.0])
     dt = 1e-4
