@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
+
+from msgspec.structs import replace
 
 from runtime.documents.generated import BuildEntry, ComparedFunction, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import EffectDocument, EffectParameter, EffectsDocument
 from runtime.documents.parts import given
 from runtime.notebook.arm import LoadedArm, PathOrText
 from runtime.notebook.results import MadeResult
+from runtime.notebook.verbs import Recordings, read_both
 from runtime.report import models
 from runtime.workspace.generated import firmware_of, render_all, verified
 from runtime.workspace.source import effect_document, effects_document
+from runtime.workspace.watching import missed_joints, propose_monitor
 
 
 class GenerationResult(MadeResult[GenerateDocument]):
@@ -51,8 +56,11 @@ class VerificationResult(MadeResult[VerifyDocument]):
         return self.made.cases
 
 
+@dataclass(frozen=True, repr=False)
 class FirmwareResult(MadeResult[FirmwareDocument]):
-    """The controller's firmware, written and compiled."""
+    """The controller's firmware, written and compiled; `.arm` has the floors of its monitor."""
+
+    arm: LoadedArm
 
     _sections = staticmethod(models.firmware)
     _in_short = staticmethod(models.firmware_lines)
@@ -139,15 +147,25 @@ def verify(arm: LoadedArm, samples: int = 20, seed: int = 0) -> VerificationResu
 
 
 def firmware(
-    arm: LoadedArm, directory: PathOrText | None = None, target: str = "cortex-m4f", toolchain: str | None = None
+    arm: LoadedArm,
+    directory: PathOrText | None = None,
+    target: str = "cortex-m4f",
+    toolchain: str | None = None,
+    monitor: Recordings = (),
 ) -> FirmwareResult:
     """Write the controller's firmware into a directory and compile it; `result.fits` says whether the stack suffices.
 
     directory   None: generated/NAME/firmware; files of yours in it stay
     target      cortex-m4f, cortex-m7 or host     toolchain   gcc or zig; None: the first that is found
+    monitor     recordings of the arm while its model holds: the firmware watches the model by the floors that they show
     Raises ValueError, OSError, BuildError.
     """
-    return FirmwareResult(firmware_of(arm.source, None if directory is None else Path(directory), target, toolchain))
+    data, _ = read_both(arm, monitor)
+    watched = arm.with_text(propose_monitor(arm.source, arm.model, data).text) if data else arm
+    document = firmware_of(watched.source, None if directory is None else Path(directory), target, toolchain)
+    if data:
+        document = replace(document, missed=missed_joints(arm.model, data))
+    return FirmwareResult(document, watched)
 
 
 @overload

@@ -11,6 +11,7 @@ import pytest
 from codegen.toolchain.build import BuildError
 from runtime.notebook.arm import load, recording
 from runtime.notebook.generated import effects, firmware, verify
+from tests.watched_run import PLAIN, there_and_back
 
 Run = Callable[..., tuple[int, str, str]]
 OWN = """
@@ -39,6 +40,23 @@ def test_firmware_is_that_of_the_command_line(tendon: Run, tmp_path: Path, monke
     assert tendon("firmware", "drive", "--check")[0] == 0
     with pytest.raises(BuildError, match="cortex-m9"):
         firmware(load("drive"), target="cortex-m9")
+
+
+def test_a_watched_model_is_that_of_the_command_line(
+    tendon: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file on disk stays; the arm of the result has the floors that --monitor writes into it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(PLAIN)
+    there_and_back().write(tmp_path / "plan.json")
+    run = ["execute", "arm.toml", "plan.json", "--on", "simulation", "--cycles", "8", "--trials", "1"]
+    assert tendon(*run, "--out", "run.csv", "--hide", "coulomb@2:torque=0.4")[0] == 0
+    result = firmware(load("arm.toml"), target="host", monitor="run.csv")
+    assert (tmp_path / "arm.toml").read_text() == PLAIN
+    assert "joint 2: the model file's values leave" in str(result)
+    said = tendon("firmware", "arm.toml", "--monitor", "run.csv", "--target", "host", "--json", "-")[1]
+    assert result.to_dict() == json.loads(said)
+    assert result.arm.text == (tmp_path / "arm.toml").read_text()
 
 
 def test_the_library_is_that_of_the_command_line(tendon: Run, tmp_path: Path) -> None:
