@@ -26,7 +26,7 @@ def generate(
     json: Json = None,
 ) -> None:
     """The library of effects is written beside it, into ../effects
-    or, of arms in space, ../effects_space."""
+    (of arms in space effects_space, with effects of your own effects_own)."""
     from runtime.report import models, terminal
 
     source = opened(model, effects)

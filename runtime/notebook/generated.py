@@ -129,7 +129,7 @@ class EffectResult(MadeResult[EffectDocument]):
 
 def generate(arm: LoadedArm, directory: PathOrText | None = None) -> GenerationResult:
     """Write the arm's C and CasADi code into a directory, and the library of effects beside it, into `effects`, of arms
-    in space `effects_space`.
+    in space `effects_space`, with effects of your own `effects_own`.
 
     directory   None: generated/NAME     Raises ValueError, OSError.
     """

@@ -21,8 +21,9 @@ from runtime.workspace.writing import check_directory, keep
 NOTE, SHIPPED = ".model", "tendon: "
 """File beside generated code that names the model file; one that comes with Tendon is named with this prefix."""
 
-EFFECTS = ("effects", "effects_space")
-"""Folders of the library of effects, of planar and of spatial arms: gravity and payload have other arguments there."""
+EFFECTS = ("effects", "effects_space", "effects_own", "effects_space_own")
+"""Folders of the library of effects: of planar arms, of arms in space, where gravity and payload have other arguments,
+and both with effects of the user's own."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def render_all(source: Source, out: Path | None, effects: Path | None, rust: boo
 
     arm = source.arm()
     directory = out if out is not None else own_directory(source, arm.name)
-    beside = directory.parent / EFFECTS[arm.space]
+    beside = directory.parent / EFFECTS[arm.space + 2 * (source.own is not None)]
     if directory.resolve() in [(directory.parent / name).resolve() for name in EFFECTS]:
         raise UsageError(f"{directory}: the library of effects is written there; choose another --out")
     check_directory(directory)

@@ -317,13 +317,23 @@ def test_generate_and_check(run, here):
     assert json.loads(out)["stale"]
 
 
-def test_arms_in_the_plane_and_in_space_stay_up_to_date_beside_each_other(run, here):
-    for arm in ("drive.toml", "vishard4", "ur10"):
-        assert run("generate", arm)[0] == 0
-    for arm in ("drive.toml", "vishard4", "ur10"):
-        assert run("generate", arm, "--check")[0] == 0
+OWN_EFFECT = """
+from tendon.effects import Effect, Parameter, SIGNAL, parameter, units
+EFFECTS = [Effect(name="mine", scope="joint", family="friction", summary="Of my own.", equation="tau = c qd",
+    torque=parameter("coefficient") * SIGNAL["qd"].symbol, source="me", trace="a trace", experiment="any",
+    parameters=(Parameter("coefficient", units.VISCOUS, "torque per rate"),))]
+"""
+
+
+def test_arms_with_other_libraries_stay_up_to_date_beside_each_other(run, here):
+    """Those in space have gravity with three axes, and one has an effect of the user's own."""
+    (here / "own.py").write_text(OWN_EFFECT)
+    arms = (["drive.toml"], ["vishard4"], ["ur10"], ["emps", "--effects", "own.py"])
+    for arm in arms:
+        assert run("generate", *arm)[0] == 0
+    assert [run("generate", *arm, "--check")[0] for arm in arms] == [0, 0, 0, 0]
     (here / "generated" / "effects" / "effects_f32.c").unlink()
-    assert [run("generate", arm, "--check")[0] for arm in ("drive.toml", "vishard4", "ur10")] == [1, 1, 0]
+    assert [run("generate", *arm, "--check")[0] for arm in arms] == [1, 1, 0, 0]
 
 
 def test_generate_says_how_other_programs_use_it(run, here):
