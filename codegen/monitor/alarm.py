@@ -13,8 +13,6 @@ from math import ceil, pi
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve
-from scipy.special import gammainc
 
 from codegen.monitor.settings import BREAK, DRIFT, LEVELS, STEPS_A_LEVEL, WINDOW
 
@@ -36,6 +34,8 @@ def degrees_of_freedom(cutoff: float) -> float:
 
 def score_probabilities(freedom: float) -> Array:
     """(S,) of the scores 0, 1, … of a window while the model holds: chi-squared over its degrees of freedom."""
+    from scipy.special import gammainc  # slow to import, as is all of SciPy; monitors alone need it
+
     first, last = LEVELS
     edges = 2.0 ** (np.arange(first, last) / 2)
     below = gammainc(freedom / 2, freedom / 2 * edges)
@@ -44,6 +44,8 @@ def score_probabilities(freedom: float) -> Array:
 
 def run_length(probabilities: Array, reference: int, alarm: int) -> float:
     """Average number of windows until a sum that begins at zero reaches `alarm`; scores count STEPS_A_LEVEL each."""
+    from scipy.linalg import solve
+
     moves = STEPS_A_LEVEL * np.arange(len(probabilities)) - reference
     to = np.maximum(np.arange(alarm)[:, None] + moves, 0)
     chain = np.zeros((alarm, alarm))
