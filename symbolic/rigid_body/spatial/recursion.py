@@ -257,7 +257,7 @@ def _gradient(state: _State, outwards: bool, k: int, notes: Notes) -> Gradient:
         zy=zy,
         zz_yy=let(f"zz_yy{k}", Uzz + more),
         xx_zz=less,
-        yy_xx=let(f"yy_xx{k}", -more - Uxx),
+        yy_xx=-Uzz if xx == 0 else let(f"yy_xx{k}", -more - Uxx),
     )
 
 

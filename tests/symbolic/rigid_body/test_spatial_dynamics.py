@@ -27,7 +27,7 @@ from symbolic.rigid_body.spatial.geometry import geometry
 from symbolic.rigid_body.spatial.recursion import motion
 
 FLOATS = {"const": float, "sin": math.sin, "cos": math.cos}
-COUNTS = {"ur10e": (430, 5), "puma560": (450, 5), "rx90": (430, 5), "panda": (555, 6), "iiwa": (522, 6)}
+COUNTS = {"ur10e": (428, 5), "puma560": (449, 5), "rx90": (429, 5), "panda": (555, 6), "iiwa": (522, 6)}
 """Operations, and pairs of sine and cosine, of the inverse dynamics: base parameters and rotors free at run time."""
 
 
