@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import re
+import shutil
+import subprocess
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from pinocchio_reference import Missing, Reference
 from spatial_arms import Array
 
 from codegen import render
+from codegen.tape.tape import Tape
 from codegen.toolchain import build
 from symbolic.model import ArmModel, derive
 
@@ -27,8 +32,8 @@ what holds in every run."""
 BATCH = 2.0
 """How many times as fast as a call a sample of a batch of the UR10e is at least, with vectors of four."""
 ASKED = 2.0, 17.0
-"""What is aimed at. Through CasADi it is 3.1 times; against rnea(), which takes 0.9 to 2.9 us by what else the machine
-does, some 15 times."""
+"""What is aimed at. Through CasADi it is 2.8 to 3.1 times; against rnea(), which takes 0.6 to 2.9 us by processor and
+by what else the machine does, 14 to 15 times."""
 OURS = """
 void loop_ours(size_t rounds, size_t count, const double *q, const double *qd, const double *qdd, double *tau)
 {{
@@ -67,14 +72,30 @@ void loop_theirs(size_t rounds, size_t count, const double *q, const double *qd,
 """
 
 
-def _library(model: ArmModel, pinocchio: Reference) -> ctypes.CDLL:
+def _library(model: ArmModel, pinocchio: Reference) -> Path:
     """Everything that is C, by one compiler with the flags of the generated code."""
     name, n = model.arm.name, len(model.arm.joints)
     sources = {path: text for path, text in render.arm_files(model).items() if path.endswith(("f64.c", "f64.h"))}
     sources["pinocchio_rnea.c"] = pinocchio.c_code()
     loops = OURS.format(name=name, n=n) + THEIRS.format(n=n)
     sources["loops.c"] = f'#include <stddef.h>\n#include "{name}_f64.h"\n{loops}'
-    return ctypes.CDLL(str(build.shared_library(sources, f"kernels_{name}", build.STRAIGHT)))
+    return build.shared_library(sources, f"kernels_{name}", build.STRAIGHT)
+
+
+def _instructions(library: Path, function: str) -> str:
+    """How many instructions a compiled function has, which no load of the machine changes; by binutils' objdump."""
+    objdump = shutil.which("objdump")
+    if objdump is None:
+        return "instructions not counted: install objdump (binutils)"
+    command = [objdump, "--disassemble", "--no-show-raw-insn", str(library)]
+    listing = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    body = re.search(rf"<{function}>:\n(.*?)(?:\n\n|\Z)", listing, re.DOTALL)
+    assert body is not None, f"{library} has no function {function}"
+    mnemonics = re.findall(r"^\s*[0-9a-f]+:\t(\S+)", body[1], re.MULTILINE)
+    # What follows the return fills up to the next function.
+    count = next(k for k, name in enumerate(mnemonics, 1) if name.startswith("ret"))
+    repeated = any(name.startswith(("j", "b.", "cb", "tb")) for name in mnemonics[:count])
+    return f"{count} instructions a call" + (", some of them in a loop" if repeated else ", each executed once")
 
 
 def _called(kernel: Callable[..., None], arrays: list[Array]) -> Callable[[], None]:
@@ -91,7 +112,8 @@ def test_inverse_dynamics(name: str) -> None:
     except Missing as error:
         pytest.skip(str(error))
     model, n = derive(arm), len(arm.joints)
-    library, rng = _library(model, pinocchio), np.random.default_rng(0)
+    compiled, rng = _library(model, pinocchio), np.random.default_rng(0)
+    library = ctypes.CDLL(str(compiled))
     motion = [rng.uniform(-s, s, (SAMPLES, n)) for s in (np.pi, 3.0, 20.0)]
     expected = np.zeros((SAMPLES, n))
     pinocchio.loop(1, *motion, expected)
@@ -111,7 +133,10 @@ def test_inverse_dynamics(name: str) -> None:
     own = times["generated C, a call"]
     rows = [(case, f"{1e9 * seconds:.1f}", f"{seconds / own:.2f}") for case, seconds in times.items()]
     reached = [times[case] / own for case in ("Pinocchio's model through CasADi to C", "Pinocchio, C++ rnea()")]
+    operations = Tape.of(next(f for f in model.functions if f.name == "inverse_dynamics")).count()
     notes = [
+        f"generated C: {_instructions(compiled, f'{name}_inverse_dynamics_f64')}, for {operations['arithmetic']} "
+        f"operations and {operations['sincos']} sincos",
         f"{SAMPLES} random samples; every C by one compiler with the same flags; torques equal to 1e-9",
         "times as fast as through CasADi, and as rnea(): "
         + ", ".join(f"{found:.1f} (aimed at: {asked:g})" for found, asked in zip(reached, ASKED, strict=True)),
