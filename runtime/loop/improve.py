@@ -25,6 +25,7 @@ from runtime.model.terms import structure
 from runtime.motion.motion import Motion, prepare
 from runtime.motion.repeats import Floor
 from runtime.recordings.recording import Recording
+from runtime.wording import AS_GIVEN
 
 Array = NDArray[np.float64]
 
@@ -125,7 +126,7 @@ def _progress(step: Step) -> str:
     def percent(errors: Sequence[float]) -> str:
         return ", ".join(f"{100 * error:.2f} %" for error in errors)
 
-    what = "as in the file" if step.added is None else f"with {step.added}"
+    what = AS_GIVEN if step.added is None else f"with {step.added}"
     held = "" if step.held_out is None else f"; held out {percent(step.held_out.relative)}"
     return f"{what}: error {percent(step.fitted.relative)}{held}"
 
