@@ -114,21 +114,28 @@ class ReadyArm:
         likely = narrowed(to_move.likely, ranges)
         moving = tuple(range(likely.n)) if to_move.moving is None else tuple(to_move.moving)
         start = _start(likely, to_move)
-        envelopes = [_envelope(likely, i, start[i], i in ranges, chosen.speed) for i in range(likely.n)]
-        series = FourierMotion(envelopes, moving, PERIOD, harmonics_of(PERIOD, FASTEST_HARMONIC))
+        envelopes, usually = (
+            [_envelope(likely, i, start[i], i in ranges, pace) for i in range(likely.n)]
+            for pace in (chosen, FirstMotionSettings())
+        )
+        # What is assumed of the arm and of its noise is the same whatever pace is chosen.
+        series, usual = (
+            FourierMotion(each, moving, PERIOD, harmonics_of(PERIOD, FASTEST_HARMONIC)) for each in (envelopes, usually)
+        )
         x = series.random(np.random.default_rng(settings.seed))
-        path = series.shape(x, np.arange(round(PERIOD * RATE)) / RATE)[0]
+        path = usual.shape(x, np.arange(round(PERIOD * RATE)) / RATE)[0]
         values = complete(likely, path, {term: dict(v) for term, v in structure(likely).items()})
         arms = PossibleArms.of(likely, to_move.arm, values, to_move.assumed, POSSIBLE_ARMS, settings.seed)
         if to_move.given is not None:
             rivals = {rival.term: dict(rival.values) for rival in to_move.given.rivals}
             arms = replace(arms, wondered=complete(likely, path, rivals))
         information = ArmInformation(arms, SAMPLES_A_PERIOD, np.ones(likely.n))
-        made = information.outputs(*series.shape(x, np.arange(SAMPLES_A_PERIOD) * PERIOD / SAMPLES_A_PERIOD))
-        noise = settings.noise * np.maximum(np.sqrt(np.mean(made.tau**2, axis=0)), LEAST_TORQUE)
-        usual = UNSTATED_TORQUE * information.largest_torque(made)[0].max(axis=0)
+        t = np.arange(SAMPLES_A_PERIOD) * PERIOD / SAMPLES_A_PERIOD
+        made, made_usually = (information.outputs(*each.shape(x, t)) for each in (series, usual))
+        noise = settings.noise * np.maximum(np.sqrt(np.mean(made_usually.tau**2, axis=0)), LEAST_TORQUE)
+        enough = UNSTATED_TORQUE * information.largest_torque(made)[0].max(axis=0)
         stated = [joint.torque_limit for joint in likely.joints]
-        torque = np.array([u if s is None else MARGIN * s for s, u in zip(stated, usual, strict=True)])
+        torque = np.array([e if s is None else MARGIN * s for s, e in zip(stated, enough, strict=True)])
         information = replace(information, noise=noise)
         if to_move.given is not None:
             information = replace(information, known=to_move.given.known(information))
@@ -225,19 +232,19 @@ def _start(model: Model, to_move: ArmToMove) -> Array:
     return np.array(to_move.start)
 
 
-def _envelope(model: Model, i: int, start: float, chosen: bool, speed: float) -> Envelope:
+def _envelope(model: Model, i: int, start: float, ranged: bool, chosen: FirstMotionSettings) -> Envelope:
     """Around the start, not farther than a first motion goes where the user chose no range, and slower on request."""
     joint = model.joints[i]
     own = Envelope.of(joint)
     low, high = own.middle - own.reach, own.middle + own.reach
-    if joint.type == "revolute" and not chosen:
+    if joint.type == "revolute" and not ranged:
         low, high = max(low, start - FARTHEST_REACH), min(high, start + FARTHEST_REACH)
     return replace(
         own,
         middle=(low + high) / 2,
         reach=(high - low) / 2,
-        speed=speed * own.speed,
-        acceleration=speed**2 * own.acceleration,
+        speed=chosen.speed * own.speed,
+        acceleration=chosen.speed**2 * own.speed / chosen.speeding_up,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from runtime.experiments.settings import SPEEDING_UP
 from runtime.setting import Checked, Setting
 from runtime.simulation.options import Noise
 from runtime.simulation.settings import NOISE
@@ -30,6 +31,9 @@ class FirstMotionSettings(Checked):
     seconds: Annotated[float, Setting("About how long the motion is, s.", 20.0, 900.0)] = 120.0
     speed: Annotated[float, Setting("Part of the joints' largest speeds that is used.", 0.02, 1.0)] = 1.0
     tip_speed: Annotated[float, Setting("Largest speed of the tip, m/s.", 0.01, 20.0)] = 1.5
+    speeding_up: Annotated[
+        float, Setting("Time from rest to a joint's largest speed, s: no acceleration is larger.", 0.02, 5.0)
+    ] = SPEEDING_UP
 
 
 EXPORT_RATES = {"joint_trajectory": 100.0, "urscript": 125.0, "lerobot": 30.0}

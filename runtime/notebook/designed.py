@@ -114,6 +114,7 @@ def experiment(
     seconds: float = FirstMotionSettings.seconds,
     speed: float = FirstMotionSettings.speed,
     tip_speed: float = FirstMotionSettings.tip_speed,
+    speeding_up: float = FirstMotionSettings.speeding_up,
     floor: float | None = None,
     scene: PathOrText | None = None,
 ) -> ExperimentResult | FirstMotionResult:
@@ -125,11 +126,11 @@ def experiment(
     ranges    narrower ranges of joints, rad or m: {2: (-1.0, 0.5)} or {"elbow": (-1.0, 0.5)}
     given     recordings at hand: the motion tells what these leave open
     start     (n,) rad or m, the pose before and after; None: the middle of the ranges
-    seconds   about the length; speed: part of the joints' largest; tip_speed in m/s
+    seconds   about the length; speed: part of the joints' largest; tip_speed in m/s; speeding_up: s, to that speed
     floor     m, height above the base's origin; scene: a file with floor, boxes and tool
     Raises ValueError where nothing is safe.
     """
-    settings, chosen = ExperimentSettings(seed, noise), FirstMotionSettings(seconds, speed, tip_speed)
+    settings, chosen = ExperimentSettings(seed, noise), FirstMotionSettings(seconds, speed, tip_speed, speeding_up)
     bounds = MotionBounds(
         start=None if start is None else ",".join(repr(float(x)) for x in np.ravel(np.asarray(start))),
         joints=None if joints is None else ",".join(map(str, several(joints))),

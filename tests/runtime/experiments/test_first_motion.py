@@ -33,12 +33,12 @@ ROOMY = Envelope(middle=0.2, reach=1.0, speed=2.0, scale=1.0, acceleration=6.0)
 
 
 @cache
-def _proposed(name: str) -> FirstProposal:
+def _proposed(name: str, **chosen: float) -> FirstProposal:
     """A motion of a minute, as good as it gets in a few seconds."""
     source = Source.shipped(name)
     likely, assumed = source.compiled.with_likely_numbers()
     to_move = ArmToMove(source.compiled.model(), likely.model(), likely.arm, assumed, NoRoom(), ["collisions"])
-    return propose_first(to_move, ExperimentSettings(time_limit=4.0), FirstMotionSettings(seconds=60.0))
+    return propose_first(to_move, ExperimentSettings(time_limit=4.0), FirstMotionSettings(seconds=60.0, **chosen))
 
 
 # --- Fourier motions ---
@@ -145,6 +145,14 @@ def _peaks(arms: PossibleArms, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -
         effects.append(one - np.einsum("npN,p->nN", arms.model.regressor(q, qd, qdd), likeliest))
     rigid = np.einsum("npN,kp->knN", arms.model.regressor(q, qd, qdd), arms.draws)
     return np.abs(rigid + np.einsum("kt,tnN->knN", arms.factors, np.array(effects))).max(axis=2)
+
+
+def test_an_arm_that_speeds_up_sooner_is_told_more() -> None:
+    slow, fast = _proposed("drive"), _proposed("drive", speeding_up=0.1)
+    (there,), (here,) = slow.document.joints, fast.document.joints
+    assert here.acceleration_limit == pytest.approx(3 * there.acceleration_limit)
+    assert there.acceleration_limit < here.acceleration <= here.acceleration_limit
+    assert fast.first.nats > slow.first.nats
 
 
 def test_it_tells_more_than_random_motions_within_the_same_limits() -> None:
