@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from runtime.experiments.settings import (
     FOURIER_PART,
     HELD_FOR,
     LADDER,
+    LEAST_LADDER,
     LEAST_TIMES,
     LEG,
     LONGEST_PASS,
@@ -195,19 +196,21 @@ class MotionPlanner:
 
     def _others(self, rng: np.random.Generator) -> list[tuple[str, Array]]:
         """Names and positions (n, N) at 1 kHz of what stands beside the Fourier motion, as far as there is time."""
-        order = rng.permutation(np.geomspace(*LADDER))
+        slowest, fastest, most = LADDER
+        orders = [rng.permutation(np.geomspace(slowest, fastest, k)) for k in range(most, LEAST_LADDER - 1, -1)]
         poses = rng.uniform(-1, 1, (STATIONS, len(self.envelopes)))
         left, found = (1.0 - FOURIER_PART) * self.seconds, []
-        coming: list[tuple[str, Callable[[float, float], Array]]] = [
-            ("a ladder of constant speeds with reversals", lambda size, pace: self._ladder(order, size, pace)),
-            ("holds", lambda size, pace: self._holds(poses, size, pace)),
-            ("slow passes", lambda size, pace: self._passes(min(left, LONGEST_PASS), size, pace)),
+        coming: list[tuple[str, list[Callable[[float, float], Array]]]] = [
+            ("a ladder of constant speeds with reversals", [partial(self._ladder, order) for order in orders]),
+            ("holds", [partial(self._holds, poses)]),
+            ("slow passes", [lambda size, pace: self._passes(min(left, LONGEST_PASS), size, pace)]),
         ]
-        for name, make in coming:
-            made = self._fitted(make)
-            if made is not None and made.shape[1] / RATE <= left + HELD_FOR:
-                found.append((name, made))
-                left -= made.shape[1] / RATE
+        for name, ways in coming:
+            for made in map(self._fitted, ways):
+                if made is not None and made.shape[1] / RATE <= left + HELD_FOR:
+                    found.append((name, made))
+                    left -= made.shape[1] / RATE
+                    break
         return found
 
     def _ladder(self, order: Array, size: float, pace: float) -> Array:

@@ -98,6 +98,9 @@ FOURIER_PART: Final = 0.5
 LADDER: Final = (0.01, 1.0, 8)
 """parts of the largest speed: from, to, how many; over two decades, as friction maps are; a choice."""
 
+LEAST_LADDER: Final = 3
+"""number of speeds; of a ladder for which there is little time: slow, middling, fast; a choice."""
+
 LEG: Final = 0.8
 """s; at each speed of the ladder from the middle to a turn and back; five time constants of the band's filters; a
 choice."""

@@ -38,7 +38,9 @@ def _proposed(name: str, **chosen: float) -> FirstProposal:
     source = Source.shipped(name)
     likely, assumed = source.compiled.with_likely_numbers()
     to_move = ArmToMove(source.compiled.model(), likely.model(), likely.arm, assumed, NoRoom(), ["collisions"])
-    return propose_first(to_move, ExperimentSettings(time_limit=4.0), FirstMotionSettings(seconds=60.0, **chosen))
+    return propose_first(
+        to_move, ExperimentSettings(time_limit=4.0), FirstMotionSettings(**{"seconds": 60.0, **chosen})
+    )
 
 
 # --- Fourier motions ---
@@ -145,6 +147,14 @@ def _peaks(arms: PossibleArms, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -
         effects.append(one - np.einsum("npN,p->nN", arms.model.regressor(q, qd, qdd), likeliest))
     rigid = np.einsum("npN,kp->knN", arms.model.regressor(q, qd, qdd), arms.draws)
     return np.abs(rigid + np.einsum("kt,tnN->knN", arms.factors, np.array(effects))).max(axis=2)
+
+
+@pytest.mark.parametrize("seconds", [30.0, 60.0])
+def test_there_is_time_for_some_constant_speeds(seconds: float) -> None:
+    found = _proposed("drive", seconds=seconds).first
+    parts = dict(found.parts)
+    assert parts["a ladder of constant speeds with reversals"] <= seconds / 2 + 1.0
+    assert found.seconds < 1.3 * seconds
 
 
 def test_an_arm_that_speeds_up_sooner_is_told_more() -> None:
