@@ -160,11 +160,12 @@ class MotionPlanner:
         series, x, nats = self._fourier(rng)
         tell("fitting a ladder of speeds, holds and slow passes into the limits")
         others = [*more, *self._others(rng)]
-        left = self.seconds - sum(part.shape[1] / RATE for _, part in others)
-        times = max(LEAST_TIMES, round(left / series.period))
         once = series.shape(x, np.arange(round(series.period * RATE)) / RATE)[0]
+        without_repeats = self._joined([once, *(part for _, part in others)])
+        left = self.seconds - without_repeats.shape[1] / RATE
+        times = max(LEAST_TIMES, 1 + round(left / series.period))
         parts = [(f"a Fourier motion of {series.period:g} s, {times} times", np.tile(once, times)), *others]
-        path, without_repeats = (self._joined(own) for own in ([p for _, p in parts], [once, *(p for _, p in others)]))
+        path = self._joined([part for _, part in parts])
         lengths = tuple((name, part.shape[1] / RATE) for name, part in parts)
         return FirstMotion(path, without_repeats, lengths, nats, self.start)
 
