@@ -20,6 +20,7 @@ from runtime.documents.provenance import now
 from runtime.version import VERSION
 from runtime.workspace.names import ARMS
 from tests.runtime.studio.browser import launched
+from tests.variants import slow
 
 Run = Callable[..., tuple[int, str, str]]
 SIMULATED = ("--hide", "stribeck@1:torque=0.6,speed=0.15", "--seconds", "12")
@@ -195,7 +196,7 @@ CUT = "() => [...document.querySelectorAll('#errors .scroll')].filter(e => e.scr
 """Number of tables of errors that are wider than the page."""
 
 
-@pytest.mark.parametrize("player", ["tendon", "mujoco"])
+@pytest.mark.parametrize("player", ["tendon", slow("mujoco")])
 def test_a_replay_is_made_again(made: Path, here: Path, tendon: Run, player: str) -> None:
     """Of two models, with other parameters or those of the files; without its recording, its words and tables."""
     if player == "mujoco":
