@@ -39,7 +39,7 @@ test-all: $(STAMP)
 
 # The wheel, built and installed into an empty environment.
 wheel: $(STAMP)
-	$(PYTEST) -n 2 tests/test_wheel.py
+	$(PYTEST) tests/test_wheel.py
 
 check: quick analysis
 
