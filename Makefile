@@ -28,7 +28,7 @@ demo: $(STAMP)
 quick: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(PYTEST) -m cheap tests/test_rooms.py tests/test_settings.py tests/test_effects_once.py tests/test_guides.py
+	$(PYTEST) -m cheap tests/test_rooms.py tests/test_settings.py tests/test_effects_once.py tests/test_guides.py tests/test_size.py
 
 # All but the long variants.
 test: $(STAMP)
