@@ -38,6 +38,7 @@ def arm(model: Any, tapes: Mapping[str, Tape]) -> dict[str, object]:
         "contact": None if file.contact is None else {"x": file.contact.x, "effects": _values(file.contact.effects)},
         "controller": None if file.controller is None else asdict(file.controller),
         "lumps": [_lump(lump) for lump in model.lumps],
+        "open": [number._asdict() for number in model.open],
         "struct": [
             {"name": s.name, "unit": unit, "meaning": meaning, "default": default}
             for s, unit, meaning, default in zip(

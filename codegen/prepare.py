@@ -137,9 +137,9 @@ def prepare_firmware(
         from codegen import metadata
         from codegen.c.controller import Controller
         from codegen.firmware import source_tree
-        from symbolic.model import derive
+        from codegen.open_numbers import for_others
 
-        model = derive(arm)
+        model = for_others(arm, library)
         files = source_tree.firmware_files(model, library)
         _put(directory, files)
         (directory / "controller.json").write_text(metadata.text(Controller.of(model, library).document()), "utf-8")

@@ -18,6 +18,7 @@ from codegen.pages import BANNER, page
 from codegen.tape.tape import Tape, balanced
 from symbolic.effects.declaration import Effect
 from symbolic.functions import SymbolicFunction
+from symbolic.model_file.checks import open_lines
 
 if TYPE_CHECKING:
     from symbolic.model import ArmModel
@@ -42,7 +43,7 @@ def math_header(precision: Precision) -> str:
 
 def _c_files(
     name: str,
-    origin: str,
+    origin: Sequence[str],
     precision: Precision,
     types: Sequence[str],
     routines: Sequence[Routine],
@@ -52,11 +53,11 @@ def _c_files(
 ) -> dict[str, str]:
     """A source, its header and the mathematics.
 
-    includes   of the header     inner   routines that the source alone sees
+    origin     lines of the banner       includes   of the header     inner   routines that the source alone sees
     lanes      some routines compute several samples at once
     """
     stem = f"{name}_{precision.suffix}"
-    banner = f"/* {BANNER} {origin} */"
+    banner = c_code.comment(*origin)
     mathematics = f"tendon_{'lanes' if lanes else 'math'}_{precision.suffix}.h"
     return {
         f"{stem}.h": page(
@@ -83,13 +84,13 @@ def arm_files(model: ArmModel) -> dict[str, str]:
     name = model.arm.name
     if not word(name):
         raise ValueError(f'the arm\'s name "{name}" cannot be used in C; use letters, digits and _')
-    origin = f"Arm {name}."
+    origin = (f"{BANNER} Arm {name}.", *open_lines(model.open))
     tapes = {f.name: Tape.of(f) for f in model.functions}
     wide = {n: balanced(t) for n, t in tapes.items()} if model.arm.space else tapes
     begun = {f.continues.function for f in model.functions if f.continues is not None}
     files: dict[str, str] = {}
     for precision in (F32, F64):
-        routines = [c_code.defaults(name, model.struct, precision)]
+        routines = [c_code.defaults(name, model.struct, precision, [lump.name for lump in model.lumps if lump.lacks])]
         for function in model.functions:
             tape = tapes[function.name] if precision is F32 else wide[function.name]
             routines.append(c_code.call(name, function, tape, precision))
@@ -101,7 +102,7 @@ def arm_files(model: ArmModel) -> dict[str, str]:
     builders = [casadi_code.builder(function, tape=tapes[function.name]) for function in model.functions]
     files[f"{name}_casadi.py"] = page(
         "casadi/casadi.py.j2",
-        banner=f"# {BANNER} {origin}",
+        banner="# " + "\n# ".join(origin),
         title=f"The arm {name}: its equations, and what the model file gives them.",
         tables=casadi_code.arm_tables(model),
         functions=builders,
@@ -127,7 +128,8 @@ def controller_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str
     controller = Controller.of(model, library)
     stem = f"{model.arm.name}_controller_f32"
     contact = "controller_contact" if controller.has_contact_coordinates else "controller_no_contact"
-    holes = {"banner": f"/* {BANNER} Controller of the arm {model.arm.name}. */", **controller.holes}
+    banner = c_code.comment(f"{BANNER} Controller of the arm {model.arm.name}.", *open_lines(model.open))
+    holes = {"banner": banner, **controller.holes}
     return {
         f"{stem}.c": page("c/controller.c.j2", **holes, contact_phase=page(f"c/{contact}.c.j2", **holes).rstrip()),
         f"{stem}.h": page("c/controller.h.j2", **holes),
@@ -149,7 +151,7 @@ def arm_effect_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str
     for precision in (F32, F64):
         files |= _c_files(
             name,
-            f"Effects of the arm {model.arm.name}.",
+            (f"{BANNER} Effects of the arm {model.arm.name}.", *open_lines(model.open)),
             precision,
             types=effects.types(precision),
             routines=effects.routines(precision),
@@ -191,7 +193,7 @@ def residual_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
 def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
     """C (float, double, and double along samples), the CasADi module and effects.json of a library."""
     c_effects.check_names(effects)
-    origin = "The library of effects."
+    origin = (f"{BANNER} The library of effects.",)
     files: dict[str, str] = {}
     for precision in (F32, F64):
         routines = [routine for effect in effects for routine in c_effects.routines(effect, precision)]
@@ -206,7 +208,7 @@ def effect_files(effects: Sequence[Effect]) -> dict[str, str]:
     ]
     files["effects_casadi.py"] = page(
         "casadi/casadi.py.j2",
-        banner=f"# {BANNER} {origin}",
+        banner=f"# {origin[0]}",
         title="The effects: what each adds to the motor torque of a joint, and their memories.",
         tables=casadi_code.effect_tables(effects),
         functions=builders,

@@ -24,6 +24,7 @@ symbolic.controller_law
 
 codegen.pages codegen.disk
 codegen.tape codegen.effect_functions
+codegen.open_numbers
 codegen.monitor
 codegen.c
 codegen.casadi codegen.rust

@@ -16,6 +16,7 @@ import sympy as sp
 from codegen import effect_functions as ef
 from codegen.c import c_code, c_effects
 from codegen.c.c_code import Precision, Routine, comment, declaration, indent
+from codegen.open_numbers import open_values
 from codegen.tape.tape import Tape
 from symbolic.controller_law import Site, active
 from symbolic.effects.declaration import DT, SIGNALS, Effect
@@ -69,6 +70,11 @@ class ArmEffects:
         return 1 + sum(len(site.effect.states) for site in self.sites)
 
     @property
+    def open_values(self) -> list[str]:
+        """The values that the model file leaves open."""
+        return [s.symbol(p).name for s, p in open_values(self.model, self.library) if s in self.sites]
+
+    @property
     def _effects(self) -> list[Effect]:
         return list({site.effect.name: site.effect for site in self.sites}.values())
 
@@ -104,7 +110,7 @@ class ArmEffects:
     def routines(self, precision: Precision) -> list[Routine]:
         """Values of the model file, start, what the effects add, and step."""
         return [
-            c_code.defaults(self.model.arm.name, self.values, precision),
+            c_code.defaults(self.model.arm.name, self.values, precision, self.open_values),
             self._start(precision),
             self._add(precision),
             self._step(precision),
@@ -180,7 +186,7 @@ def _struct(model: ArmModel, sites: Sequence[tuple[Site, Mapping[str, float]]]) 
             site.symbol(p),
             p.unit.text("revolute" if site.joint is None else model.arm.joints[site.joint - 1].type),
             p.meaning,
-            values.get(p.name, p.default),
+            values.get(p.name, 0.0 if p.role == "linear" else p.default),
         )
         for site, values in sites
         for p in site.effect.parameters

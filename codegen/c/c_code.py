@@ -10,7 +10,7 @@ import keyword
 import re
 import struct
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -241,11 +241,15 @@ def struct_type(prefix: str, struct: Struct, precision: Precision) -> str:
     return "\n".join(["typedef struct {", *fields, f"}} {name};"])
 
 
-def defaults(prefix: str, struct: Struct, precision: Precision) -> Routine:
-    """The function that fills the struct with the model file's values; unknown ones are 0."""
+def defaults(prefix: str, struct: Struct, precision: Precision, left_open: Collection[str] = ()) -> Routine:
+    """The function that fills the struct with the model file's values; those without one are NaN.
+
+    left_open   names of further fields that the model file leaves open
+    """
+    unknown = f'__builtin_nan{"f" if precision is F32 else ""}("")'
     lines = [
-        f"    {struct.name}->{s.name} = {precision.language.literal(Fraction(value or 0.0))};"
-        + ("" if value is not None else f" {comment('not in the model file: to be set')}")
+        f"    {struct.name}->{s.name} = {unknown if value is None else precision.language.literal(Fraction(value))};"
+        + (f" {comment('not in the model file: to be set')}" if value is None or s.name in left_open else "")
         for s, value in zip(struct.symbols, struct.defaults, strict=True)
     ]
     name = f"{prefix}_default_{struct.name}_{precision.suffix}"

@@ -6,7 +6,7 @@ import functools
 import shutil
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -17,13 +17,15 @@ from codegen.c.controller import STATUS, Controller
 from codegen.firmware import protocol_text
 from codegen.firmware.messages import LARGEST
 from codegen.firmware.protocol import ACKS, NOT_READY, OUTRUN, REASONS, TELEMETRY_RECORDS, Protocol, records_of
+from codegen.open_numbers import open_links
 from codegen.pages import BANNER, MARK, page
 from codegen.toolchain import build, cross
 from codegen.toolchain.cross import HOST, TARGETS, Target, Toolchain
 from codegen.toolchain.stack import EXCEPTION_FRAME
 from symbolic.effects.declaration import Effect
 from symbolic.model import ArmModel
-from symbolic.model_file.checks import check_stated
+from symbolic.model_file.arm import OpenNumber
+from symbolic.model_file.checks import check_stated, open_lines
 
 TREE = Path(__file__).resolve().parent / "tree"
 
@@ -67,9 +69,10 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Map
     hashed = sorted({**equations, **files, **_messages(controller, protocol, 0)}.items())
     build = zlib.crc32("\0".join(part for item in hashed for part in item).encode())
     limits = {**vars(ceilings), "rows": " \\\n    " + ", \\\n    ".join(ceilings.rows())}
+    numbers = _numbers(protocol) | {"banner": comment(f"{BANNER} Numbers of the arm {name}.", *open_lines(model.open))}
     holes = {"banner_text": f"{BANNER} Link to the arm {name}.", **protocol_text.page_holes(protocol)}
     files |= {
-        "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **_numbers(protocol), ceilings=limits),
+        "src/tendon_arm.h": page("firmware/tendon_arm.h.j2", **numbers, ceilings=limits),
         **_messages(controller, protocol, build),
         "PROTOCOL.md": page("firmware/PROTOCOL.md.j2", **holes),
         "protocol.json": metadata.text(protocol.document(build)),
@@ -130,9 +133,10 @@ def firmware_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, 
     Raises ModelError if base inertial parameters are unknown.
     """
     name = model.arm.name
-    open_lumps = [lump.name for lump in model.lumps if lump.value is None]
-    check_stated(name, open_lumps, [joint.unknown for joint in model.arm.joints])
-    code = render.arm_files(model) | render.controller_files(model, library)
+    check_stated(name, *open_links(model))
+    # Without what is open in its banner: friction that is identified needs no other build.
+    bare = replace(model, open=())
+    code = render.arm_files(bare) | render.controller_files(bare, library)
     files = {f"src/{path}": text for path, text in code.items() if path.endswith(("_f32.c", "_f32.h"))}
     files |= {**handwritten_files(), **machine_files(model, library, files)}
     reasons = [(f"{r.text} (`{r.name}`)", r.criterion.replace("|", "\\|"), r.torque) for r in REASONS if r.torque]
@@ -221,15 +225,16 @@ def compile_host(directory: Path, files: Mapping[str, str], macros: Sequence[str
 @dataclass(frozen=True)
 class FirmwareTree:
     """The files of a firmware and their directory. An existing file without the banner belongs to the user and is
-    kept."""
+    kept. open: what the model file leaves open"""
 
     files: Mapping[str, str]
     directory: Path
+    open: tuple[OpenNumber, ...] = ()
 
     @classmethod
     def of(cls, model: ArmModel, library: Mapping[str, Effect], directory: Path) -> FirmwareTree:
         """An arm's firmware, for a directory."""
-        return cls(firmware_files(model, library), directory)
+        return cls(firmware_files(model, library), directory, model.open)
 
     @property
     def kept(self) -> tuple[str, ...]:

@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from math import prod
 
 from codegen import render
-from codegen.c import misra
+from codegen.c import c_code, misra
 from codegen.c.arm_effects import ArmEffects
 from codegen.pages import BANNER, page
 from codegen.toolchain import build
 from symbolic.effects.declaration import Effect
 from symbolic.functions import Argument, Output, Struct, SymbolicFunction
 from symbolic.model import ArmModel
+from symbolic.model_file.checks import open_lines
 
 _PEOPLES = {"inertia": "mass_matrix", "tip_jacobian": "jacobian"}
 """Functions that have another name for people than in C; the package `tendon` has the same."""
@@ -32,9 +33,10 @@ def package_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, s
     functions = [_holes(f) for f in model.functions]
     left_out = [f"{site} reads {reads} and is left out." for site, reads in effects.left_out]
     holes = {
-        "banner": f"/* {BANNER} Arm {name}. */",
+        "banner": c_code.comment(f"{BANNER} Arm {name}.", *open_lines(model.open)),
         "banner_text": f"{BANNER} Arm {name}.",
         "title": f"The equations of the arm {name}.",
+        "open": open_lines(model.open),
         "name": name,
         "NAME": name.upper(),
         "n": len(labels),
@@ -44,8 +46,8 @@ def package_files(model: ArmModel, library: Mapping[str, Effect]) -> dict[str, s
     }
     cpp = {
         "joint_names": [json.dumps(label) for label in labels],
-        "open_parameters": _open(model.struct),
-        "open_values": _open(effects.values),
+        "open_parameters": [json.dumps(lump.name) for lump in model.lumps if lump.lacks],
+        "open_values": [json.dumps(name) for name in effects.open_values],
     }
     python = {
         "joints": [json.dumps(label) for label in labels],
@@ -104,10 +106,6 @@ def _holes(function: SymbolicFunction) -> dict[str, object]:
 def _line(value: Argument | Output) -> str:
     shape = f" ({', '.join(map(str, value.shape))})" if value.shape else ""
     return f"{value.name}{shape} {value.unit}: {value.meaning}".replace("\\", "/")
-
-
-def _open(struct: Struct) -> list[str]:
-    return [f'"{s.name}"' for s, x in zip(struct.symbols, struct.defaults, strict=True) if x is None]
 
 
 def _values(struct: Struct) -> dict[str, str]:

@@ -8,6 +8,7 @@ from codegen.tape.printers import Language, Printer, float64
 from codegen.tape.tape import Tape
 from symbolic.functions import Argument, SymbolicFunction
 from symbolic.model import ArmModel
+from symbolic.model_file.checks import open_lines
 
 _WORDS = (
     "abstract as async await become box break const continue crate do dyn else enum extern f64 false final fn for if "
@@ -37,7 +38,8 @@ def rust_files(model: ArmModel) -> dict[str, str]:
         for s, unit, meaning, value in zip(struct.symbols, struct.units, struct.meanings, struct.defaults, strict=True)
     ]
     functions = [_holes(function) for function in model.functions]
-    return {f"{name}.rs": page("rust/rust.rs.j2", banner=BANNER, name=name, fields=fields, functions=functions)}
+    banner = "\n// ".join((BANNER, *open_lines(model.open)))
+    return {f"{name}.rs": page("rust/rust.rs.j2", banner=banner, name=name, fields=fields, functions=functions)}
 
 
 def _holes(function: SymbolicFunction) -> dict[str, object]:

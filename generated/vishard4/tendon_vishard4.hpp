@@ -79,7 +79,7 @@ inline constexpr std::array<const char *, joints> joint_names = {
     "joint2",
     "joint3",
     "joint4"};
-/// What the model file leaves open: set these fields before use.
+/// What the model file leaves open: set these fields before use. What is not taken as 0 is NaN.
 inline constexpr std::array<const char *, 0> open_parameters = {
     };
 inline constexpr std::array<const char *, 0> open_effect_values = {

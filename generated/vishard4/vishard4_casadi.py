@@ -91,11 +91,15 @@ EFFECTS = {
 def parameters(**changed):
     """The vector (16,) that every function takes first: the values of the model file, but for those given.
 
-    For example parameters(J1=0.5); a value may be a CasADi symbol. ValueError for a name that is none.
+    For example parameters(J1=0.5); a value may be a CasADi symbol. ValueError for a name that is none and for a
+    value that is missing.
     """
     if unknown := sorted(changed.keys() - PARAMETERS.keys()):
         raise ValueError(f"vishard4 has no parameter {', '.join(unknown)}; it has {', '.join(PARAMETERS)}")
-    return ca.vertcat(*(changed.get(name, value) for name, (value, _, _) in PARAMETERS.items()))
+    found = {name: changed.get(name, value) for name, (value, _, _) in PARAMETERS.items()}
+    if missing := [name for name, value in found.items() if value is None]:
+        raise ValueError(f"vishard4 needs a value of {', '.join(missing)}, which the model file leaves open")
+    return ca.vertcat(*found.values())
 
 
 def _power(x, p):

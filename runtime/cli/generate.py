@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from msgspec.structs import astuple
 
 from runtime.cli import completion
 from runtime.cli.inputs import check_own, opened
@@ -12,6 +13,7 @@ from runtime.cli.options import Check, EffectsFile, GeneratedDir, Json, ModelFil
 from runtime.cli.output import NO, emit
 from runtime.documents.generated import AddDocument, GenerateDocument
 from runtime.workspace.generated import render_all, verified
+from symbolic.model_file.checks import open_lines
 
 app = typer.Typer()
 
@@ -23,15 +25,19 @@ def generate(
     check: Check = False,
     effects: EffectsFile = None,
     rust: Annotated[bool, typer.Option("--rust", help="Also the equations as a module in Rust, NAME.rs.")] = False,
+    even_open: Annotated[
+        bool, typer.Option("--open", help="Also where a link's numbers are open or D is not positive definite.")
+    ] = False,
     json: Json = None,
 ) -> None:
     """The library of effects is written beside it, into ../effects
-    (of arms in space effects_space, with effects of your own effects_own)."""
+    (of arms in space effects_space, with effects of your own effects_own).
+    A rotor that the model file leaves open is taken as 0."""
     from runtime.report import models, terminal
 
     source = opened(model, effects)
     with terminal.working(f"deriving {source.arm().name}"):
-        rendered = render_all(source, out, effects, rust)
+        rendered = render_all(source, out, effects, rust=rust, even_open=even_open)
     stale = rendered.stale() if check else []
     if not check:
         rendered.write()
@@ -77,16 +83,17 @@ def add(
     name = source.edits.name_of_next(effect, number)
     edits = source.edits.add(effect, number)
     with working(f"deriving {source.arm().name}"):
-        rendered = render_all(source.with_text(edits.text), out, effects)  # raises before anything is written
+        # Raises before anything is written. That an effect is added does not wait for the links' numbers.
+        rendered = render_all(source.with_text(edits.text), out, effects, even_open=True)
     with edits.written():
         rendered.write()
     added = name if number is None else f"{name}@{number}"
     document = rendered.document().as_part_of(AddDocument, model=str(model), added=added)
 
-    def show(_: AddDocument) -> None:
+    def show(document: AddDocument) -> None:
         from runtime.report.terminal import say
 
-        say(f"{model}: {added} added; {rendered.directory} regenerated")
+        say(f"{model}: {added} added; {rendered.directory} regenerated", *open_lines(map(astuple, document.open)))
 
     emit(json, document, show)
 

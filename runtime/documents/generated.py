@@ -12,6 +12,14 @@ from runtime.documents.parts import Document, key
 Directory = Annotated[str, key("directory of the generated files")]
 
 
+class OpenEntry(Document, frozen=True, kw_only=True):
+    """A number that the model file leaves open."""
+
+    joint: Annotated[int | None, key("its joint, from 1; null: of the whole arm or its contact")]
+    parameter: Annotated[str, key("key of the model file; of an effect `effect.parameter`")]
+    value: Annotated[float | None, key("what generated code takes for it, 0 for a rotor; null: nothing", "SI")]
+
+
 class GeneratedFiles(Document, frozen=True, kw_only=True):
     """Generated code of an arm."""
 
@@ -20,6 +28,7 @@ class GeneratedFiles(Document, frozen=True, kw_only=True):
     effects_directory: Annotated[str, key("directory of the library of effects")]
     files: Annotated[list[str], key("generated files")]
     effects_files: Annotated[list[str], key("files of the library of effects")]
+    open: Annotated[list[OpenEntry], key("what the model file leaves open")]
     operations: Annotated[
         dict[str, dict[str, int]], key("operations of each generated function by kind; arithmetic: their sum", "1")
     ]
@@ -165,6 +174,7 @@ class FirmwareDocument(Document, frozen=True, kw_only=True):
     files: Annotated[list[str] | UnsetType, key("generated files")] = UNSET
     kept: Annotated[list[str] | UnsetType, key("files of the user's that were left as they are")] = UNSET
     stale: Annotated[list[str], key("files that --check found out of date")]
+    open: Annotated[list[OpenEntry] | UnsetType, key("what the model file leaves open")] = UNSET
     build: Annotated[BuildEntry | UnsetType, key("what was compiled")] = UNSET
     monitor: Annotated[MonitorEntry | UnsetType, key("with [monitor]: of the model on the board")] = UNSET
     missed: Annotated[list[MissedEntry] | UnsetType, key("with --monitor: joints whose model the recordings miss")] = (

@@ -127,13 +127,14 @@ class EffectResult(MadeResult[EffectDocument]):
         return self.made.parameters
 
 
-def generate(arm: LoadedArm, directory: PathOrText | None = None) -> GenerationResult:
+def generate(arm: LoadedArm, directory: PathOrText | None = None, open: bool = False) -> GenerationResult:
     """Write the arm's C and CasADi code into a directory, and the library of effects beside it, into `effects`, of arms
     in space `effects_space`, with effects of your own `effects_own`.
 
     directory   None: generated/NAME     Raises ValueError, OSError.
+    open        also where a link's numbers are open or D is not positive definite; an open rotor is taken as 0
     """
-    rendered = render_all(arm.source, None if directory is None else Path(directory), None)
+    rendered = render_all(arm.source, None if directory is None else Path(directory), None, even_open=open)
     rendered.write()
     return GenerationResult(rendered.document().as_part_of(GenerateDocument, stale=[]))
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 
+from msgspec.structs import astuple
+
 from runtime.documents.diagnosis import CommandEntry
 from runtime.documents.generated import ComparedFunction, FirmwareDocument, GenerateDocument, VerifyDocument
 from runtime.documents.models import (
@@ -21,6 +23,7 @@ from runtime.documents.parts import given
 from runtime.model.loader import Model
 from runtime.report.sections import Commands, Paragraph, Section, table, texts, words
 from runtime.wording import number, percent, quantity, times_floor
+from symbolic.model_file.checks import open_lines
 
 _MOST_NUMBERS = 7
 """Numbers of a vector that a cell of a table has room for."""
@@ -134,6 +137,7 @@ def firmware_lines(document: FirmwareDocument) -> list[str]:
     if document.kept:
         lines.append(f"not generated, left as they are: {', '.join(document.kept)}")
     lines += [
+        *open_lines(map(astuple, given(document.open) or ())),
         ", ".join(build.outputs),
         f"compiled for {build.target} by {build.toolchain.version} ({build.toolchain.why})",
     ]
@@ -224,6 +228,7 @@ def generated_lines(document: GenerateDocument) -> list[str]:
         "inverse dynamics: " + ", ".join(f"{value} {kind}" for kind, value in count.items() if value),
         f"C++: tendon_{name}.hpp, by CMake find_package(tendon_{name}); Python: pip install "
         f"{_as_folder(document.directory)}; Rust: {rust}",
+        *open_lines(map(astuple, document.open)),
     ]
 
 

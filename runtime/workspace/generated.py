@@ -12,7 +12,7 @@ from msgspec import UNSET, convert
 from msgspec.json import decode
 from msgspec.structs import replace
 
-from runtime.documents.generated import BuildEntry, FirmwareDocument, GeneratedFiles, VerifyDocument
+from runtime.documents.generated import BuildEntry, FirmwareDocument, GeneratedFiles, OpenEntry, VerifyDocument
 from runtime.progress import each
 from runtime.workspace.names import ARMS, UsageError, check_unchanged
 from runtime.workspace.source import Source
@@ -64,27 +64,31 @@ class Rendered:
             files.replace(self.directory / NOTE, f"{self.made_from}\n".encode())
 
     def document(self) -> GeneratedFiles:
-        functions = loads(self.files["metadata.json"])["functions"]
+        described = loads(self.files["metadata.json"])
         return GeneratedFiles(
             name=self.name,
             directory=str(self.directory),
             effects_directory=str(self.beside),
             files=sorted(self.files),
             effects_files=sorted(self.effect_files),
-            operations={name: function["operations"] for name, function in functions.items()},
+            open=convert(described["open"], list[OpenEntry]),
+            operations={name: function["operations"] for name, function in described["functions"].items()},
         )
 
 
-def render_all(source: Source, out: Path | None, effects: Path | None, rust: bool = False) -> Rendered:
-    """All generated files of an arm; effects: the user's file of effects; rust: with a module in Rust, which is kept up
-    to date once it is there.
+def render_all(
+    source: Source, out: Path | None, effects: Path | None, *, rust: bool = False, even_open: bool = False
+) -> Rendered:
+    """All generated files of an arm.
 
-    Raises UsageError where a generated file would replace one of the two files that are read.
+    effects     the user's file of effects     rust   with a module in Rust, which is kept up to date once it is there
+    even_open   also where numbers of links are open or D is not positive definite
+    Raises ModelError otherwise, and UsageError where a generated file would replace one of the two that are read.
     """
     from codegen import disk, render
+    from codegen.open_numbers import for_others
     from codegen.package.package import package_files
     from codegen.rust.rust_code import rust_files
-    from symbolic.model import derive
 
     arm = source.arm()
     directory = out if out is not None else own_directory(source, arm.name)
@@ -94,7 +98,7 @@ def render_all(source: Source, out: Path | None, effects: Path | None, rust: boo
     check_directory(directory)
     check_directory(beside)
     library = source.compiled.library
-    model = derive(arm)
+    model = for_others(arm, library, even_open)
     files = package_files(model, library)
     if rust or disk.has_banner(directory / f"{arm.name}.rs"):
         files |= rust_files(model)
@@ -147,6 +151,7 @@ def firmware_of(source: Source, out: Path | None, target: str, toolchain: str | 
         files=sorted(tree.files),
         kept=list(tree.kept),
         stale=[],
+        open=[OpenEntry(**number._asdict()) for number in tree.open],
         build=replace(built, outputs=[str(place / path) for path in built.outputs]),
         monitor=UNSET if (entry := monitor_entry(source)) is None else entry,
     )

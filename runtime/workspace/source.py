@@ -170,9 +170,9 @@ class CompiledArm:
     def firmware_tree(self, directory: Path) -> FirmwareTree:
         """The source files of the arm's firmware, to be written into a directory."""
         from codegen.firmware.source_tree import FirmwareTree
-        from symbolic.model import derive
+        from codegen.open_numbers import for_others
 
-        return FirmwareTree.of(derive(self.arm), self.library, directory)
+        return FirmwareTree.of(for_others(self.arm, self.library), self.library, directory)
 
 
 def effects_library(effects_file: Path | None, space: bool) -> dict[str, Effect]:

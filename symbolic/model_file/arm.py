@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 ROTOR = "rotor_inertia"
 """The model file's key for a rotor's inertia."""
@@ -34,6 +34,19 @@ class ProposedValue:
     key: str
     value: float
     why: str
+
+
+class OpenNumber(NamedTuple):
+    """A number that the model file leaves out, and that no identified base parameter replaces.
+
+    joint       counted from 1; None: of the whole arm or its contact
+    parameter   key of the model file, of an effect `effect.parameter`
+    value       what generated code takes for it; None: nothing
+    """
+
+    joint: int | None
+    parameter: str
+    value: float | None
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import re
 import select
 import stat
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NoReturn
@@ -95,24 +95,41 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return close[0] if close else None
 
 
-def check_stated(name: str, open_lumps: Sequence[str], unknown_keys: Sequence[Sequence[str]]) -> None:
+def check_stated(
+    name: str,
+    open_lumps: Sequence[str],
+    unknown_keys: Sequence[Sequence[str]],
+    otherwise: str = "let tendon init --controller MODEL propose rotors",
+) -> None:
     """Raise ModelError where base inertial parameters are unknown because the model file omits numbers.
 
-    open_lumps     names of the unknown base parameters     unknown_keys   omitted keys, by joint
+    open_lumps   names of the unknown base parameters     unknown_keys   omitted keys, by joint
+    otherwise    what else the user may do
     """
     if not open_lumps:
         return
-    lacking: dict[tuple[str, ...], list[str]] = {}
-    for joint, keys in enumerate(unknown_keys, 1):
-        if keys:
-            lacking.setdefault(tuple(keys), []).append(str(joint))
-    places = ((f"joint{'s' if len(at) > 1 else ''} {', '.join(at)}", keys) for keys, at in lacking.items())
-    left_out = "; ".join(f"{place}: {', '.join(keys)}" for place, keys in places)
+    left_out = _by_joints(dict(enumerate(unknown_keys, 1)))
     raise ModelError(
         f"{name}: this needs numbers that the model file leaves out ({left_out}); base parameters that depend on them: "
-        f"{', '.join(open_lumps)}; state them, identify them (tendon identify MODEL RECORDING --write), or let tendon "
-        "init --controller MODEL propose rotors"
+        f"{', '.join(open_lumps)}; state them, identify them (tendon identify MODEL RECORDING --write), or {otherwise}"
     )
+
+
+def open_lines(numbers: Iterable[tuple[int | None, str, float | None]]) -> list[str]:
+    """What a model file leaves open (OpenNumber), a line each for what is taken as 0 and for what has no value."""
+    groups: dict[str, dict[int, list[str]]] = {"taken as 0": {}, "without a value": {}}
+    for joint, parameter, value in numbers:
+        groups["without a value" if value is None else "taken as 0"].setdefault(joint or 0, []).append(parameter)
+    return [f"left open, {text}: {_by_joints(keys)}" for text, keys in groups.items() if keys]
+
+
+def _by_joints(keys: Mapping[int, Sequence[str]]) -> str:
+    """Keys by joint, those of several joints together; 0: of none."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for joint, own in keys.items():
+        alike.setdefault(tuple(own), []).append(str(joint))
+    at = {own: f"joint{'s' if len(of) > 1 else ''} {', '.join(of)}" for own, of in alike.items() if own}
+    return "; ".join(f"{place.replace('joint 0', 'arm')}: {', '.join(own)}" for own, place in at.items())
 
 
 def unknown(place: Place, what: str, key: str, known: tuple[str, ...]) -> NoReturn:

@@ -21,7 +21,7 @@ from typing import Any
 import sympy as sp
 
 from symbolic.functions import Notes, OperationCounter, Residues, Turn, random_turn, residue
-from symbolic.model_file.arm import Arm
+from symbolic.model_file.arm import ROTOR, Arm
 from symbolic.model_file.checks import ModelError, nearest
 from symbolic.rigid_body.newton_euler import Chain, Gravity, Lumps, inverse_dynamics, motion, torques
 
@@ -37,20 +37,30 @@ Parameters = Mapping[Column, Fraction | None]
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """values: the base parameters in order, None where unknown; merged: each one's (column, coefficient) pairs."""
+    """values: the base parameters in order, None where unknown; merged: each one's (column, coefficient) pairs.
+
+    stated   the sums of the known parts     lacking   the unknown parts
+    """
 
     values: dict[Column, Fraction | None]
     merged: dict[Column, tuple[tuple[Column, Fraction], ...]]
+    stated: dict[Column, Fraction]
+    lacking: dict[Column, tuple[Column, ...]]
 
     @classmethod
     def of(cls, parts: Mapping[Column, Sequence[tuple[Column, Fraction]]], values: Parameters) -> BaseParameters:
         """The base parameters that consist of these parts. values: of the parts, None where unknown."""
-        sums: dict[Column, Fraction | None] = {}
-        for base, own in parts.items():
-            known = [(values[column], factor) for column, factor in own]
-            unknown = any(value is None for value, _ in known)
-            sums[base] = None if unknown else sum((value * factor for value, factor in known if value), Fraction(0))
-        return cls(sums, {base: tuple(own) for base, own in parts.items()})
+        lacking = {base: tuple(c for c, _ in own if values[c] is None) for base, own in parts.items()}
+        stated = {base: sum(((values[c] or 0) * f for c, f in own), Fraction(0)) for base, own in parts.items()}
+        known = {base: None if lacking[base] else value for base, value in stated.items()}
+        return cls(known, {base: tuple(own) for base, own in parts.items()}, stated, lacking)
+
+    def described(self, lump: Lump, column: Column, arm: Arm, scale: Fraction = Fraction(1)) -> Lump:
+        """The lump of a base parameter with its value, times `scale`, and what that lacks."""
+        stated, lacking = float(self.stated[column] * scale), self.lacking[column]
+        keys = {(i + 1, k) for kind, i in lacking for k in arm.joints[i].unknown if (k == ROTOR) == (kind == "I")}
+        links = stated if all(kind == "I" for kind, _ in lacking) else None
+        return replace(lump, value=None if lacking else stated, lacks=tuple(sorted(keys)), links=links)
 
 
 def exact(value: float) -> Fraction:
@@ -268,6 +278,8 @@ class Lump:
 
     joint   1-based
     value   from the model file; None where it depends on a number that the file omits
+    lacks   these numbers: joint (1-based) and key; none where the value was identified
+    links   value without the rotors that it lacks; None where it lacks a number of a link
     parts   of a spatial arm: (joint, parameter of recursion.INERTIA or "I" for the rotor, factor)
     """
 
@@ -275,8 +287,10 @@ class Lump:
     unit: str
     meaning: str
     joint: int
-    value: float | None
+    value: float | None = None
     parts: tuple[tuple[int, str, Fraction], ...] = ()
+    lacks: tuple[tuple[int, str], ...] = ()
+    links: float | None = None
 
 
 def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tuple[Lump, ...]:
@@ -286,7 +300,7 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tupl
     """
     scale = exact(arm.lengths[layout.reference - 1]) if layout.reference else Fraction(1)
     lumps = []
-    for (kind, i), value in base.values.items():
+    for kind, i in base.values:
         sliding = arm.joints[i].type == "prismatic"
         power = layout.metres(kind)
         name = f"{'M' if sliding and kind == 'mu' else kind}{i + 1}"
@@ -294,9 +308,8 @@ def named_lumps(arm: Arm, base: BaseParameters, layout: RecursionLayout) -> tupl
         unit = "kg m^2" if power else own
         note = f", times l{layout.reference}{'^2' if power == 2 else ''}" if power else ""
         also = ", rotor included" if kind != "I" and any(c == ("I", i) for c, _ in base.merged[kind, i]) else ""
-        stated = None if value is None else float(value * scale**power)
         text = _meaning(kind, i + 1, sliding, len(arm.joints)) + also + note
-        lumps.append(Lump(name, unit, text, joint=i + 1, value=stated))
+        lumps.append(base.described(Lump(name, unit, text, joint=i + 1), (kind, i), arm, scale**power))
     return overridden(arm, lumps)
 
 
@@ -310,7 +323,9 @@ def overridden(arm: Arm, lumps: Sequence[Lump]) -> tuple[Lump, ...]:
             raise ModelError(
                 f'{arm.name}: inertial: unknown base parameter "{name}"{hint} (this arm has {", ".join(names)})'
             )
-    return tuple(replace(lump, value=arm.inertial.get(lump.name, lump.value)) for lump in lumps)
+    return tuple(
+        replace(lump, value=arm.inertial[lump.name], lacks=()) if lump.name in arm.inertial else lump for lump in lumps
+    )
 
 
 def _meaning(kind: str, joint: int, sliding: bool, n: int) -> str:

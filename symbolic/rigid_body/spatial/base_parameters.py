@@ -208,23 +208,21 @@ def named_lumps(arm: Arm, base: BaseParameters, merged: Merging) -> tuple[Lump, 
     Raises ModelError for an identified value whose name this arm does not have.
     """
     lumps = []
-    for column, value in base.values.items():
+    for column in base.values:
         kind, i = column
         parts = base.merged[column]
         # A link that only turns about its joint's direction: XX and YY act as one.
         about_z = kind == "xx" and merged.terms["yy", i] == {column: 1}
         name = "I" if kind == ROTOR else "ZZ" if about_z else NAMES[kind]
         sliding = arm.joints[i].type == "prismatic"
-        lumps.append(
-            Lump(
-                f"{name}{i + 1}",
-                {"I": "kg" if sliding else "kg m^2", "M": "kg"}.get(name, "kg m" if name[0] == "M" else "kg m^2"),
-                _meaning(name, i + 1) + (", with what merges into it" if len(parts) > 1 else ""),
-                joint=i + 1,
-                value=None if value is None else float(value),
-                parts=tuple((j + 1, own, factor) for (own, j), factor in parts),
-            )
+        lump = Lump(
+            f"{name}{i + 1}",
+            {"I": "kg" if sliding else "kg m^2", "M": "kg"}.get(name, "kg m" if name[0] == "M" else "kg m^2"),
+            _meaning(name, i + 1) + (", with what merges into it" if len(parts) > 1 else ""),
+            joint=i + 1,
+            parts=tuple((j + 1, own, factor) for (own, j), factor in parts),
         )
+        lumps.append(base.described(lump, column, arm))
     return overridden(arm, lumps)
 
 
