@@ -40,10 +40,8 @@ def for_others(arm: Arm, library: Mapping[str, Effect], even_open: bool = False)
         anyway = "take the code as it is: tendon generate --open"
         check_stated(arm.name, *open_links(model), anyway)
         if (pose := _indefinite(model)) is not None:
-            said = "; ".join(
-                [f"{arm.name}: {pose}", *open_lines(numbers), "correct mass, com and inertia of the links"]
-            )
-            raise ModelError(f"{said}, or {anyway}")
+            said = [f"{arm.name}: {pose}", *open_lines(numbers), "state what is open or correct the links' numbers"]
+            raise ModelError(f"{'; '.join(said)}, or {anyway}")
     return replace(model, open=numbers)
 
 
