@@ -74,9 +74,9 @@ def on_cores(count: int) -> AbstractContextManager[None]:
     return _with(_cores, count)
 
 
-def within(seconds: float) -> AbstractContextManager[None]:
-    """Within, work is late once so many seconds have passed, or those of a budget around this one."""
-    return _with(_until, min(_until.get(), time.monotonic() + seconds))
+def within(seconds: float | None) -> AbstractContextManager[None]:
+    """Within, work is late once so many seconds have passed, or those of a limit around this one; None: no limit."""
+    return _with(_until, _until.get() if seconds is None else min(_until.get(), time.monotonic() + seconds))
 
 
 @contextmanager

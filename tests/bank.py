@@ -177,7 +177,7 @@ class KeptVerbs:
         patch.setattr("runtime.diagnosis.stages.diagnose", self._diagnose)
         patch.setattr("runtime.loop.improve.propose", self._propose)
 
-    def _diagnose(self, _: Model, recordings: Sequence[Recording], wider: Wider, budget: float) -> Diagnosis:  # noqa: ARG002
+    def _diagnose(self, _: Model, recordings: Sequence[Recording], wider: Wider, budget: int) -> Diagnosis:  # noqa: ARG002
         self.asked = wider.__self__, recordings
         return kept(diagnosed_by, *self.asked)
 

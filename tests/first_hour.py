@@ -44,7 +44,6 @@ class Machine:
     def commands(self, fitted: Path, held_out: Path | None, options: str) -> list[str]:
         """As they are typed: init or import, inspect, improve with what is held out and the report."""
         held = f" --held-out {held_out}" if held_out else ""
-        held += " --budget 999"  # s, on a machine that does other work, too
         return [
             f"{self.begun} --out machine.toml",
             f"inspect {fitted} machine.toml{options}",

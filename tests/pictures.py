@@ -41,8 +41,6 @@ REAL = {
 _SECTION = re.compile(r"!\[([^\]:]+)[^\]]*\]\(\S*/gallery/(\w+)\.svg\)(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 _EMBEDDED = re.compile(r"(data:image/png;base64,)([^\"]+)")
 _COLOURS = 24
-_BUDGET = 3600.0
-"""s; so much that a busy computer draws the same."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,7 @@ class GalleryPicture:
     def improved(self) -> tendon.ImprovementResult:
         """What is added to the model of a real machine."""
         fitted, held_out = (DATA / path for path in REAL[self.name])
-        return tendon.improve(tendon.load(self.name), fitted, held_out=held_out, budget=_BUDGET)
+        return tendon.improve(tendon.load(self.name), fitted, held_out=held_out)
 
     def _diagnosed(self) -> tendon.DiagnosisResult:
         """The diagnosis of what the commands simulate: `tendon simulate ARM ...`, `tendon diagnose ARM FILE ...`."""
@@ -77,7 +75,7 @@ class GalleryPicture:
             run(app, [str(path) if word == file else word for word in simulated])
             arm = tendon.load(model)
             columns = dict(option.split("=", 1) for option in options if option != "--map")
-            return tendon.diagnose(arm, tendon.recording(path, arm, columns), budget=_BUDGET)
+            return tendon.diagnose(arm, tendon.recording(path, arm, columns))
 
 
 def gallery() -> list[GalleryPicture]:

@@ -123,7 +123,7 @@ def test_the_source_of_the_reference_of_python_can_be_read(site: Path) -> None:
 def test_every_verb_has_a_section_with_its_options() -> None:
     text = references.verbs()
     assert re.search(r"^### tendon diagnose$", text, re.MULTILINE)
-    assert "| `--budget SECONDS` | Time that it may take; what is left out is said. | 60.0; x>=0.0 |" in text
+    assert "| `--budget N` | Refits that the search may try. | 1000; x>=0 |" in text
 
 
 def test_the_agents_table_is_that_of_the_verbs() -> None:

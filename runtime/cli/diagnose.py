@@ -19,11 +19,13 @@ from runtime.cli.options import (
     ModelFile,
     Recordings,
     Report,
+    TimeLimit,
 )
 from runtime.cli.output import NO, emit, write_page
 from runtime.cli.places import WRITTEN
-from runtime.diagnosis.settings import BUDGET_S
+from runtime.diagnosis.settings import BUDGET
 from runtime.documents.diagnosis import DraftEntry
+from runtime.progress import within
 from runtime.workspace.names import UsageError
 
 if TYPE_CHECKING:
@@ -47,10 +49,12 @@ def diagnose(
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
-    budget: Budget = BUDGET_S,
+    budget: Budget = BUDGET,
+    time_limit: TimeLimit = None,
     json: Json = None,
 ) -> None:
-    """Exit status 1 if the verdict is "unexplained" or "refused"."""
+    """Exit status 1 if the verdict is "unexplained" or "refused", or if
+    the search was cut."""
     from runtime.report import loop, terminal
 
     if draft is not None:
@@ -60,10 +64,10 @@ def diagnose(
             raise UsageError(f"{draft}: already exists and is not a draft; choose another name")
     typed = TypedInputs(model, recordings, effects=effects, maps=maps, allow_gaps=allow_gaps)
     source, data, loaded = typed.read()
-    invocation = typed.invocation(source, typed.provenance("diagnose", source, budget))
+    invocation = typed.invocation(source, typed.provenance("diagnose", source))
     from runtime.diagnosis.stages import diagnose as diagnosed
 
-    with terminal.working("looking for missing effects"):
+    with terminal.working("looking for missing effects"), within(time_limit):
         result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses, budget=budget)
     from runtime.report.summary import ResultSummary
 
@@ -76,7 +80,7 @@ def diagnose(
         document = replace(document, **_drafted(source, result, draft, invocation, reading=options))
     emit(json, document, terminal.printer(loop.sections))
     write_page(report, summary, json)
-    if result.verdict in ("unexplained", "refused"):
+    if result.verdict in ("unexplained", "refused") or result.search.ended != "complete":
         raise typer.Exit(NO)
 
 

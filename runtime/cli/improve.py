@@ -11,11 +11,23 @@ import typer
 
 from runtime import files
 from runtime.cli.inputs import TypedInputs, check_own
-from runtime.cli.options import AllowGaps, Budget, EffectsFile, HeldOut, Json, Map, ModelFile, Recordings, Report
+from runtime.cli.options import (
+    AllowGaps,
+    Budget,
+    EffectsFile,
+    HeldOut,
+    Json,
+    Map,
+    ModelFile,
+    Recordings,
+    Report,
+    TimeLimit,
+)
 from runtime.cli.output import NO, emit, write_page
 from runtime.cli.places import FILLED, WRITTEN
-from runtime.diagnosis.settings import BUDGET_S
+from runtime.diagnosis.settings import BUDGET
 from runtime.documents.replays import ReplayStep
+from runtime.progress import within
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import Source
 
@@ -40,14 +52,16 @@ def improve(
     maps: Map = None,
     allow_gaps: AllowGaps = False,
     effects: EffectsFile = None,
-    budget: Budget = BUDGET_S,
+    budget: Budget = BUDGET,
+    time_limit: TimeLimit = None,
     replayed: Annotated[
         bool, typer.Option("--replay", help="Let the recorded torques drive each model, and compare the motions.")
     ] = False,
     json: Json = None,
 ) -> None:
     """Fits, diagnoses, adds and fits again; nothing is written
-    without --write or --out. Exit status 1 if the data are refused."""
+    without --write or --out. Exit status 1 if the data are refused or
+    the search was cut."""
     from runtime.report import loop, terminal
 
     if write and out:
@@ -61,10 +75,11 @@ def improve(
     source, data, _ = typed.read()
     if write or out:
         typed.check_side(source, data)
-    provenance = typed.provenance("improve", source, budget)
+    provenance = typed.provenance("improve", source)
     invocation = typed.invocation(source, provenance, model if write else out)
     fitted, kept = data[: len(recordings)], data[len(recordings) :]
-    result, summary = improved_summary(source, fitted, kept, invocation, budget)
+    with within(time_limit):
+        result, summary = improved_summary(source, fitted, kept, invocation, budget)
     if replayed:
         with terminal.working("replaying"):
             summary = replace(summary, replays=replays_of(result, fitted, kept))
@@ -77,7 +92,7 @@ def improve(
     elif out:
         files.replace(out, result.model_text.encode())
     write_page(report, summary, json)
-    if result.found.verdict == "refused":
+    if result.found.verdict == "refused" or result.left.search.ended != "complete":
         raise typer.Exit(NO)
 
 
@@ -98,15 +113,19 @@ def demo(
     source = Source(out / "drive.toml", Source.shipped("drive").text)
     data = source.recordings(paths)
     typed = TypedInputs(Path("drive"), paths[:1], paths[1:])
-    invocation = typed.invocation(source, typed.provenance("demo", source, BUDGET_S), source.path)
-    result, summary = improved_summary(source, data[:1], data[1:], invocation, BUDGET_S)
+    invocation = typed.invocation(source, typed.provenance("demo", source), source.path)
+    result, summary = improved_summary(source, data[:1], data[1:], invocation)
     files.replace(source.path, result.model_text.encode())
     emit(json, summary.document, terminal.printer(loop.sections))
     write_page(out, summary, json)
 
 
 def improved_summary(
-    source: Source, fitted: list[Recording], held_out: list[Recording], invocation: Invocation, budget: float
+    source: Source,
+    fitted: list[Recording],
+    held_out: list[Recording],
+    invocation: Invocation,
+    budget: int = BUDGET,
 ) -> tuple[Improvement, ResultSummary]:
     """The result of improve, and its summary."""
     from runtime.loop.improve import floors

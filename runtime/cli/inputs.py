@@ -98,7 +98,7 @@ class TypedInputs:
                     f"nothing is written; {stated} a copy of {source.path}, and write into that"
                 )
 
-    def provenance(self, verb: str, source: Source, budget: float | None = None) -> Provenance:
+    def provenance(self, verb: str, source: Source) -> Provenance:
         """What a result of a verb is made from, before it is made. Raises OSError."""
         return made_from(
             verb,
@@ -109,7 +109,6 @@ class TypedInputs:
             effects=self.effects,
             maps=self.maps or (),
             allow_gaps=self.allow_gaps,
-            budget=budget,
         )
 
     def invocation(self, source: Source, provenance: Provenance, improved: Path | None = None) -> Invocation:
@@ -142,7 +141,6 @@ def made_from(
     effects: Path | None = None,
     maps: Sequence[str] = (),
     allow_gaps: bool = False,
-    budget: float | None = None,
 ) -> Provenance:
     """What a result of the command that runs is made from, before it is made.
 
@@ -160,7 +158,6 @@ def made_from(
         effects=None if effects is None else InputFile.of(effects),
         maps=maps,
         allow_gaps=allow_gaps,
-        budget=budget,
         further=map(InputFile.of, further),
     )
 

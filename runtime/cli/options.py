@@ -55,9 +55,10 @@ HeldOut = Annotated[
     ),
     READ,
 ]
-Budget = Annotated[
-    float,
-    typer.Option("--budget", metavar="SECONDS", help="Time that it may take; what is left out is said.", min=0.0),
+Budget = Annotated[int, typer.Option("--budget", metavar="N", help="Refits that the search may try.", min=0)]
+TimeLimit = Annotated[
+    float | None,
+    typer.Option("--time-limit", metavar="S", help="Longest time for the search, s; default: none.", min=0.0),
 ]
 Json = Annotated[
     str | None,

@@ -16,7 +16,7 @@ from runtime.cli.inputs import TypedInputs
 from runtime.cli.options import EffectsFile, Json
 from runtime.cli.output import emit
 from runtime.cli.places import READ, Role
-from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument
+from runtime.documents.diagnosis import DiagnosisDocument, ImprovementDocument, SearchEntry
 from runtime.documents.fits import CompareDocument, IdentifyDocument
 from runtime.documents.parts import given
 from runtime.documents.provenance import InputFile, ReportDocument, digest
@@ -202,7 +202,7 @@ def _computed_again(document: LoopDocument, provenance: Provenance, effects: Pat
     from runtime.report.summary import ResultSummary
     from runtime.report.terminal import working
 
-    source, budget = _source_of(provenance, effects), provenance.budget or math.inf
+    source = _source_of(provenance, effects)
     assert provenance.model is not None
     typed = TypedInputs(
         Path(provenance.model.typed),
@@ -220,13 +220,18 @@ def _computed_again(document: LoopDocument, provenance: Provenance, effects: Pat
         for files in (provenance.recordings, provenance.held_out)
     )
     if isinstance(document, ImprovementDocument):
-        return improved_summary(source, fitted, held_out, invocation, budget)[1]
+        return improved_summary(source, fitted, held_out, invocation, _budget(document.search))[1]
     with working("computing the result again"):
         model = source.compiled.model()
         if isinstance(document, CompareDocument):
             return ResultSummary(compare(model, fitted), invocation)
-        found = diagnose(model, fitted, wider=source.compiled.model_with_guesses, budget=budget)
+        found = diagnose(model, fitted, wider=source.compiled.model_with_guesses, budget=_budget(document.search))
         return ResultSummary(found, invocation)
+
+
+def _budget(search: SearchEntry) -> int:
+    """Refits after which a search ends as this one did, though time cut it."""
+    return search.refits if search.ended == "time" else search.budget
 
 
 def _agree(one: LoopDocument, other: LoopDocument) -> bool:

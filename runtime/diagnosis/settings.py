@@ -46,17 +46,9 @@ FINALISTS: Final = 8
 FINALISTS_OF_A_JOINT: Final = 3
 """number of candidates; of every joint so many are among them, lest one joint fill the list; development recordings."""
 
-BUDGET_S: Final = 60.0
-"""s; a diagnosis from the command line that would take longer says what it left out: a user waits for a minute; a
-choice."""
-
-SEARCH_PART: Final = 0.65
-"""part of the budget; a search that takes longer ends with what it has found; fits before and after need the rest; a
-choice."""
-
-LIMITS_PART: Final = 0.12
-"""part of the budget; detection limits that would take longer are left out, and so with guesses; a choice beside
-SEARCH_PART."""
+BUDGET: Final = 1000
+"""number of structures fitted to all rows; a search that would fit more is cut; one of an arm of one to seven joints,
+simulated or real, fits 2 to 25: a choice, forty times as many."""
 
 # a finding, refitted ------------------------------------------------------------------------------------------------
 

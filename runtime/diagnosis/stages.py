@@ -11,8 +11,8 @@ refusal (verdict.py), and how large each effect would have had to be to be seen 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from math import inf
 
 from runtime.diagnosis import detection_limits
 from runtime.diagnosis.acceptance import bristles
@@ -20,15 +20,14 @@ from runtime.diagnosis.grammar_search import Wider
 from runtime.diagnosis.pruning import reconsidered, without_insignificant, without_replaced
 from runtime.diagnosis.rivals import best_branch, branches, is_open, with_rivals
 from runtime.diagnosis.search import add_further, add_witnessed, best_pair, best_single, compared
-from runtime.diagnosis.settings import LEAST_MOVING_S, LIMITS_PART, MOST_FINDINGS, SEARCH_PART
-from runtime.diagnosis.steps import Step, Trail, seconds_moving
+from runtime.diagnosis.settings import BUDGET, LEAST_MOVING_S, MOST_FINDINGS
+from runtime.diagnosis.steps import CutShort, Step, Trail, SearchWork, seconds_moving
 from runtime.diagnosis.verdict import Diagnosis, decide
 from runtime.fit_warnings import suspicions
 from runtime.identification.identify import prepared, refuse_copies, refuse_two_sides, without_tip_rests
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.motion import Motion, prepare
-from runtime.progress import is_late, within
 from runtime.recordings.recording import Recording, RecordingError
 
 OnStep = Callable[[Step], None]
@@ -39,7 +38,7 @@ def diagnose(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     wider: Wider | None = None,
-    budget: float = inf,
+    budget: int = BUDGET,
 ) -> Diagnosis:
     """Fit the model file's structure, then name what is missing, or say why nothing can be named.
 
@@ -47,12 +46,12 @@ def diagnose(
     held_out     that are judged in the same band and never fitted
     wider        opens the same arm with guesses in its library; asked where findings leave something: a guess that
                  explains far more says that physics is missing which the library lacks
-    budget       s, that all of it may take
+    budget       number of structures that the search may fit to all rows
 
     Returns the verdict with every step that led to it. Raises RecordingError where the recordings do not fit the arm,
     or each other.
     """
-    return conclude(complete(begin(model, recordings, held_out), budget=budget), wider, budget)
+    return conclude(complete(begin(model, recordings, held_out), budget=budget), wider)
 
 
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Trail:
@@ -65,26 +64,24 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
     return replace(trail, suspicions=suspicions(trail.last.fit))
 
 
-def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: float = inf) -> Trail:
+def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: int = BUDGET) -> Trail:
     """The trail at its end: the best of those that follow the first finding with rivals, or one of these; without what
-    is not significant beside the rest. on_step is called with each step of the first way, which is all that is
-    followed once that part of `budget`, s, is spent."""
-    with within(SEARCH_PART * budget):
-        trail = follow(trail, on_step)
-        number, others = branches(trail) if not is_late() else (0, [])
+    is not significant beside the rest. on_step is called with each step of the first way; budget: number of structures
+    that may be fitted to all rows on the way to the end."""
+    work = SearchWork(budget, open=True)
+    trail = follow(replace(trail, work=work), on_step)
+    with suppress(CutShort):
+        number, others = branches(trail) if work.goes_on() else (0, [])
         if others:
-            ends = [trail, *map(follow, others)]
-            trail = replace(best_branch(ends, number), stopped=any(end.stopped for end in ends))
-        trail = replace(trail, stopped=trail.stopped or is_late())
+            trail = best_branch([trail, *map(follow, others)], number)
+    work.open = False
     trail = without_insignificant(trail).with_told_gains()
     return with_rivals(trail, {f: _unrefuted(f) for f in trail.findings})
 
 
 def follow(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
-    """The trail lengthened as long as a step improves it."""
-    while is_open(trail):
-        if is_late():
-            return replace(trail, stopped=True)
+    """The trail lengthened as long as a step improves it and its work goes on."""
+    while is_open(trail) and trail.work.goes_on():
         longer = advanced(trail)
         if longer.last is trail.last:
             return longer
@@ -95,18 +92,25 @@ def follow(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
 
 def advanced(trail: Trail) -> Trail:
     """Add, then prune: what only a link-side encoder shows, or else the best candidate that passes every gate, or a
-    pair that it stood for. The same last step where nothing passes."""
+    pair that it stood for. The same last step where nothing passes; where the work is cut, what was accepted before."""
     trail = compared(trail)
-    witnessed = add_witnessed(trail)
-    if witnessed.last is not trail.last:
-        return witnessed
-    single = best_single(trail)
-    pair = None if is_late() else best_pair(trail, single)
-    if pair is not None:
-        return without_replaced(trail.to(pair))
-    if single is None:
-        return trail
-    trail = add_further(without_replaced(trail.to(single)), single.term)
+    single = None
+    try:
+        witnessed = add_witnessed(trail)
+        if witnessed.last is not trail.last:
+            return witnessed
+        single = best_single(trail)
+        pair = best_pair(trail, single)
+        if pair is not None:
+            return without_replaced(trail.to(pair))
+        if single is None:
+            return trail
+        return _pruned(add_further(without_replaced(trail.to(single)), single.term))
+    except CutShort:
+        return trail if single is None else without_replaced(trail.to(single))
+
+
+def _pruned(trail: Trail) -> Trail:
     for _ in range(MOST_FINDINGS):
         pruned = reconsidered(trail)
         if pruned is trail:
@@ -115,14 +119,13 @@ def advanced(trail: Trail) -> Trail:
     return trail
 
 
-def conclude(trail: Trail, wider: Wider | None = None, budget: float = inf) -> Diagnosis:
-    """Decide, and say how large each effect would have had to be; wider and budget as for `diagnose`."""
-    with within(LIMITS_PART * budget):
-        found = decide(trail, wider)
-        if trail.suspicions:
-            return found
-        able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
-        return found.within(*detection_limits.of(found.last.base, found.last.floors, able))
+def conclude(trail: Trail, wider: Wider | None = None) -> Diagnosis:
+    """Decide, and say how large each effect would have had to be, if all was sought; wider as for `diagnose`."""
+    found = decide(trail, wider)
+    if trail.suspicions or trail.stopped:
+        return found
+    able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
+    return found.within(*detection_limits.of(found.last.base, found.last.floors, able))
 
 
 def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:

@@ -17,12 +17,14 @@ from runtime.diagnosis.gates import TORQUE
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
+    BUDGET,
     BURST_POWER,
     FORM_ABOVE_NOISE,
     FORM_PART,
     SLOW_AND_BURSTS,
     SLOW_DENSITY,
 )
+from runtime.documents.parts import SearchEnd
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, errors, series, series_on, structure_shares
 from runtime.identification.drive_gains import told_gains
@@ -37,6 +39,7 @@ from runtime.model.terms import Structure, Term, Values, structure
 from runtime.motion import spectra
 from runtime.motion.band import LineAbove
 from runtime.motion.motion import Motion
+from runtime.progress import is_late
 
 Array = NDArray[np.float64]
 
@@ -162,6 +165,37 @@ def _base(fit: Fit) -> FittedBase:
     return FittedBase(fit)
 
 
+class CutShort(Exception):
+    """A search may fit no further structure."""
+
+
+@dataclass
+class SearchWork:
+    """What a search has done, the same on any machine at any load; all trails of a search share it.
+
+    budget   number of structures that it may fit to all rows     refits   that it has fitted
+    ended    what cut it; complete: nothing yet                   open     whether the search goes on
+    """
+
+    budget: int = BUDGET
+    refits: int = 0
+    ended: SearchEnd = "complete"
+    open: bool = False
+
+    def goes_on(self, refits: int = 0) -> bool:
+        """Whether the search may go on, and fit so many structures more."""
+        spent = self.refits + refits > self.budget
+        if self.open and (spent or is_late()):
+            self.open, self.ended = False, "budget" if spent else "time"
+        return self.open
+
+    def count(self) -> None:
+        """Count a structure before it is fitted; once the search has ended, none is counted. Raises CutShort."""
+        if self.open and not self.goes_on(1):
+            raise CutShort
+        self.refits += self.open
+
+
 @dataclass(frozen=True, eq=False)
 class Trail:
     """The recordings and the steps that were taken on them.
@@ -170,7 +204,7 @@ class Trail:
     suspicions   what must be put right in the data before anything is sought
     last         the last step                              ranking     the last comparison of candidates
     taken_back   terms that were added once and are not added again: they would come and go for ever
-    stopped      whether time ended the search, not the candidates
+    work         of the search: what it has done and may do
     sought       joints (0-based) at which effects are sought; None: all
     """
 
@@ -182,7 +216,7 @@ class Trail:
     last: Step
     ranking: Ranking = NOT_RANKED
     taken_back: frozenset[Term] = field(default_factory=frozenset)
-    stopped: bool = False
+    work: SearchWork = field(default_factory=SearchWork)
     sought: frozenset[int] | None = None
 
     @classmethod
@@ -192,6 +226,11 @@ class Trail:
         if (even := without_beats(first.fit)) is not motion:
             motion, first = even, _fitted(model, even, held_out, structure(model), replace(first, held_out=None))
         return cls(model, motion, held_out, tuple(names), (), first)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the search was cut before nothing more passed."""
+        return self.work.ended != "complete"
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -232,7 +271,8 @@ class Trail:
         return [(f.term, shapes[f.term]) for f in self.findings if f.term in shapes]
 
     def refitted(self, known: Structure, start: Step) -> Step:
-        """Everything fitted for a structure, beginning at a step's values."""
+        """Everything fitted for a structure, beginning at a step's values. Raises CutShort."""
+        self.work.count()
         return _fitted(self.model, self.motion, self.held_out, known, start)
 
     def with_candidates(self, start: Step, *candidates: Candidate) -> Step:

@@ -35,6 +35,7 @@ from runtime.diagnosis.steps import (
     seconds_moving,
     series_elsewhere,
 )
+from runtime.documents.diagnosis import SearchEntry
 from runtime.identification.compare import JointSeries
 from runtime.identification.identify import unsound
 from runtime.model.loader import Model
@@ -45,6 +46,7 @@ Verdict = Literal["effect", "clean", "unexplained", "refused"]
 Why = Literal[
     "wrong data",
     "contradiction",
+    "cut",
     "standstill",
     "unsound fit",
     "excitation",
@@ -62,6 +64,7 @@ Why = Literal[
 VERDICTS: Final[Mapping[Why, Verdict]] = {
     "wrong data": "refused",
     "contradiction": "refused",
+    "cut": "refused",
     "standstill": "refused",
     "unsound fit": "refused",
     "excitation": "refused",
@@ -107,7 +110,7 @@ class Diagnosis:
     searched    the trail with what was withdrawn        elsewhere  joints' series on held-out recordings, if any
     ranking     the last comparison of candidates, with what was withheld
     recordings  the parameters of each recording alone   seen   how large each effect would have had to be
-    unseen      number of effects for which there was no time to ask that
+    unseen      number of effects of which a time limit left that open
     """
 
     joints: tuple[JointVerdict, ...]
@@ -137,6 +140,12 @@ class Diagnosis:
         return tuple(v.joint for v in self.joints if v.verdict == "unexplained")
 
     @property
+    def search(self) -> SearchEntry:
+        """How far the search came, and what cut it or the detection limits after it."""
+        done = self.searched.work
+        return SearchEntry(refits=done.refits, budget=done.budget, ended="time" if self.unseen else done.ended)
+
+    @property
     def findings(self) -> tuple[Step, ...]:
         return self.found.findings
 
@@ -154,9 +163,11 @@ class Diagnosis:
         return self.found.model
 
     def within(self, seen: Sequence[detection_limits.Limit], unseen: int = 0) -> Diagnosis:
-        """The same with detection limits; no joint is clean where most effects could be as large as its torque."""
-        blind = {v.joint for v in self.joints if v.why == "noise" and _is_blind(self.last, v.joint, seen)}
-        joints = tuple(replace(v, why="blind") if v.joint in blind else v for v in self.joints)
+        """The same with detection limits; no joint is clean where most effects could be as large as its torque, or
+        where a time limit left that open."""
+        clean = [v.joint for v in self.joints if v.why == "noise"]
+        blind = [i for i in clean if unseen or _is_blind(self.last, i, seen)]
+        joints = tuple(replace(v, why="cut" if unseen else "blind") if v.joint in blind else v for v in self.joints)
         return replace(self, joints=joints, seen=tuple(seen), unseen=unseen)
 
 
@@ -222,6 +233,8 @@ def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | 
         return None  # an encoder on either side shows it, whatever the torque says
     if credibility.tangled(first.fit, joint):
         return JointVerdict(joint, "excitation", withdrawn=here)
+    if trail.stopped:
+        return None  # what would explain the rest may not have been tried
     weak = physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED
     if weak or only_nearest(first, last, joint):
         return JointVerdict(joint, "comes nearest", withdrawn=here)
@@ -276,6 +289,8 @@ def _why_not_named(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -
         return "unsound fit"
     if credibility.tangled(trail.first.fit, joint) or credibility.inseparable_inertia(trail.first.fit):
         return "excitation"
+    if trail.stopped:
+        return "cut"
     if remainder(last, joint):
         return "nothing explains"
     band = trail.motion.band

@@ -27,6 +27,7 @@ from runtime.documents.parts import (
     EstimateEntry,
     JointNumber,
     JointOrArm,
+    SearchEnd,
     Unit,
     key,
 )
@@ -214,11 +215,20 @@ HeldOutFloors = Annotated[
 ]
 
 
+class SearchEntry(Document, frozen=True, kw_only=True):
+    """How far the search for missing effects came."""
+
+    refits: Annotated[int, key("structures that it fitted to all rows", "1")]
+    budget: Annotated[int, key("structures that it might fit", "1")]
+    ended: Annotated[SearchEnd, key("complete: nothing more passes; budget or time: what cut it before that")]
+
+
 class DiagnosisBase(Document, frozen=True, kw_only=True):
     """Verdict on a model and recordings."""
 
     verdict: Verdict
-    reason: Annotated[str, key("the verdict in one sentence")]
+    reason: Annotated[str, key("the verdict in one sentence; of a search that was cut, a second one says so")]
+    search: Annotated[SearchEntry, key("how far the search for missing effects came")]
     band: Annotated[DiagnosisBand, key("frequency band of the comparison")]
     skew: Skew
     delay: Delays

@@ -5,7 +5,7 @@ A key that may be absent defaults to UNSET; a number that is not finite is null 
 
 from __future__ import annotations
 
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import UNSET, UnsetType
@@ -49,6 +49,9 @@ Interval95 = Annotated[Interval | None, key("95 % confidence interval; null wher
 Inseparable = Annotated[
     list[str] | UnsetType, key("parameters from which the data cannot separate this one; absent if there are none")
 ]
+
+
+SearchEnd = Literal["complete", "budget", "time"]
 
 
 class EffectAt(Document, frozen=True, kw_only=True):

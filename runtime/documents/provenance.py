@@ -45,7 +45,6 @@ class Provenance(Document, frozen=True, kw_only=True):
     effects: Annotated[InputFile | None, key("file of the user's own effects; null without one")]
     maps: Annotated[list[str], key("entries of --map and --columns")]
     allow_gaps: Annotated[bool, key("whether recordings were split at gaps")]
-    budget: Annotated[float | None, key("time that it might take; null for a verb without a budget", "s")]
     further: Annotated[list[InputFile], key("a scenario, a trajectory or a motion that was read")] = field(
         default_factory=list
     )
@@ -63,7 +62,6 @@ class Provenance(Document, frozen=True, kw_only=True):
         effects: InputFile | None = None,
         maps: Iterable[str] = (),
         allow_gaps: bool = False,
-        budget: float | None = None,
         further: Iterable[InputFile] = (),
     ) -> Provenance:
         """Of a result of this version that is made now in the working directory."""
@@ -80,7 +78,6 @@ class Provenance(Document, frozen=True, kw_only=True):
             effects=effects,
             maps=list(maps),
             allow_gaps=allow_gaps,
-            budget=budget,
             further=list(further),
         )
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
 from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.grammar_search import Draft, best
+from runtime.diagnosis.settings import BUDGET
 from runtime.diagnosis.stages import begin, complete, conclude
 from runtime.diagnosis.steps import Step, residuals_elsewhere
 from runtime.diagnosis.verdict import Diagnosis
@@ -90,18 +90,18 @@ def improve(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     on_step: Callable[[str], None] | None = None,
-    budget: float = inf,
+    budget: int = BUDGET,
 ) -> Improvement:
     """Fit, diagnose and add effects until no candidate passes the gates; nothing is written.
 
     held_out   recordings that are never fitted; an effect that raises the error on them is not added
-    on_step    gets a line about each step      budget  s, that all of it may take
+    on_step    gets a line about each step      budget  number of structures that the search may fit to all rows
     """
     tell = on_step or (lambda _: None)
     trail = begin(source.compiled.model(), recordings, held_out)
     tell(_progress(trail.last))
     trail = complete(trail, lambda step: tell(_progress(step)), budget)
-    found = conclude(trail, source.compiled.model_with_guesses, budget)
+    found = conclude(trail, source.compiled.model_with_guesses)
     last, edits = found.last, source.edits
     for finding in found.findings:
         edits = edits.add(finding.term.name, finding.term.joint, last.values[finding.term])
@@ -113,7 +113,7 @@ def improve(
             apart = ", ".join(sorted(map(str, fitted ^ written)))
             raise RuntimeError(f"the edited model file and the fitted model differ in {apart}")
         alone = replace(last, chosen=None, before=None)
-        left = conclude(replace(trail, model=model, last=alone), budget=budget)
+        left = conclude(replace(trail, model=model, last=alone))
     # All joints share the inertial parameters: values of a fit that contradicts itself at one are not written.
     if found.verdict != "refused" and not any(v.why == "unsound fit" for v in found.joints):
         drives = (with_gains_of(last.fit, i) for i in range(last.fit.model.n))

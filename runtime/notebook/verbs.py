@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis import stages
 from runtime.diagnosis.credibility import judged
-from runtime.diagnosis.settings import BUDGET_S
+from runtime.diagnosis.settings import BUDGET
 from runtime.documents.provenance import InputFile, Provenance
 from runtime.identification import compare as comparison
 from runtime.identification import identify as identification
@@ -65,19 +65,19 @@ def compare(arm: LoadedArm, recordings: Recordings) -> ComparisonResult:
     return ComparisonResult(result, ResultSummary(result, _invocation("compare", arm, data)))
 
 
-def diagnose(arm: LoadedArm, recordings: Recordings, budget: float = BUDGET_S) -> DiagnosisResult:
-    """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused"; budget: s,
-    that it may take."""
+def diagnose(arm: LoadedArm, recordings: Recordings, budget: int = BUDGET) -> DiagnosisResult:
+    """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused";
+    budget: refits that the search may try."""
     data, _ = read_both(arm, recordings)
     result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses, budget=budget)
     return DiagnosisResult(result, ResultSummary(result, _invocation("diagnose", arm, data)))
 
 
 def improve(
-    arm: LoadedArm, recordings: Recordings, held_out: Recordings = (), budget: float = BUDGET_S
+    arm: LoadedArm, recordings: Recordings, held_out: Recordings = (), budget: int = BUDGET
 ) -> ImprovementResult:
     """Add what is missing, as long as it helps, judged on what was not fitted; `result.arm` is the improved one;
-    budget: s, that it may take."""
+    budget: refits that the search may try."""
     fitted, held = read_both(arm, recordings, held_out)
     result = loop.improve(arm.source, fitted, held, budget=budget)
     floors = loop.floors(result.steps[-1].fit, held)

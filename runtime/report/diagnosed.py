@@ -79,6 +79,7 @@ def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
     return DiagnosisBase(
         verdict=diagnosis.verdict,
         reason=reasons.reason(diagnosis),
+        search=diagnosis.search,
         band=band.document().as_part_of(DiagnosisBand, above=above),
         skew=last.inference.skew_entry(),
         delay=delay_entries(last),

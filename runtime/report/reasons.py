@@ -27,7 +27,7 @@ from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.report import mounting
-from runtime.wording import fall, joints_said, numbered, per_turn, percent, quantity, told_apart, whole_apart
+from runtime.wording import fall, joints_said, numbered, per_turn, percent, quantity, sentence, told_apart, whole_apart
 
 _MOVE_MORE = "move over more speeds, accelerations and positions"
 
@@ -36,7 +36,6 @@ _TIMES_SAID = 5
 _INSIDE_LIMITS = 0.05
 """part of the range; nearer to a limit of the file a stop is that limit, as well as soft stops and the zeros of
 encoders are known."""
-_ENDED = "time ended the search before all was tried"
 _MOST_IN_FILE = 2
 """number of parameters; so many that the file has a little wrong are listed: the table has them all."""
 
@@ -243,19 +242,19 @@ def _disturbance(found: Disturbance) -> str:
 
 def reason(diagnosis: Diagnosis) -> str:
     """Why a diagnosis decided so: what is missing at which joints, what is said of the others, lines of the torque that
-    lie above the band, what the model file has a little wrong, and whether time ended the search."""
+    lie above the band, and what the model file has a little wrong; of a search that was cut, a second sentence."""
     why, last, compared = diagnosis.decisive.why, diagnosis.searched.last, diagnosis.recordings
     believed = why not in ("wrong data", "unsound fit", "outdone")
     apart = f"{_contradictory(compared)}; " if compared.contradictory and why != "contradiction" else ""
     before = f"{apart}{_first_in_file(last) if believed else ''}"
-    ended = f"; {_ENDED}" if diagnosis.searched.stopped else ""
-    return f"{before}{_arm(diagnosis)}{_above_band(last)}{_also_in_file(last) if believed else ''}{ended}"
+    said = f"{before}{_arm(diagnosis)}{_above_band(last)}{_also_in_file(last) if believed else ''}"
+    return f"{said}. {sentence(_cut(diagnosis))}" if diagnosis.search.ended != "complete" else said
 
 
 def _arm(diagnosis: Diagnosis) -> str:
     """What decides for the arm, then what is said of the other joints that move."""
     first, last = diagnosis.decisive, diagnosis.last
-    others = [v for v in diagnosis.joints if v.why not in (first.why, "standstill")]
+    others = [v for v in diagnosis.joints if v.why not in (first.why, "standstill", "cut")]
     match first.why:
         case "wrong data" | "contradiction":
             return of_joint(diagnosis, first)
@@ -265,8 +264,10 @@ def _arm(diagnosis: Diagnosis) -> str:
             noise = (last.joints[v.joint] for v in diagnosis.joints if v.why == "noise")
             rms = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in noise)
             said = f"the residual is noise ({rms}): the recordings show no missing effect"
+        case "cut":
+            said = "what is missing is not known"
         case _:
-            others = [v for v in diagnosis.joints if v is not first and v.why != "standstill"]
+            others = [v for v in diagnosis.joints if v is not first and v.why not in ("standstill", "cut")]
             said = of_joint(diagnosis, first)
             whole = first.why == "excitation" and not credibility.tangled(diagnosis.found.first.fit, first.joint)
             if not whole:
@@ -295,15 +296,22 @@ def _missed(diagnosis: Diagnosis, joints: Sequence[int]) -> str:
     return ", ".join(percent(diagnosis.last.joints[i].relative, 1) for i in joints)
 
 
+def _cut(diagnosis: Diagnosis) -> str:
+    """Where a search was cut, and what follows from it."""
+    search = diagnosis.search
+    by = f"its time limit after {search.refits} of" if search.ended == "time" else "its budget of"
+    larger = "--time-limit" if search.ended == "time" else "--budget"
+    return (
+        f"the search was cut by {by} {search.budget} refits: nothing is said of joints without a finding; "
+        f"a larger {larger} goes on"
+    )
+
+
 def untried(diagnosis: Diagnosis) -> list[str]:
     """What was left out for want of time."""
-    found = []
-    if diagnosis.searched.stopped:
-        found.append(f"{_ENDED}, so that more may be missing; --budget gives it more seconds")
-    if diagnosis.unseen:
-        every = len(diagnosis.seen) + diagnosis.unseen
-        found.append(f"of {every} detection limits {diagnosis.unseen} were left out for want of time")
-    return found
+    every = len(diagnosis.seen) + diagnosis.unseen
+    left_out = f"of {every} detection limits {diagnosis.unseen} were left out for want of time"
+    return [left_out] if diagnosis.unseen else []
 
 
 def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
@@ -315,6 +323,8 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
             return _wrong_data(diagnosis.searched.suspicions)
         case "contradiction":
             return _contradictory(diagnosis.recordings)
+        case "cut":
+            return _cut(diagnosis)
         case "standstill":
             return f"it moves for {seconds_moving(first.fit.motion, i):.1f} s only; {LEAST_MOVING_S:g} s are needed"
         case "unsound fit":
@@ -330,8 +340,7 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
         case "nothing explains":
             found = remainder(last, i)
             rest = "" if found is None else left_over(found)
-            which = "that was tried" if diagnosis.searched.stopped else "of the library"
-            return f"no effect {which} explains the residual: {rest}{_undecided(said)}"
+            return f"no effect of the library explains the residual: {rest}{_undecided(said)}"
         case "not borne out":
             assert said.undecided is not None
             return (

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from runtime.diagnosis.settings import BUDGET_S
 from runtime.diagnosis.stages import complete, conclude
 from runtime.diagnosis.steps import Step
 from runtime.identification.compare import Comparison, as_written
@@ -168,9 +167,9 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
         model = AS_GIVEN if found.added is None else f"with {found.added}"
         report.line(f"{model}: error {', '.join(percent(r) for r in found.fitted.relative)}")
 
-    trail = complete(trail, reached, BUDGET_S)
+    trail = complete(trail, reached)
     report.part(LIMITS)
-    result = conclude(trail, loaded.source.compiled.model_with_guesses, BUDGET_S)
+    result = conclude(trail, loaded.source.compiled.model_with_guesses)
     report.part(DRAWING)
     first, last = result.steps[0], result.last
     ends = [first] if first is last else [first, last]

@@ -12,7 +12,7 @@ from runtime.experiments.asking import parse_joints, parse_pose, parse_ranges
 from runtime.experiments.clearance import Clearance
 from runtime.experiments.design import Proposal, Tell, propose
 from runtime.experiments.first_proposal import ArmToMove, AtHand, ReadyArm
-from runtime.experiments.options import GIVEN_BUDGET, ExperimentSettings, FirstMotionSettings
+from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
 from runtime.experiments.scene import Scene
 from runtime.experiments.solids import MeshClearance
 from runtime.recordings.recording import Recording
@@ -60,7 +60,7 @@ class MotionBounds:
 
 def told_by(source: Source, recordings: Sequence[Recording]) -> tuple[Source, AtHand]:
     """The model file with what these recordings tell, and what they leave open."""
-    found = diagnose(source.compiled.model(), recordings, budget=GIVEN_BUDGET)
+    found = diagnose(source.compiled.model(), recordings)
     fit = found.found.steps[0].fit
     believed = judged(fit, recordings)
     if believed.verdict == "fitted":

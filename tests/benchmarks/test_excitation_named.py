@@ -104,5 +104,5 @@ def _named(model: Model, within: Model, hidden: Hidden, path: Array) -> bool:
     plain, _ = simulate(within, settings=SimulationSettings(noise=0.0), motion=path)
     made, _ = simulate(within, [hidden], SimulationSettings(noise=0.0), path)
     level = ExperimentSettings.noise * np.sqrt(np.mean(plain.tau**2, axis=1))
-    result = diagnose(model, [noisy(made, level, 7)], budget=60.0)
+    result = diagnose(model, [noisy(made, level, 7)])
     return bool(result.findings) and result.findings[0].term == hidden.term

@@ -100,9 +100,12 @@ def origin_group(provenance: Provenance | None) -> list[Group]:
 
 
 def headline_of(reason: str) -> tuple[str, list[Section]]:
-    """A reason as a sentence; of a long one the first clause, and the others below it."""
-    first, *others = reason.removesuffix(".").split("; ") if len(reason) > _LONGEST_HEADLINE else [reason]
-    return sentence(first), [Bullets(tuple(others))] if others else []
+    """A reason as a sentence; of a long one the first clause, and below it a second sentence and the other clauses."""
+    if len(reason) <= _LONGEST_HEADLINE:
+        return sentence(reason), []
+    whole, _, second = reason.removesuffix(".").partition(". ")
+    first, *others = whole.split("; ")
+    return sentence(first), [*texts([f"{second}."] if second else []), *([Bullets(tuple(others))] if others else [])]
 
 
 class PageVerdict(NamedTuple):
@@ -122,7 +125,7 @@ def verdict(summary: ResultSummary) -> PageVerdict:
     more = []
     if isinstance(summary.result, Improvement) and summary.findings:
         left = summary.result.left
-        more.append(f"With that added, what is left is {TAGS[left.verdict]}: {reasons.reason(left)}.")
+        more.append(f"With that added, what is left is {TAGS[left.verdict]}: {sentence(reasons.reason(left))}")
     if not isinstance(document := summary.document, CompareDocument):
         more += loop.peaks(document)
     kind = "more" if summary.more_is_left else diagnosis.verdict

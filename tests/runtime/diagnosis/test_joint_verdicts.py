@@ -162,17 +162,15 @@ def test_a_joint_whose_torque_could_be_missed_whole_is_not_clean() -> None:
     assert (blind.verdict, "could be there unseen" in reason(blind)) == ("refused", True)
 
 
-def test_what_there_was_no_time_for_is_said() -> None:
-    run = stribeck(kept(wrist.record, bank.NONE, 7), 1)
-    none = diagnose(bank.model("wrist"), [run], budget=0.0)
-    assert (none.findings, none.searched.stopped) == ((), True)
-    assert none.unseen > len(none.seen)
-    said = " ".join(diagnosed.document(none).warnings)
-    assert "time ended the search" in said
-    assert f"of {none.unseen + len(none.seen)} detection limits {none.unseen} were left out" in said
-    every = found("", "stribeck")
-    assert (every.searched.stopped, every.unseen) == (False, 0)
-    assert "time" not in " ".join(diagnosed.document(every).warnings)
+def test_where_a_search_is_cut_its_findings_are_named_and_nothing_is_clean() -> None:
+    run = stribeck(stribeck(kept(wrist.record, bank.NONE, 7), 0), 1)
+    cut = diagnose(bank.model("wrist"), [run], budget=1)
+    assert (cut.verdict, sorted(v.why for v in cut.joints), cut.seen) == ("effect", ["cut", "found"], ())
+    document = diagnosed.document(cut)
+    assert (document.search.refits, document.search.budget, document.search.ended) == (1, 1, "budget")
+    said = "he search was cut by its budget of 1 refits"
+    assert said in document.reason.split(". ")[1]
+    assert [said in joint.reason for joint in document.joints] == [v.why == "cut" for v in cut.joints]
 
 
 @pytest.mark.parametrize(
