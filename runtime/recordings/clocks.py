@@ -20,7 +20,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import gaussian_filter1d
 
 from runtime.recordings.columns import Column
-from runtime.recordings.contents import Array, Contents, Refusal, Samples, check_finite
+from runtime.recordings.contents import Array, Contents, Refusal, Samples, check_finite, check_whole
 from runtime.recordings.settings import (
     CLOCK_SHIFT_CLEAR,
     CLOCK_SHIFT_FINEST,
@@ -209,7 +209,7 @@ def _rate(table: Samples) -> float:
 
 def _loaded(contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal) -> Samples:
     """Fields of one clock in SI, checked to be finite."""
-    raw = contents.load({name: column.index for name, column in used.items()})
+    raw = check_whole(contents.load({name: column.index for name, column in used.items()}), allow_gaps, refuse)
     lengths = {name: len(values) for name, values in raw.signals.items()}
     if len(set(lengths.values())) > 1:
         name = next(n for n in lengths if lengths[n] != lengths["t"])

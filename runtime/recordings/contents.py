@@ -95,17 +95,32 @@ class RecordedField:
 
 
 @dataclass(frozen=True)
+class Fault:
+    """What is wrong with samples of one clock as a whole, and cannot be put right without a choice.
+
+    said    what, and what to do      sample   the first of them
+    rows    (N,) samples that are left out where gaps are allowed; None: it is not known which are wrong
+    """
+
+    said: str
+    sample: int
+    rows: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True)
 class Samples:
     """Signals of one clock.
 
     signals   name -> (N,)
     numbers   (N,) of the samples in the file, counted as its own tools count
     places    of each signal; see RecordedField.place
+    fault     None: nothing is known to be wrong
     """
 
     signals: dict[str, Array]
     numbers: Numbers
     places: Mapping[str, str]
+    fault: Fault | None = None
 
     def at(self, name: str, sample: int) -> str:
         """The place of a signal's sample in the file."""
@@ -114,7 +129,7 @@ class Samples:
     def kept(self, samples: NDArray[np.bool_]) -> Samples:
         """Only the samples where this mask (N,) is true."""
         signals = {name: values[samples] for name, values in self.signals.items()}
-        return replace(self, signals=signals, numbers=self.numbers[samples])
+        return replace(self, signals=signals, numbers=self.numbers[samples], fault=None)
 
 
 class Contents(Protocol):
@@ -207,6 +222,15 @@ def check_finite(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
             continue
         drop |= absent
     return table.kept(~drop) if drop.any() else table
+
+
+def check_whole(table: Samples, allow_gaps: bool, refuse: Refusal) -> Samples:
+    """Refuses samples with a fault, unless gaps are allowed and it is known which are wrong: then these are dropped."""
+    if table.fault is None:
+        return table
+    if table.fault.rows is None or not allow_gaps:
+        refuse(table.fault.said, table.at(next(iter(table.places)), table.fault.sample))
+    return table.kept(~table.fault.rows)
 
 
 def check_count(samples: int, refuse: Refusal) -> None:

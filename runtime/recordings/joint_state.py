@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NoReturn
 
@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.recordings.contents import Array, RecordedField, Refusal, Samples
-from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_LAYOUTS
+from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_LAYOUTS, MOST_SENDERS
+from runtime.recordings.streams import ARRAYS, JointStream, in_log_order, in_rows, of_topic, settled
 
 TYPE = frozenset(("sensor_msgs/msg/JointState", "sensor_msgs/JointState"))
-_SIGNALS = {"position": "q", "velocity": "qd", "effort": "tau"}
+_SIGNALS = dict(zip(ARRAYS, ("q", "qd", "tau"), strict=True))
 _ENCAPSULATION = 4
 """Bytes that state the encoding before a message; alignment counts from after them."""
 _STAMP = 8
@@ -46,12 +47,14 @@ class Layout:
     order    byte order, as in struct
     joints   names in the message's order
     at       place of the first number of position, velocity and effort; None without numbers
+    frame    places of the bytes of frame_id
     fixed    places of the bytes that are equal in all messages of this layout
     """
 
     order: str
     joints: tuple[str, ...]
     at: tuple[int | None, ...]
+    frame: slice
     fixed: NDArray[np.intp]
 
     @classmethod
@@ -64,6 +67,7 @@ class Layout:
         texts = []
         size, place = _count(message, place, order)
         fixed = [np.arange(2), np.arange(place - 4, place)]
+        frame = slice(place, place + size)
         place += size
         first = place
         count, place = _count(message, place, order)
@@ -87,7 +91,7 @@ class Layout:
             place += _NUMBER * size
         if place > len(message):
             raise ValueError("it is cut off")
-        return cls(order, tuple(texts), tuple(at), np.concatenate(fixed))
+        return cls(order, tuple(texts), tuple(at), frame, np.concatenate(fixed))
 
 
 def _count(message: bytes, place: int, order: str) -> tuple[int, int]:
@@ -102,19 +106,6 @@ def _text(message: bytes, place: int, order: str) -> tuple[str, int]:
     return message[place : place + size].rstrip(b"\0").decode("utf-8"), place + size
 
 
-@dataclass(frozen=True)
-class JointStream:
-    """Messages of a topic for one set of joints: stamps (N,) ns, numbers (N,) counted from 1 on the topic, and
-    position, velocity and effort, (joints, N) each. clock: its name as a clock."""
-
-    clock: str
-    topic: str
-    joints: tuple[str, ...]
-    stamps: NDArray[np.int64]
-    numbers: NDArray[np.int64]
-    values: Mapping[str, Array]
-
-
 class JointStates:
     """The JointState messages of a log, decoded batch by batch. Raises RecordingError."""
 
@@ -123,6 +114,7 @@ class JointStates:
         self._parts: dict[tuple[str, frozenset[str]], list[JointStream]] = {}
         self._counted: dict[str, int] = {}
         self._layouts: dict[str, list[Layout]] = {}
+        self._frames: dict[bytes, int] = {}
         self._bytes = 0
         for batch in batches:
             self._add(batch)
@@ -193,48 +185,39 @@ class JointStates:
             if place is not None:
                 block = np.ascontiguousarray(rows[:, place : place + _NUMBER * len(layout.joints)])
                 values[name] = np.ascontiguousarray(block.view(f"{layout.order}f8").T, dtype=np.float64)
-        self._bytes += sum(x.nbytes for x in values.values()) + 3 * stamps.nbytes
+        self._bytes += sum(x.nbytes for x in values.values()) + 6 * stamps.nbytes
         if self._bytes > MAX_BYTES:
             self.refuse(f"has more than {MAX_BYTES // 10**9} GB of joint states; split it into several recordings")
-        stamps = np.where(stamps == 0, times, stamps)
-        part = JointStream(topic, topic, layout.joints, stamps=stamps, numbers=numbers, values=values)
+        frame = self._frame(rows[:, layout.frame])
+        filled = np.full(len(stamps), sum(1 << k for k, name in enumerate(ARRAYS) if name in values))
+        part = JointStream(topic, topic, layout.joints, stamps, times, numbers, frame, filled, values)
         self._parts.setdefault((topic, frozenset(layout.joints)), []).append(part)
+
+    def _frame(self, texts: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """(N,) numbers of texts (N, M); −1 where there are too many for one to be a sender's."""
+        found, which = [texts[0].tobytes()], np.zeros(len(texts), dtype=np.intp)
+        if not (texts == texts[0]).all():
+            whole = np.ascontiguousarray(texts).view(f"S{texts.shape[1]}")[:, 0]
+            each, which = np.unique(whole, return_inverse=True)
+            found = each.tolist()
+        if len(found) > MOST_SENDERS:
+            return np.full(len(texts), -1)
+        return np.array([self._frames.setdefault(t.rstrip(b"\0"), len(self._frames)) for t in found])[which]
 
     def contents(self, format: str, others: Mapping[str, str]) -> JointStateContents:
         """The collected messages. others: all topics and their types, for the message if there are no joint states."""
         if not self._parts:
             listed = ", ".join(f"{topic} ({kind})" for topic, kind in list(others.items())[:8])
             self.refuse(f"has no messages of sensor_msgs/msg/JointState in CDR; its topics are {listed or 'none'}")
-        topics = [topic for topic, _ in self._parts]
+        frames = [text.decode("utf-8", "replace") for text in self._frames]
         streams = []
-        for (topic, joints), parts in self._parts.items():
-            several = topics.count(topic) > 1
-            name = f"{topic} ({', '.join(sorted(joints)[:2])}, …)" if several else topic
-            streams.append(_joined(name, parts))
-        return JointStateContents(format, tuple(streams))
-
-
-def _joined(clock: str, parts: Sequence[JointStream]) -> JointStream:
-    """The parts joined, with joints in the order of the first; a signal that a part lacks is NaN there."""
-    joints = parts[0].joints
-    names = [name for name in _SIGNALS if any(name in part.values for part in parts)]
-    values = {}
-    for name in names:
-        blocks = []
-        for part in parts:
-            block = part.values.get(name)
-            if block is None:
-                block = np.full((len(joints), len(part.stamps)), np.nan)
-            elif part.joints != joints:
-                block = block[[part.joints.index(joint) for joint in joints]]
-            blocks.append(block)
-        values[name] = np.concatenate(blocks, axis=1)
-    stamps = np.concatenate([part.stamps for part in parts])
-    numbers = np.concatenate([part.numbers for part in parts])
-    order = np.argsort(numbers, kind="stable")
-    if not np.array_equal(order, np.arange(len(order))):
-        stamps, numbers, values = stamps[order], numbers[order], {name: x[:, order] for name, x in values.items()}
-    return JointStream(clock, parts[0].topic, joints, stamps=stamps, numbers=numbers, values=values)
+        for topic in dict.fromkeys(topic for topic, _ in self._parts):
+            found = in_log_order([part for (t, _), parts in self._parts.items() if t == topic for part in parts])
+            streams += in_rows(
+                [settled(stream) for stream in of_topic([replace(part, frames=frames) for part in found])]
+            )
+        notes = tuple(dict.fromkeys(note for stream in streams for note in stream.notes))
+        return JointStateContents(format, tuple(streams), notes=notes)
 
 
 @dataclass(frozen=True)
@@ -287,4 +270,5 @@ class JointStateContents:
                 signals[signal] = np.asarray((stream.stamps - self._origin) * 1e-9, dtype=np.float64)
             else:
                 signals[signal] = np.ascontiguousarray(stream.values[name][k])
-        return Samples(signals, stream.numbers, {signal: self.fields[i].place for signal, i in wanted.items()})
+        places = {signal: self.fields[i].place for signal, i in wanted.items()}
+        return Samples(signals, stream.numbers, places, stream.fault)

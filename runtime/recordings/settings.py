@@ -58,6 +58,27 @@ MOST_LAYOUTS: Final = 64
 """number of kinds; lists of joints in the messages of one topic, which several nodes may share; more cannot be read
 as columns."""
 
+MOST_SENDERS: Final = 8
+"""number of texts of frame_id on one topic; with more it is a count or a time, not the name of a sender; a choice."""
+
+LEAST_SWITCHES: Final = 6
+"""number of messages after which the sender is another; a node that was restarted, or a drive that was switched off,
+changes once or twice; a choice."""
+
+LEAST_OF_SENDER: Final = 0.02
+"""part of a topic's messages; fewer with a torque of 0 or with other positions are failed reads; a choice."""
+
+SENDERS_APART: Final = 10.0
+"""ratio of the distance between two senders' positions to the usual step, or of the torque beside one of 0 to the
+smallest there is; noise is four times its median step apart at most; a choice."""
+
+SENDERS_TRAVEL: Final = 0.5
+"""part of the travel from message to message that every second message travels, where two senders take turns: of one
+motion it is twice as far, of white noise as far."""
+
+LATE_STEP: Final = 0.5
+"""part of the median step; where messages in the order of their stamps are nearer, the clock was set back; a choice."""
+
 LONGEST_RECORD: Final = 1_000_000_000
 """length in bytes; of a chunk of a log; writers make chunks of some MB; a choice."""
 
