@@ -78,7 +78,11 @@ class ExportedEffectEntry(Document, frozen=True, kw_only=True):
         float | None, key("by which MuJoCo's motion of 0.3 s may differ; null where no simulator plays it", "1")
     ]
     share: Annotated[
-        float | None, key("rms of its torque over that of the joint's torque; null where all of it is in the file", "1")
+        float | None,
+        key(
+            "rms of what the file lacks of it over that of the joint's torque; null where that is not known or nothing",
+            "1",
+        ),
     ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -211,7 +212,8 @@ def lerobot_parquet(motion: SampledMotion, options: MotionOptions) -> bytes:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError as error:
-        raise ExperimentError('LeRobot\'s Parquet needs pyarrow: pip install "tendon[parquet]"') from error
+        why = f"LeRobot's Parquet needs pyarrow, the extra `parquet`; run: {sys.executable} -m pip install pyarrow"
+        raise ExperimentError(why) from error
     frames, fps = len(motion.t), options.rate_of("lerobot")
     action = _in_unit(motion, options).astype(np.float32)
     columns = {

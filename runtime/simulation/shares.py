@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import along, excitation
 
 
-def shares(model: Model, terms: Structure, recordings: Sequence[Recording] = ()) -> dict[tuple[Term, int], float]:
+def shares(
+    model: Model, terms: Structure, recordings: Sequence[Recording] = (), held: Mapping[Term, Structure] | None = None
+) -> dict[tuple[Term, int], float]:
     """By term and joint (0-based), the rms of its torque over that of the model's torque with all terms.
 
     terms        with all values, which may be fewer than the model's
     recordings   along whose motion; without any, along the motion that `tendon simulate` makes up
+    held         of a term, terms whose torque is no part of its share
     """
     found: dict[tuple[Term, int], list[np.ndarray]] = {}
     whole: list[np.ndarray] = []
@@ -30,8 +33,10 @@ def shares(model: Model, terms: Structure, recordings: Sequence[Recording] = ())
         for term in terms:
             for joint in joints_of(model, term):
                 torque = signals.torque(term, joint)
-                found.setdefault((term, joint), []).append(torque)
                 total[joint] += torque
+                parts = (held or {}).get(term, {})
+                without = Signals(model, piece, Prediction(model.lump_values, parts))
+                found.setdefault((term, joint), []).append(torque - sum(without.torque(part, joint) for part in parts))
         whole.append(total)
     level = [_rms([total[joint] for total in whole]) for joint in range(model.n)]
     return {place: _rms(parts) / level[place[1]] for place, parts in found.items() if level[place[1]] > 0}

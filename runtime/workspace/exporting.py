@@ -48,7 +48,7 @@ def export(
     if any(effect.standing.played != "exact" for effect in made.effects):
         # A share needs inertias, which the parameters of a servo do not.
         with suppress(ModelError) if language == "bam" else nullcontext():
-            made = _with_shares(made, compiled.model(), recordings)
+            made = _with_shares(made, compiled, recordings)
     kept: list[str] = []
     written = {out: (urdf_text if language == "urdf" else mjcf_text)(made).encode()} if language != "bam" else {}
     if onto is not None:
@@ -127,22 +127,31 @@ def _entry(effect: ExportedEffect) -> ExportedEffectEntry:
     )
 
 
-def _with_shares(made: ExportedArm, model: Model, recordings: Sequence[Recording]) -> ExportedArm:
-    """The arm with the share of the torque that each effect is that the file does not hold exactly."""
-    from runtime.model.terms import check_complete, structure
+def _with_shares(made: ExportedArm, compiled: CompiledArm, recordings: Sequence[Recording]) -> ExportedArm:
+    """The arm with the share of the torque that the file lacks of each effect. Where every element of an effect has a
+    place in the file, words alone say in what they differ."""
+    from runtime.model.terms import Structure, Term, check_complete, structure
     from runtime.simulation.shares import shares
+    from symbolic.model_file.exchange.exporting import alone
 
-    known = {}
+    model, known = compiled.model(), {}
     for term, values in structure(model).items():
         try:
             check_complete(model, {term: values})
             known[term] = values
         except ModelError:
             continue
-    found = shares(model, known, recordings)
+    held: dict[tuple[str, int | None], Structure] = {}
+    for effect in (e for e in made.effects if e.standing.played == "approximated"):
+        parts = [alone(element, compiled.library) for element in effect.elements]
+        if None not in parts:
+            held[effect.name, effect.joint] = {Term(part[0], effect.joint): part[1] for part in parts if part}
+    without = {term: held[term.name, term.joint] for term in known if (term.name, term.joint) in held}
+    found = shares(model, known, recordings, without)
 
     def share(effect: ExportedEffect) -> float | None:
-        if effect.standing.played == "exact":
+        partly = effect.standing.played == "approximated"
+        if effect.standing.whole or (partly and (effect.name, effect.joint) not in held):
             return None
         of = [part for (term, k), part in found.items() if term.name == effect.name and effect.joint in (None, k + 1)]
         return max(of, default=None)

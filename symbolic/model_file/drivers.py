@@ -26,7 +26,7 @@ KNOWN_DRIVERS = (
     KnownDriver(
         r".*(shoulder_pan|shoulder_lift|elbow|wrist_[123])(_joint)?",
         None,
-        '"gravity_compensated" for effort of the ROS 2 driver with PolyScope 5.23 or later; currents are the motor\'s',
+        '"gravity_compensated" for effort of the ROS 2 driver since PolyScope 5.23, X 10.11; currents are the motor\'s',
     ),
 )
 """Source: libfranka, RobotState::tau_J; KUKA Sunrise.FRI, getMeasuredTorque; Universal Robots ROS 2 driver, parameter

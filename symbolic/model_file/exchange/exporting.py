@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
@@ -38,7 +38,7 @@ ROUNDING = 1e-12
 class ExportedEffect:
     """An effect of the model and how it stands in the file.
 
-    joint   from 1; None: of the whole arm     share   of the joint's torque, where it is known
+    joint   from 1; None: of the whole arm     share   of the joint's torque that the file lacks, where it is known
     """
 
     name: str
@@ -148,6 +148,17 @@ def exported(
 def _at_joints(name: str, library: Mapping[str, Effect]) -> bool:
     """Whether an effect of the arm is one of every joint, with the same values."""
     return name in library and bool(library[name].alike_at_joints)
+
+
+def alone(element: Element, library: Mapping[str, Effect]) -> tuple[str, Values] | None:
+    """The effect whose law is this element and no other, with the element's numbers; None: there is none."""
+    for name, effect in library.items():
+        if [type(own) for own in effect.elements] == [type(element)]:
+            of = {p.symbol: p.name for p in effect.parameters}
+            values = {of.get(getattr(effect.elements[0], f.name)): getattr(element, f.name) for f in fields(element)}
+            if None not in values:
+                return name, {key: value for key, value in values.items() if key}
+    return None
 
 
 def elastic(arm: Arm, library: Mapping[str, Effect]) -> list[bool]:

@@ -80,12 +80,14 @@ WAYS: Mapping[Language, Mapping[type[e.Element], Way]] = {
 
 @dataclass(frozen=True)
 class Standing:
-    """How an effect stands in a file. by, but: as `Way`, of all its elements; tolerance: the largest of theirs."""
+    """How an effect stands in a file. by, but: as `Way`, of all its elements; tolerance: the largest of theirs; whole:
+    every element has a place there."""
 
     played: Played
     by: str
     but: str
     tolerance: float
+    whole: bool = False
 
 
 def standing(kinds: Iterable[type[e.Element]], language: Language) -> Standing:
@@ -101,6 +103,7 @@ def standing(kinds: Iterable[type[e.Element]], language: Language) -> Standing:
         "; ".join(dict.fromkeys(way.by for way in ways)),
         "; ".join(buts),
         max(way.tolerance for way in ways),
+        not lacking,
     )
 
 

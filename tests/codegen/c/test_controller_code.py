@@ -15,12 +15,15 @@ import sympy as sp
 from random_arms import MIXED, loaded
 
 from codegen import prepare, render
+from codegen.firmware.source_tree import firmware_files
 from codegen.toolchain import build
 from symbolic.controller_law import compensation
 from symbolic.effects import LIBRARY
 from symbolic.effects.declaration import SIGNAL, Effect
 from symbolic.model import derive
+from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Contact, Joint
+from tests.watched_arm import MONITOR, watched_text
 
 
 def sources(arm: Arm, library: dict[str, Effect] = LIBRARY) -> dict[str, str]:
@@ -39,6 +42,22 @@ def test_no_warnings(tmp_path: Path, name: str, level: str) -> None:
 def test_no_warnings_for_the_arm_of_the_paper(tmp_path: Path, vishard4: Arm) -> None:
     """-Wfloat-equal besides: nothing hangs on two floats being the same."""
     compile_all(tmp_path, sources(vishard4), "-O2", *build.WARNINGS, "-Wcast-qual", "-Wswitch-default", "-pedantic")
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+def test_no_name_is_one_of_gccs(tmp_path: Path) -> None:
+    """-std=gnu11, as Arduino and PlatformIO have it, knows more functions by name; everything that is generated."""
+    model = derive(reader.parse(watched_text(2, monitor=MONITOR + "statistics = true\n"), "arm.toml"))
+    host = render.effect_files([*LIBRARY.values()]) | render.arm_files(model) | render.arm_effect_files(model, LIBRARY)
+    files = firmware_files(model, LIBRARY) | {f"src/{path}": text for path, text in host.items()}
+    for path, text in files.items():
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(text)
+    units = sorted(path for path in files if path.endswith(".c"))
+    command = ["gcc", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-Isrc", *units]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert len(units) > 20
+    assert result.returncode == 0, result.stderr[:3000]
 
 
 def compile_all(directory: Path, files: dict[str, str], *flags: str) -> None:

@@ -308,6 +308,20 @@ def test_what_the_file_lacks_has_its_share_of_the_torque(run: Run) -> None:
     assert "absent.csv" in err
 
 
+@pytest.mark.parametrize("language", ["urdf", "bam"])
+def test_the_share_of_what_stands_there_in_part_is_that_of_what_is_lost(run: Run, language: str) -> None:
+    """Half the difference of two directions, of which a format has the mean."""
+    tables = "[joint.effects.coulomb_asymmetric]\npositive = 1.2\nnegative = 1.1\n"
+    tables += "[joint.effects.viscous_asymmetric]\npositive = 0.9\nnegative = 0.5\n"
+    Path("two.toml").write_text(one_joint.model_text(tables, gravity=-9.81))
+    assert run("simulate", "two.toml", "--seconds", "10", "--out", "run.csv")[0] == 0
+    t, q, tau = np.genfromtxt("run.csv", delimiter=",", skip_header=1, usecols=(0, 1, 2)).T
+    lost = {"coulomb_asymmetric": 0.05, "viscous_asymmetric": 0.2 * np.std(np.gradient(q, t))}
+    for entry in said(run, "two.toml", "--to", language, "--out", "two.file", "--on", "run.csv")["effects"]:
+        assert entry["played"] == "approximated"
+        assert entry["share"] == pytest.approx(lost[entry["effect"]] / np.sqrt(np.mean(tau**2)), rel=0.05)
+
+
 def test_what_was_identified_is_exported_with_its_torques(run: Run) -> None:
     """Base parameters that no body of the file has, into a URDF, and back into bodies: the torques are the model's."""
     source = Source.read(Path("small.toml"), None)

@@ -81,7 +81,7 @@ class Server:
 
 def served(folder: Path, *arguments: object) -> Iterator[Server]:
     """`tendon studio ARGUMENTS`, run in a folder and ended afterwards."""
-    pytest.importorskip("nicegui", reason="no studio: pip install 'tendon[studio]'")
+    pytest.importorskip("nicegui", reason="no studio: pip install -e '.[studio]'")
     command = [sys.executable, "-c", "from runtime.cli.main import main; main()", "studio", "--no-browser"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
     with (folder / "studio.log").open("w") as log:

@@ -114,7 +114,7 @@ def test_a_port_that_is_taken_is_said_before_a_folder_is_made(here, served, caps
 
 def test_the_browser_is_handed_a_file_that_others_cannot_read_and_not_the_key(here, monkeypatch):
     """What stands on a command line everybody on the machine can read. The key is long, and another each time."""
-    pytest.importorskip("nicegui", reason="no studio: pip install 'tendon[studio]'")
+    pytest.importorskip("nicegui", reason="no studio: pip install -e '.[studio]'")
     import uvicorn
 
     opened, said, keys = [], [], []
