@@ -21,7 +21,7 @@ from runtime.diagnosis.pruning import reconsidered, without_insignificant, witho
 from runtime.diagnosis.rivals import best_branch, branches, is_open, with_rivals
 from runtime.diagnosis.search import add_further, add_witnessed, best_pair, best_single, compared
 from runtime.diagnosis.settings import BUDGET, LEAST_MOVING_S, MOST_FINDINGS
-from runtime.diagnosis.steps import CutShort, Step, Trail, SearchWork, seconds_moving
+from runtime.diagnosis.steps import CutShort, SearchWork, Step, Trail, seconds_moving
 from runtime.diagnosis.verdict import Diagnosis, decide
 from runtime.fit_warnings import suspicions
 from runtime.identification.identify import prepared, refuse_copies, refuse_two_sides, without_tip_rests
