@@ -33,7 +33,8 @@ _WORTH_FORKING = 1.0  # s
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within, the linear algebra library uses one thread: with small matrices its threads wait for each other."""
+    """Within, the linear algebra library uses one thread, as in forked processes: with small matrices its threads wait
+    for each other, and with another number of them results differ in the last bit."""
     with threadpool_limits(1, user_api="blas"):
         yield
 

@@ -349,7 +349,7 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
     least = (1 - WORTH_A_LOOK / base.model.n) * float(system.solution.held_out[0].sum())
     hopeful = [c for c in scored if errors[c.term] < least] or scored[:FINALISTS_OF_A_JOINT]
     chosen = hopeful[:FINALISTS]
-    for joint in {c.term.joint for c in found}:
+    for joint in dict.fromkeys(c.term.joint for c in found):
         of_joint = [c for c in hopeful if c.term.joint == joint][:FINALISTS_OF_A_JOINT]
         # What happens in one stretch only, as a contact may, is left to chance where that stretch is held out.
         of_joint.append(min((c for c in found if c.term.joint == joint), key=lambda c: left[c.term]))

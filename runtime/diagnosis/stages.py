@@ -28,6 +28,7 @@ from runtime.identification.identify import prepared, refuse_copies, refuse_two_
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.motion import Motion, prepare
+from runtime.progress import one_thread
 from runtime.recordings.recording import Recording, RecordingError
 
 OnStep = Callable[[Step], None]
@@ -54,6 +55,7 @@ def diagnose(
     return conclude(complete(begin(model, recordings, held_out), budget=budget), wider)
 
 
+@one_thread()
 def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Trail:
     """Prepare and identify: a trail with the model file's structure fitted."""
     motion = prepared(model, recordings)
@@ -64,6 +66,7 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
     return replace(trail, suspicions=suspicions(trail.last.fit))
 
 
+@one_thread()
 def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: int = BUDGET) -> Trail:
     """The trail at its end: the best of those that follow the first finding with rivals, or one of these; without what
     is not significant beside the rest. on_step is called with each step of the first way; budget: number of structures
@@ -119,6 +122,7 @@ def _pruned(trail: Trail) -> Trail:
     return trail
 
 
+@one_thread()
 def conclude(trail: Trail, wider: Wider | None = None) -> Diagnosis:
     """Decide, and say how large each effect would have had to be, if all was sought; wider as for `diagnose`."""
     found = decide(trail, wider)

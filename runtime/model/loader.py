@@ -328,7 +328,8 @@ class Library:
         read = [self._signals(info, one) for one in signals]
         arrays, count = [arrays for arrays, _ in read], read[0][1]
         joints, rows = len(signals), 1 + len(info.coefficients)
-        lanes = self._lanes if info.states and len(choices) > 1 else 1
+        # Also of a single choice: the same choice among others is then the same to its last bit.
+        lanes = self._lanes if info.states else 1
         if joints > 1 and joints * rows * count * lanes > _MOST_AT_ONCE:
             each = [
                 self.columns_in_band(effect, [one], choices, dt=dt, kernel=kernel, factor=factor) for one in signals

@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import LEAST_OF_ROW
+from runtime.motion.settings import LEAST_OF_ROW, ROWS_AT_ONCE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -152,16 +152,25 @@ class UnknownTorque:
         return axes, size**2 / (size**2 + SAME_DIRECTION**2)
 
     def __call__(self, x: Array) -> Array:
-        """x (..., M) -> (..., M)."""
+        """x (..., M) -> (..., M), each row the same to its last bit whatever stands beside it."""
         if not self.directions.shape[1]:
             return x
-        rows = x.reshape(-1, x.shape[-1])
+        rows, left = x.reshape(-1, x.shape[-1]), np.empty(x.shape)
+        # Products of matrices of other sizes are rounded in other ways: all have as many rows.
+        for first in range(0, len(rows), ROWS_AT_ONCE):
+            some = rows[first : first + ROWS_AT_ONCE]
+            padded = np.pad(some, ((0, ROWS_AT_ONCE - len(some)), (0, 0)))
+            left.reshape(rows.shape)[first : first + len(some)] = self._of_some(padded)[: len(some)]
+        return left
+
+    def _of_some(self, rows: Array) -> Array:
+        """As the call, of ROWS_AT_ONCE rows."""
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
             if self._axes is not None:
                 axes, part = self._axes
-                return np.asarray(rows - ((rows @ axes) * part) @ axes.T).reshape(x.shape)
-            left: Array = rows.T - self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ rows.T))
-        return np.ascontiguousarray(left.T).reshape(x.shape)
+                return np.asarray(rows - ((rows @ axes) * part) @ axes.T)
+            taken = self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ rows.T))
+        return np.asarray(rows - taken.T)
 
 
 def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, sparse.csr_array]:

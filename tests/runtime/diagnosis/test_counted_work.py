@@ -5,13 +5,18 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.diagnosis.candidates import FittedBase
 from runtime.diagnosis.stages import diagnose
+from runtime.identification.regressors import Regressors
+from runtime.model.terms import Term
 from runtime.progress import on_cores, within
 from runtime.recordings.recording import write
 from runtime.report.reasons import reason
@@ -72,3 +77,15 @@ def test_a_time_limit_ends_the_search_or_the_limits_after_it() -> None:
     assert (clean.verdict, clean.search.ended) == ("clean", "complete")
     some = clean.within(clean.seen[:3], len(clean.seen) - 3)
     assert (some.verdict, some.search.ended, len(some.seen)) == ("refused", "time", 3)
+
+
+def test_columns_are_the_same_alone_and_among_others() -> None:
+    """To the last bit: which are computed together depends on what other processes have computed."""
+    fit = bank.identified("six coupled")
+    base = FittedBase(fit)
+    for term in (Term("stribeck", 2), Term("elasticity", 2), Term("lugre", 2)):
+        shapes = base.choices(term)[:9]
+        among = Regressors(base.model, replace(fit.motion), fit.prediction).columns_each(term, 1, shapes)
+        for shape, found in zip(shapes, among, strict=True):
+            alone = Regressors(base.model, replace(fit.motion), fit.prediction).columns(term, 1, shape)
+            np.testing.assert_array_equal(alone, found)
