@@ -260,8 +260,8 @@ class _Program:
 class Alike:
     """As `bounded`, of several problems with the same bounds.
 
-    grams (F, K, K); lower, upper (K,); ends: on which bounds coefficients stood in problems like these, the likely
-    first, kept up to date; core: the same problems without their last coefficients, of which others know more already
+    grams (F, K, K); lower, upper (K,); ends: on which bounds coefficients may end; core: the same problems without
+    their last coefficients, of which others know more already
     Problems that are alike end on the same bounds: what one of them has found is tried on the others, all at once. It
     is the answer where nothing falls towards the inside (Karush, Kuhn and Tucker), as there is one least square of Gram
     matrices that are positive; of others, `bounded` goes its own way.
@@ -277,7 +277,7 @@ class Alike:
         """(F, K) coefficients, moments (F, K)."""
         found, left = np.tile(self.lower, (len(self.grams), 1)), np.ones(len(self.grams), dtype=bool)
         if self._least_pivot > 0:
-            for sides in list(self.ends) or [np.zeros(len(self.lower), dtype=np.int8)]:
+            for sides in self.ends or [np.zeros(len(self.lower), dtype=np.int8)]:
                 if left.any():
                     self._try(sides, moments, found, left)
         while left.any():
@@ -301,14 +301,6 @@ class Alike:
             ended &= (fall * ending.inward).max(axis=1, initial=0.0) <= most
         if ended.any():
             found[ended], left[ended] = theta[ended], False
-            self._remember(sides, int(ended.sum()))
-
-    def _remember(self, sides: Sides, count: int) -> None:
-        """In front where most of the problems end so, else behind the first; four are tried."""
-        key = sides.tobytes()
-        others = [e for e in self.ends if e.tobytes() != key]
-        place = 0 if 2 * count > len(self.grams) else 1
-        self.ends[:] = [*others[:place], sides, *others[place:]][:4]
 
     @cached_property
     def _reach(self) -> Array:

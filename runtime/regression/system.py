@@ -278,13 +278,13 @@ class LinearSystem:
 
     @cached_property
     def _ends(self) -> list[Sides]:
-        """On which bounds coefficients ended, shared with systems of as many unknowns over the same base."""
-        root = self if self.base is None else self.base
-        return root._ends_by_size.setdefault(len(self.unknown), [])
-
-    @cached_property
-    def _ends_by_size(self) -> dict[int, list[Sides]]:
-        return {}
+        """On which bounds coefficients may end: where those of the base do, whatever other systems over it have found,
+        so that no solution depends on the order of candidates."""
+        if self.base is None:
+            return []
+        theta, (lower, upper) = self.base.solution.coefficients, self.base.bounds
+        sides = np.where(theta == lower, 1, np.where(theta == upper, -1, 0))
+        return [np.append(sides, np.zeros(len(self.unknown) - len(theta))).astype(np.int8)]
 
     @cached_property
     def _shrinkage(self) -> Array:
@@ -314,9 +314,10 @@ class LinearSystem:
 
     # solutions -------------------------------------------------------------------------------------------------------
 
-    @cached_property
+    @property
     def solution(self) -> Solution:
-        """Least squares on all rows, every coefficient within its bounds."""
+        """Least squares on all rows, every coefficient within its bounds; the system does not keep it, as the two would
+        keep each other until the garbage collector comes."""
         return Solution(self, self._torque, self.gram @ self._torque)
 
     def solve(self, added: Array) -> Solution:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,6 +90,22 @@ def test_many_choices_gain_what_each_does() -> None:
     every = Block("candidate", {0: Columns(columns, noise)}, *bounds)
     for k, gain in enumerate(found.gains(every)):
         assert np.isclose(gain, found.gain(every.choice(k)))
+
+
+def test_a_system_is_freed_at_once() -> None:
+    """Without the garbage collector, which a verb runs seldom: systems of candidates would fill the memory."""
+    rng = np.random.default_rng(2)
+    made = system(Joint(rng.standard_normal(400), rng.standard_normal((2, 400)))).with_block(
+        block(rng.standard_normal(400))
+    )
+    gone = weakref.ref(made)
+    gc.disable()
+    try:
+        assert made.solution.sse > made.solution.held_out[1].min() > 0
+        del made
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_what_joints_share_counts_once() -> None:
