@@ -37,7 +37,7 @@ def generate(
 
     source = opened(model, effects)
     with terminal.working(f"deriving {source.arm().name}"):
-        rendered = render_all(source, out, effects, rust=rust, even_open=even_open)
+        rendered = render_all(source, out, effects, rust, even_open)
     stale = rendered.stale() if check else []
     if not check:
         rendered.write()

@@ -226,9 +226,9 @@ def generated_lines(document: GenerateDocument) -> list[str]:
     return [
         f"{document.directory}: {len(document.files)} files; effects in {document.effects_directory}",
         "inverse dynamics: " + ", ".join(f"{value} {kind}" for kind, value in count.items() if value),
+        *open_lines(map(astuple, document.open)),
         f"C++: tendon_{name}.hpp, by CMake find_package(tendon_{name}); Python: pip install "
         f"{_as_folder(document.directory)}; Rust: {rust}",
-        *open_lines(map(astuple, document.open)),
     ]
 
 

@@ -77,7 +77,7 @@ class Rendered:
 
 
 def render_all(
-    source: Source, out: Path | None, effects: Path | None, *, rust: bool = False, even_open: bool = False
+    source: Source, out: Path | None, effects: Path | None, rust: bool = False, even_open: bool = False
 ) -> Rendered:
     """All generated files of an arm.
 
