@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import inf, isfinite
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 
@@ -89,3 +89,24 @@ class Checked:
             value = getattr(self, item.name)
             if value is not None and not item.setting.allows(value):
                 raise SettingError(f"{item.name} is {value!r}; expected {item.setting.range}")
+
+
+LEAST_TIME_LIMIT = 0.1
+"""s; of a search."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings(Checked):
+    """How much a search may do. It counts its iterations; only with a time limit does a clock decide anything."""
+
+    budget: Annotated[
+        int | None, Setting("Iterations that the search may make; default: all that it is made for.", 1)
+    ] = None
+    time_limit: Annotated[
+        float | None, Setting("Longest time for the search, s; default: none.", low=LEAST_TIME_LIMIT)
+    ] = None
+
+    @property
+    def seconds(self) -> float:
+        """s; that the search may take; inf without a limit."""
+        return inf if self.time_limit is None else self.time_limit

@@ -97,8 +97,8 @@ def experiment(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Within the limits of the joints. With --between confirmed in simulation;
-    exit status 1 if there is none."""
+    """Within the limits of the joints. With --between confirmed in simulation.
+    Exit status 1 if there is none, or the search was cut."""
     from runtime.report import terminal
 
     if between and (given or held_out):
@@ -117,9 +117,9 @@ def experiment(
 
     if isinstance(said, FirstMotionDocument):
         emit(json, said, terminal.printer(recordings.first_motion))
-        return
-    emit(json, said, terminal.printer(recordings.experiment))
-    if not said.separated:
+    else:
+        emit(json, said, terminal.printer(recordings.experiment))
+    if said.search.ended != "complete" or not getattr(said, "separated", True):
         raise typer.Exit(NO)
 
 

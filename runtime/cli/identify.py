@@ -10,12 +10,23 @@ from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from runtime.cli.inputs import TypedInputs, check_own, made_from, opened
-from runtime.cli.options import AllowGaps, EffectsFile, Json, Map, MaybeRecordings, ModelFile, Recordings, Report
+from runtime.cli.options import (
+    AllowGaps,
+    EffectsFile,
+    Json,
+    Map,
+    MaybeRecordings,
+    ModelFile,
+    Recordings,
+    Report,
+    with_settings,
+)
 from runtime.cli.output import NO, emit, write_page
 from runtime.cli.places import READ
 from runtime.documents.fits import FitParameters, IdentifyDocument, JudgedFitDocument
 from runtime.documents.replays import OutputErrorEntry
 from runtime.identification.settings import SKEW_RANGE
+from runtime.setting import SearchSettings
 from runtime.workspace.names import UsageError
 from symbolic.model_file.arm import ROTOR
 
@@ -23,6 +34,7 @@ app = typer.Typer()
 
 
 @app.command(epilog="Example: tendon identify drive.toml run1.csv run2.csv.gz --write")
+@with_settings
 def identify(
     model: ModelFile,
     recordings: MaybeRecordings = None,
@@ -43,6 +55,7 @@ def identify(
             help="Refine the fit: make the error of the simulated motion small, not that of the torque.",
         ),
     ] = False,
+    allowed: SearchSettings = SearchSettings(),
     statistics: Annotated[
         list[Path] | None,
         typer.Option(
@@ -57,12 +70,14 @@ def identify(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """With 95 % confidence intervals. Exit status 1 if the
-    fit is not to be believed."""
+    """With 95 % confidence intervals. Exit status 1 if the fit is not
+    to be believed, or the search of --output-error was cut (--budget, --time-limit)."""
     from runtime.report import diagnosed, replays, terminal
 
     if write:
         check_own(model)
+    if not motion and allowed != SearchSettings():
+        raise UsageError("--budget and --time-limit are of the search of --output-error; add it, or leave them out")
     if bool(recordings) == bool(statistics):
         raise UsageError("expected recordings, or --statistics with what a board has added up, and not both")
     if statistics:
@@ -88,7 +103,7 @@ def identify(
         from runtime.replay import output_error
 
         with terminal.working("simulating the motion"):
-            inference, data, refined = output_error.refined(found.fit, data)
+            inference, data, refined = output_error.refined(found.fit, data, allowed)
         own = inference.document(loaded)
         to_write = replace(document, inertial=own.inertial, effects=own.effects)
     written: list[str] = []
@@ -106,6 +121,8 @@ def identify(
     if found.verdict == "refused":
         if write and json != "-":
             terminal.say(f"Nothing written to {source.path}.")
+        raise typer.Exit(NO)
+    if isinstance(refined, OutputErrorEntry) and refined.search.ended != "complete":
         raise typer.Exit(NO)
 
 

@@ -56,8 +56,8 @@ def optimize(
     effects: EffectsFile = None,
     json: Json = None,
 ) -> None:
-    """Exit status 1 if no motion meets all constraints; shows which fails, and by how
-    much."""
+    """Exit status 1 if no motion meets all constraints, or the search was cut; shows
+    which constraint fails, and by how much."""
     from dataclasses import replace
 
     from runtime import files
@@ -85,12 +85,12 @@ def optimize(
         with terminal.working(f"optimizing {case.name}"):
             plan = optimizer.optimize(model, case, settings)
         with terminal.working(f"optimizing {case.name} without springs, to compare"):
-            without = optimizer.cost_without_springs(model, case, settings)
+            bare = optimizer.without_springs(model, plan, settings)
     except optimizer.Infeasible as error:
         refusal = structs.replace(results.refusal(model, case, error), provenance=provenance)
         emit(json, refusal, terminal.printer(motions.plan))
         raise typer.Exit(NO) from error
-    document = structs.replace(results.document(model, plan, without), provenance=provenance)
+    document = structs.replace(results.document(model, plan, bare), provenance=provenance)
     if out is not None:
         plan.trajectory.write(out)
     if model_out is not None:
@@ -110,3 +110,5 @@ def optimize(
         line = shlex.join(["tendon", "execute", str(arm), str(out), "--on", "simulation"])
         following = [CommandEntry(command=line, what="executes it on the simulated arm")] if out else []
         draw(lambda: plan_page(model, plan.trajectory, document, following).write(report), json)
+    if document.search.ended != "complete":
+        raise typer.Exit(NO)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from runtime.documents.parts import Document, EffectAt, Interval, JointName, JointNumber, key
+from runtime.documents.parts import Document, EffectAt, Interval, IterationsEntry, JointName, JointNumber, key
 from runtime.documents.recordings import AssumedNumber, DeterminedParameter
 
 
@@ -57,6 +57,7 @@ class FirstMotionDocument(Document, frozen=True, kw_only=True):
     ]
     assumed: Annotated[list[AssumedNumber], key("inertias that the model file leaves out")]
     unchecked: Annotated[list[str], key("what nothing keeps the arm from, a sentence each")]
+    search: Annotated[IterationsEntry, key("how far the search came: steps of its optimizer, and diagnoses of rivals")]
     out: Annotated[str | None, key("file of the motion; null if none was written")]
     held_out: Annotated[str | None, key("file of another motion, for validation; null if none was asked for")]
 

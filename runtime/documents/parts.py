@@ -5,7 +5,8 @@ A key that may be absent defaults to UNSET; a number that is not finite is null 
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, TypeVar
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import msgspec
 from msgspec import UNSET, UnsetType
@@ -52,6 +53,20 @@ Inseparable = Annotated[
 
 
 SearchEnd = Literal["complete", "budget", "time"]
+
+
+class IterationsEntry(Document, frozen=True, kw_only=True):
+    """How far a search came that counts its iterations."""
+
+    iterations: Annotated[int, key("iterations made", "1")]
+    budget: Annotated[int, key("iterations that it might make", "1")]
+    ended: Annotated[SearchEnd, key("complete; budget or time: what cut it")]
+
+    @classmethod
+    def of(cls, iterations: int, budget: int, ends: Iterable[SearchEnd]) -> Self:
+        """Of a search with parts: time cut it if it cut one of them, else the budget likewise."""
+        ended: SearchEnd = max(ends, key=("complete", "budget", "time").index, default="complete")
+        return cls(iterations=iterations, budget=budget, ended=ended)
 
 
 class EffectAt(Document, frozen=True, kw_only=True):

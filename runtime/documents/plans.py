@@ -11,6 +11,7 @@ from runtime.documents.parts import (
     Document,
     EffectAt,
     Interval,
+    IterationsEntry,
     JointName,
     JointNumber,
     key,
@@ -182,6 +183,7 @@ class OptimizeDocument(MotionDocument, frozen=True, kw_only=True):
     ]
     trajectory: Annotated[TrajectoryDocument, key("the motion as --out writes it")]
     solver: Annotated[SolverEntry, key("the search")]
+    search: Annotated[IterationsEntry, key("how many of its solver's iterations it took, with and without springs")]
     left_out: Annotated[dict[str, str], key("effects that a plan cannot hold, and why")]
     warnings: Annotated[list[str], key("what to know before the plan is used")]
     provenance: Origin = UNSET
@@ -196,6 +198,7 @@ class InfeasibleDocument(Document, frozen=True, kw_only=True):
     reason: Annotated[str, key("why there is no plan")]
     missed: Annotated[ViolationEntry, key("what the best attempt violates")]
     solver: Annotated[FailedSearchEntry, key("the search")]
+    search: Annotated[IterationsEntry, key("how many of its solver's iterations it took")]
     provenance: Origin = UNSET
 
 

@@ -14,6 +14,7 @@ from runtime.documents.parts import (
     Inseparable,
     Interval,
     Interval95,
+    IterationsEntry,
     JointName,
     JointNumber,
     JointOrArm,
@@ -325,6 +326,7 @@ class ProposalDocument(Document, frozen=True, kw_only=True):
     trials: Annotated[list[TrialDiagnosis], key("diagnoses of this motion")]
     ordinary_trials: Annotated[list[TrialDiagnosis], key("diagnoses of the ordinary excitation")]
     relief: Annotated[list[ReliefEntry], key("changes that could separate the rivals; empty if they are separated")]
+    search: Annotated[IterationsEntry, key("how far the search came: simulated diagnoses, and wider limits judged")]
 
 
 class ExperimentDocument(ProposalDocument, frozen=True, kw_only=True):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from msgspec import UNSET, UnsetType
 
 from runtime.documents.models import ArmName
-from runtime.documents.parts import Document, Interval95, JointName, JointNumber, JointOrArm, Unit, key
+from runtime.documents.parts import Document, Interval95, IterationsEntry, JointName, JointNumber, JointOrArm, Unit, key
 from runtime.documents.provenance import Origin
 
 
@@ -89,3 +89,4 @@ class OutputErrorEntry(Document, frozen=True, kw_only=True):
     skew: Annotated[float, key("samples by which the torque is taken later", "samples")]
     parameters: Annotated[list[RefinedParameter], key("each that was sought")]
     motions: Annotated[list[RefinedMotion], key("each joint that moves")]
+    search: Annotated[IterationsEntry, key("how many Gauss-Newton steps were made")]

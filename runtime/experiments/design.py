@@ -9,9 +9,8 @@ recording. Only that diagnosis decides whether the motion separates them.
 from __future__ import annotations
 
 import gzip
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from runtime import files
 from runtime.diagnosis.stages import begin, complete
 from runtime.diagnosis.verdict import decide
-from runtime.documents.parts import EffectAt
+from runtime.documents.parts import EffectAt, IterationsEntry, SearchEnd
 from runtime.documents.recordings import (
     AssumedNoise,
     MovedJoint,
@@ -38,10 +37,11 @@ from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.selection import WIDER, Freedom, PieceChoice, Repertoire, TorqueLimit, peaks, plans
 from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, narrowed, nothing_in_the_way
-from runtime.experiments.settings import ORDINARY_SECONDS, SAME_ANSWER, TRIAL_SEEDS
+from runtime.experiments.settings import MOST_PLANS, SAME_ANSWER, TRIAL_SEEDS
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
-from runtime.progress import of_long, seconds_left, steps, within
+from runtime.progress import is_late, of_long, one_thread, steps, within
+from runtime.simulation.motion_file import without_dust
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden
 
@@ -97,7 +97,7 @@ class SimulatedDiagnosis:
 class Confirmation:
     """Diagnoses of recordings of one motion, one for each rival and seed. True if all that were asked for are right.
 
-    asked   number of diagnoses that it takes; fewer were made where an answer was wrong, or the time ended
+    asked   number of diagnoses that it takes; fewer were made where an answer was wrong, or the search was cut
     """
 
     trials: tuple[SimulatedDiagnosis, ...]
@@ -117,17 +117,17 @@ class Confirmation:
         wrong = next((trial.problem for trial in self.trials if trial.problem), None)
         if self.finished:
             return wrong
-        return f"the time ended after {len(self.trials)} of {self.asked} diagnoses; a longer time limit decides"
+        return f"the search was cut after {len(self.trials)} of {self.asked} diagnoses; a longer one decides"
 
 
-def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmation:
-    """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); ends at a wrong answer, and
-    when the time has passed that work was given."""
+def confirm(bench: TrialArm, motion: Array, seeds: Sequence[int], most: int | None = None) -> Confirmation:
+    """Diagnose the motion with each rival hidden in it (and nothing, if there is only one); ends at a wrong answer,
+    after `most` diagnoses, and when the time has passed that work was given."""
     asked: list[_Asked] = [(motion, truth, seed) for seed in seeds for truth in _truths(bench)]
     trials: list[SimulatedDiagnosis] = []
     with steps("diagnoses", len(asked)) as step:
-        for trial in of_long(partial(_trial, bench), asked):
-            if trial is None:  # the only core was late
+        for trial in of_long(partial(_trial, bench), asked[:most]):
+            if trial is None:  # its search was cut
                 break
             trials.append(trial)
             step()
@@ -146,7 +146,7 @@ def _truths(bench: TrialArm) -> list[int | None]:
 
 
 def _trial(bench: TrialArm, asked: _Asked) -> SimulatedDiagnosis | None:
-    """None if the time ended before the diagnosis did."""
+    """None if the diagnosis was cut."""
     motion, truth, seed = asked
     hidden = None if truth is None else bench.rivals[truth]
     # Recordings of different rivals get different noise.
@@ -172,6 +172,7 @@ class Proposal:
     before, after   separations on the ordinary excitation and on this motion
     ordinary        the confirmation on the ordinary excitation, for comparison
     relief          what would separate the rivals where this motion does not: (what, smallest strength, enough)
+    search          how far the search came: diagnoses made, and wider limits judged
     """
 
     bench: TrialArm
@@ -184,6 +185,7 @@ class Proposal:
     ordinary: Confirmation
     confirmation: Confirmation
     relief: tuple[tuple[str, float, bool], ...]
+    search: IterationsEntry
 
     @property
     def separated(self) -> bool:
@@ -244,6 +246,7 @@ class Proposal:
             trials=[t.document() for t in self.confirmation.trials],
             ordinary_trials=[t.document() for t in self.ordinary.trials],
             relief=[ReliefEntry(change=name, sigmas=s, enough=enough) for name, s, enough in self.relief],
+            search=self.search,
         )
 
     def _joint(self, i: int, torque: Array) -> MovedJoint:
@@ -305,17 +308,19 @@ def propose(
     say = tell or (lambda _: None)
     if settings.noise <= 0:
         raise ExperimentError("without noise every difference would count; give a noise above 0")
-    with within(settings.time_limit):
+    with one_thread(), within(settings.seconds):
         own = None if likely is None else narrowed(likely, ranges)
         bench = TrialArm.of(narrowed(model, ranges), rivals, settings, moving, own, free)
         limit = TorqueLimit.of(bench)
-        say(f"judging the pieces of motion; the search takes at most {settings.time_limit:g} s")
+        say("judging the pieces of motion")
         repertoire = Repertoire.of(bench, limit, Freedom())
         seeds = [settings.seed + s for s in TRIAL_SEEDS]
-        choice, motion, confirmation = _tried(bench, repertoire, seeds, say)
+        once = len(_truths(bench))
+        work = _Work(settings.budget or (MOST_PLANS * len(seeds) + 1) * once + len(WIDER))
+        choice, motion, confirmation = _tried(bench, repertoire, seeds, work, say)
         say("diagnosing the ordinary excitation")
-        ordinary = confirm(bench, bench.ordinary_path, seeds[:1])
-        relief = _reliefs(bench, limit, say) if not confirmation and not choice.enough else ()
+        ordinary = work.confirmed(bench, bench.ordinary_path, seeds[:1])
+        relief = _reliefs(bench, limit, work, say) if not confirmation and not choice.enough else ()
         return Proposal(
             bench,
             motion,
@@ -327,27 +332,48 @@ def propose(
             ordinary=ordinary,
             confirmation=confirmation,
             relief=relief,
+            search=IterationsEntry.of(work.made, work.most, work.ends),
         )
 
 
+@dataclass
+class _Work:
+    """What a search may do and has done: diagnoses and wider limits, both counted alike; and what cut it."""
+
+    most: int
+    made: int = 0
+    ends: set[SearchEnd] = field(default_factory=set)
+
+    def confirmed(self, bench: TrialArm, motion: Array, seeds: Sequence[int]) -> Confirmation:
+        """As `confirm`, as far as the search may."""
+        found = confirm(bench, motion, seeds, self.most - self.made)
+        self.made += len(found.trials)
+        if not found.finished:
+            self.cut()
+        return found
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing further may be done."""
+        return self.made >= self.most or is_late()
+
+    def cut(self) -> None:
+        """Note that something is left out."""
+        self.ends.add("time" if is_late() else "budget")
+
+
 def _tried(
-    bench: TrialArm, repertoire: Repertoire, seeds: Sequence[int], say: Tell
+    bench: TrialArm, repertoire: Repertoire, seeds: Sequence[int], work: _Work, say: Tell
 ) -> tuple[PieceChoice, Array, Confirmation]:
-    """The first plan that is confirmed, or the last that was decided; the same wrong answer again ends it, and a plan
-    for which the time will not do."""
-    coming = plans(repertoire.choices())
+    """The first plan that is confirmed, or the last that was decided; the same wrong answer again ends it."""
     tried: list[tuple[PieceChoice, Array, Confirmation]] = []
-    pace = 0.0  # s of work for each s of motion, were all its diagnoses made
-    for choice in coming:
+    for choice in plans(repertoire.choices()):
         wrong = [confirmation.problem for *_, confirmation in tried]
-        needed = pace * (choice.seconds + ORDINARY_SECONDS)
-        if wrong and (wrong.count(wrong[-1]) >= SAME_ANSWER or needed > seconds_left()):
+        if wrong and wrong.count(wrong[-1]) >= SAME_ANSWER:
             break
         say(f"diagnosing {_told(repertoire, choice)}")
-        began, motion = time.monotonic(), repertoire.motion(choice)
-        confirmation = confirm(bench, motion, seeds)
-        made = max(len(confirmation.trials), 1) / confirmation.asked
-        pace = max(pace, (time.monotonic() - began) / made / choice.seconds)
+        motion = repertoire.motion(choice)
+        confirmation = work.confirmed(bench, motion, seeds)
         if confirmation.finished or not tried:
             tried.append((choice, motion, confirmation))
         if confirmation:
@@ -360,15 +386,15 @@ def _told(repertoire: Repertoire, choice: PieceChoice) -> str:
     return f"{choice.seconds:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}"
 
 
-def _reliefs(bench: TrialArm, limit: TorqueLimit, say: Tell) -> tuple[tuple[str, float, bool], ...]:
-    """What each wider limit would do, as many of them as the time allows."""
+def _reliefs(bench: TrialArm, limit: TorqueLimit, work: _Work, say: Tell) -> tuple[tuple[str, float, bool], ...]:
+    """What each wider limit would do, as many of them as the search may judge."""
     found: list[tuple[str, float, bool]] = []
-    longest = 0.0  # s
     for freedom in WIDER:
-        began = time.monotonic()
-        if longest < seconds_left():
-            found.append(_relief(bench, limit, freedom, say))
-            longest = max(longest, time.monotonic() - began)
+        if work.spent:
+            work.cut()
+            break
+        found.append(_relief(bench, limit, freedom, say))
+        work.made += 1
     return tuple(found)
 
 
@@ -386,6 +412,6 @@ def write_motion(path: Path, model: Model, motion: Array, notes: Sequence[str] =
     lines = [f"# {note}" for note in notes]
     lines += [",".join(["t [s]", *(f"q{i} [{unit}]" for i, unit in enumerate(units, 1))])]
     row = ",".join(["%.3f", *["%.10f"] * model.n])
-    lines += [row % (k / RATE, *q) for k, q in enumerate(motion.T.tolist())]
+    lines += [row % (k / RATE, *q) for k, q in enumerate(without_dust(motion).T.tolist())]
     data = ("\n".join(lines) + "\n").encode()
     files.replace(path, gzip.compress(data, mtime=0) if str(path).endswith(".gz") else data)

@@ -7,13 +7,15 @@ several random motions. What is left beyond a limit at the end is removed by mak
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from runtime.documents.parts import IterationsEntry, SearchEnd
 from runtime.experiments.fourier import FourierMotion
 from runtime.experiments.information import ArmInformation, InstantOutputs
 from runtime.experiments.margins import Nearest
@@ -53,6 +55,21 @@ class NoRoom:
 
 
 @dataclass(frozen=True)
+class Climb:
+    """A search from one start: the unknowns (n, k) where it ended, its iterations, and why it ended."""
+
+    x: Array
+    iterations: int
+    ended: SearchEnd
+
+
+def _until_late(_: Array) -> None:
+    """SciPy ends a search whose callback raises StopIteration."""
+    if is_late():
+        raise StopIteration
+
+
+@dataclass(frozen=True)
 class ExcitationSearch:
     """Of Fourier motions of one arm.
 
@@ -83,31 +100,45 @@ class ExcitationSearch:
         clear = float(self.room.least(q).min())
         return max(*ratios, float(np.sqrt(made.tip_speed2.max())) / self.tip_speed, np.inf if clear < 0 else 0.0)
 
-    def best(self, starts: Sequence[Array]) -> Array:
-        """The unknowns (n, k) of the best motion from any of these starts that keeps to all limits."""
-        found = of_each("motions", self._ended, starts)
-        return max(found, key=lambda pair: pair[0])[1]
+    def best(self, starts: Sequence[Array], budget: int | None = None) -> tuple[Array, IterationsEntry]:
+        """The unknowns (n, k) of the best motion from any of these starts that keeps to all limits; budget: iterations,
+        of which each start gets the same share; None: as many as the search is made for."""
+        budget = len(starts) * len(PENALTIES) * STEPS_A_PENALTY if budget is None else budget
+        found = of_each("motions", partial(self._ended, budget // len(starts)), starts)
+        made = sum(climb.iterations for _, climb in found)
+        best = max(found, key=lambda pair: pair[0])[1].x
+        return best, IterationsEntry.of(made, budget, [climb.ended for _, climb in found])
 
-    def _ended(self, start: Array) -> tuple[float, Array]:
-        """Information and unknowns of the motion at which the search from this start ends, or is when it is late."""
-        x = self._within_limits(self._climbed(start))
-        return self.value(x), x
-
-    def _climbed(self, x: Array) -> Array:
+    def _ended(self, most: int, start: Array) -> tuple[float, Climb]:
+        """Information of the motion at which the search from this start ends, and the way there."""
         with one_thread():
-            for weight in PENALTIES:
-                if is_late():
-                    break
-                made = minimize(
-                    self._loss,
-                    x.ravel(),
-                    args=(weight,),
-                    jac=True,
-                    method="L-BFGS-B",
-                    options={"maxiter": STEPS_A_PENALTY},
-                )
-                x = made.x.reshape(x.shape)
-        return x
+            climb = self._climbed(start, most)
+            x = self._within_limits(climb.x)
+            return self.value(x), replace(climb, x=x)
+
+    def _climbed(self, x: Array, most: int) -> Climb:
+        """With each penalty in turn, which has an even share of the iterations that are left."""
+        made, ends = 0, set[SearchEnd]()
+        for k, weight in enumerate(PENALTIES):
+            steps = min(STEPS_A_PENALTY, (most - made) // (len(PENALTIES) - k))
+            if not steps or is_late():
+                ends.add("budget" if not steps else "time")
+                continue
+            found = minimize(
+                self._loss,
+                x.ravel(),
+                args=(weight,),
+                jac=True,
+                method="L-BFGS-B",
+                callback=_until_late,
+                options={"maxiter": steps},
+            )
+            x, made = found.x.reshape(x.shape), made + found.nit
+            if found.nit >= steps < STEPS_A_PENALTY:
+                ends.add("budget")
+            elif is_late():
+                ends.add("time")
+        return Climb(x, made, IterationsEntry.of(made, most, ends).ended)
 
     def _within_limits(self, x: Array) -> Array:
         """The motion made smaller until it keeps to every limit. The smallest is nearly at rest."""

@@ -15,6 +15,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.documents.parts import IterationsEntry
 from runtime.experiments.excitation import ExcitationSearch, Room
 from runtime.experiments.fourier import FourierMotion, harmonics_of
 from runtime.experiments.information import ArmInformation
@@ -114,6 +115,7 @@ class FirstMotion:
 
     without_repeats   (n, N) the same with its Fourier part once
     parts   names and lengths in s      nats   information of its Fourier part
+    search   how far the search for that part came
     """
 
     path: Array
@@ -121,6 +123,7 @@ class FirstMotion:
     parts: tuple[tuple[str, float], ...]
     nats: float
     start: Array
+    search: IterationsEntry
 
     @property
     def seconds(self) -> float:
@@ -152,12 +155,14 @@ class MotionPlanner:
         """(n,) the pose about which the arm moves."""
         return np.array([e.middle for e in self.envelopes])
 
-    def motion(self, seed: int, tell: Tell, more: Sequence[tuple[str, Array]] = ()) -> FirstMotion:
-        """The first motion; another seed gives another one. more: names and positions (n, N) of parts besides. Raises
-        SimulationError where nothing is safe."""
+    def motion(
+        self, seed: int, tell: Tell, more: Sequence[tuple[str, Array]] = (), budget: int | None = None
+    ) -> FirstMotion:
+        """The first motion; another seed gives another one. more: names and positions (n, N) of parts besides; budget:
+        iterations of the search; None: all that it is made for. Raises SimulationError where nothing is safe."""
         rng = np.random.default_rng(seed)
         tell("searching the Fourier motion of most information")
-        series, x, nats = self._fourier(rng)
+        series, x, nats, search = self._fourier(rng, budget)
         tell("fitting a ladder of speeds, holds and slow passes into the limits")
         others = [*more, *self._others(rng)]
         once = series.shape(x, np.arange(round(series.period * RATE)) / RATE)[0]
@@ -167,9 +172,11 @@ class MotionPlanner:
         parts = [(f"a Fourier motion of {series.period:g} s, {times} times", np.tile(once, times)), *others]
         path = self._joined([part for _, part in parts])
         lengths = tuple((name, part.shape[1] / RATE) for name, part in parts)
-        return FirstMotion(path, without_repeats, lengths, nats, self.start)
+        return FirstMotion(path, without_repeats, lengths, nats, self.start, search)
 
-    def _fourier(self, rng: np.random.Generator) -> tuple[FourierMotion, Array, float]:
+    def _fourier(
+        self, rng: np.random.Generator, budget: int | None
+    ) -> tuple[FourierMotion, Array, float, IterationsEntry]:
         period = min(PERIOD, FOURIER_PART * self.seconds / LEAST_TIMES)
         series = FourierMotion(self.envelopes, self.moving, period, harmonics_of(period, FASTEST_HARMONIC))
         limits, count = self.limits, SAMPLES_A_PERIOD
@@ -182,7 +189,7 @@ class MotionPlanner:
             torque=limits.torque,
             tip_speed=limits.tip_speed,
         )
-        x = search.best([series.random(rng) for _ in range(STARTS)])
+        x, came = search.best([series.random(rng) for _ in range(STARTS)], budget)
         # Between the samples of the search, too.
         t = np.arange(round(period * RATE)) / RATE
         size = 1.0
@@ -193,7 +200,7 @@ class MotionPlanner:
                     f"no safe motion about the middle of the ranges was found: even a small one has {worst[1]} at "
                     f"{worst[0]:.3g} of what is allowed; start from another pose, or narrow the ranges"
                 )
-        return series, size * x, search.value(size * x)
+        return series, size * x, search.value(size * x), came
 
     def _others(self, rng: np.random.Generator) -> list[tuple[str, Array]]:
         """Names and positions (n, N) at 1 kHz of what stands beside the Fourier motion, as far as there is time."""

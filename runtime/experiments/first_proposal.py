@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.documents.experiments import FirstMotionDocument, LimitedJoint, MotionPart
+from runtime.documents.parts import IterationsEntry
 from runtime.documents.recordings import AssumedNumber
 from runtime.experiments.asking import ExperimentError
 from runtime.experiments.design import place, propose
@@ -38,7 +39,7 @@ from runtime.identification.identify import identify
 from runtime.inspection.inspection import determined
 from runtime.model.loader import Model
 from runtime.model.terms import structure
-from runtime.progress import cut_short_by_interrupt, within
+from runtime.progress import cut_short_by_interrupt, one_thread, within
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.settings import MARGIN, RATE
@@ -174,47 +175,58 @@ def propose_first(
     say = tell or (lambda _: None)
     if settings.noise <= 0:
         raise ExperimentError("without noise everything would be told; give a noise above 0")
-    say(f"a motion of about {chosen.seconds:g} s; the search takes at most {settings.time_limit:g} s")
-    with cut_short_by_interrupt(say), within(settings.time_limit / (2 if check else 1)):
+    say(f"a motion of about {chosen.seconds:g} s")
+    motions = 2 if check else 1
+    with one_thread(), cut_short_by_interrupt(say), within(settings.seconds / motions):
         ready = ReadyArm.of(to_move, settings, chosen)
         planner = MotionPlanner(ready.limits, ready.moving, ready.start, chosen.seconds)
-        first = planner.motion(settings.seed, say, _between_rivals(to_move, ready, settings, say))
-    other = None
+        parts, came = _between_rivals(to_move, ready, settings, say)
+        left = None if settings.budget is None else (settings.budget - sum(one.iterations for one in came)) // motions
+        first = planner.motion(settings.seed, say, parts, left)
+    came, other = [*came, first.search], None
     if check:
         say("searching another motion for validation")
-        with within(settings.time_limit / 2):
-            other = replace(planner, seconds=chosen.seconds / 2).motion(settings.seed + 1, lambda _: None)
+        with one_thread(), within(settings.seconds / 2):
+            other = replace(planner, seconds=chosen.seconds / 2).motion(settings.seed + 1, lambda _: None, budget=left)
+        came.append(other.search)
     if to_move.shapes is not None:
         say("checking the collision shapes along it")
         for motion in (first, other):
             if motion is not None:
                 _check_shapes(to_move.shapes, motion)
     say("predicting what a recording would tell")
-    document = _document(to_move, ready, first, settings.seed)
+    most = settings.budget or sum(one.budget for one in came)
+    search = IterationsEntry.of(sum(one.iterations for one in came), most, [one.ended for one in came])
+    document = _document(to_move, ready, first, settings.seed, search)
     return FirstProposal(to_move, ready, first, other, document)
 
 
 def _between_rivals(
     to_move: ArmToMove, ready: ReadyArm, settings: ExperimentSettings, say: Tell
-) -> list[tuple[str, Array]]:
-    """The part of the motion that separates rivals, if the recordings at hand leave some and one does."""
+) -> tuple[list[tuple[str, Array]], list[IterationsEntry]]:
+    """The part of the motion that separates rivals, if the recordings at hand leave some and one does; and how far its
+    search came, which takes at most half of what the whole may."""
     given = to_move.given
     if given is None or not given.rivals:
-        return []
+        return [], []
     *before, last = (str(rival.term) for rival in given.rivals)
     part = f"what tells {', '.join(before)} and {last} apart"
     say(f"looking for {part}")
     found = propose(
         to_move.model,
         given.rivals,
-        replace(settings, time_limit=settings.time_limit / 2),
+        replace(
+            settings,
+            budget=None if settings.budget is None else max(settings.budget // 2, 1),
+            time_limit=None if settings.time_limit is None else settings.time_limit / 2,
+        ),
         say,
         moving=ready.moving,
         ranges=ready.ranges,
         likely=to_move.likely,
         free=ready.limits.is_free,
     )
-    return [(part, found.motion)] if found.separated else []
+    return [(part, found.motion)] if found.separated else [], [found.search]
 
 
 def _start(model: Model, to_move: ArmToMove) -> Array:
@@ -266,7 +278,9 @@ def _check_shapes(shapes: MeshClearance, motion: FirstMotion) -> None:
         )
 
 
-def _document(to_move: ArmToMove, ready: ReadyArm, first: FirstMotion, seed: int) -> FirstMotionDocument:
+def _document(
+    to_move: ArmToMove, ready: ReadyArm, first: FirstMotion, seed: int, search: IterationsEntry
+) -> FirstMotionDocument:
     likely, limits = to_move.likely, ready.limits
     values = limits.information.arms.values
     made, _ = simulate(stated(likely, values), settings=SimulationSettings(noise=0.0), motion=first.path)
@@ -308,6 +322,7 @@ def _document(to_move: ArmToMove, ready: ReadyArm, first: FirstMotion, seed: int
         rivals=None if to_move.given is None else [place(rival.term) for rival in to_move.given.rivals],
         assumed=[AssumedNumber(**vars(number)) for number in to_move.assumed],
         unchecked=list(to_move.unchecked),
+        search=search,
         out=None,
         held_out=None,
     )

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from runtime.experiments.possible_arms import PossibleArms, upper
 from runtime.experiments.settings import CORNER_RATE, FRICTION_SPREAD, ROWS_A_SECOND, SURE_SPREADS
 from runtime.model import casadi_functions
+from runtime.model.batch import Batch, Instructions, Machine
 from runtime.model.terms import Term, unknown_to_plan
-from runtime.planning.blocks import Batch, Instructions, Machine
 from runtime.planning.physics import Physics, PlanInstant
 
 Array = NDArray[np.float64]

@@ -6,22 +6,18 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from runtime.experiments.settings import SPEEDING_UP
-from runtime.setting import Checked, Setting
+from runtime.setting import Checked, SearchSettings, Setting
 from runtime.simulation.options import Noise
 from runtime.simulation.settings import NOISE
 
-GIVEN_BUDGET = 25.0
-"""s; of the diagnosis of recordings at hand."""
-
 
 @dataclass(frozen=True)
-class ExperimentSettings(Checked):
+class ExperimentSettings(SearchSettings):
     """Of the search, and of the recordings that are simulated on the way; noise as a part of the ordinary excitation's
     torque."""
 
     seed: Annotated[int, Setting("Seed of the simulated noise.", low=0)] = 0
     noise: Noise = NOISE
-    time_limit: Annotated[float, Setting("Longest time for the search, s.", low=1.0)] = 60.0
 
 
 @dataclass(frozen=True)

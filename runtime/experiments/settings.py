@@ -26,6 +26,10 @@ SAME_ANSWER: Final = 2
 """number of motions; where a stronger one ends in the same wrong answer, it is not the motion that stands in the way:
 no further one is tried; time."""
 
+MOST_PLANS: Final = 4
+"""number of motions; that are tried for the same rivals: the shortest, the plainest, the best and the surest; by
+construction."""
+
 # possible arms ------------------------------------------------------------------------------------------------------
 
 BODY_SPREAD: Final = 0.1

@@ -36,12 +36,12 @@ from runtime.workspace.source import scenario_source
 
 @dataclass(frozen=True, repr=False)
 class PlanResult(VerbResult[OptimizeDocument]):
-    """A planned motion; arm: with the plan's springs and contact in its text; without_springs: as
-    `cost_without_springs`."""
+    """A planned motion; arm: with the plan's springs and contact in its text; bare: as of
+    `optimize.without_springs`."""
 
     plan: Plan
     arm: LoadedArm
-    without_springs: float | UnsetType | None = UNSET
+    bare: Plan | optimizer.Infeasible | UnsetType = UNSET
 
     _sections = staticmethod(motions.plan)
 
@@ -52,7 +52,7 @@ class PlanResult(VerbResult[OptimizeDocument]):
     @cached_property
     def document(self) -> OptimizeDocument:
         """As `tendon optimize --json`."""
-        return plan_document(self.arm.model, self.plan, self.without_springs)
+        return plan_document(self.arm.model, self.plan, self.bare)
 
     @cached_property
     def figures(self) -> ResultFigures:
@@ -135,8 +135,8 @@ def optimize(
     )
     settings = PlanningSettings(starts, seed)
     plan = optimizer.optimize(arm.model, case, settings)
-    without = optimizer.cost_without_springs(arm.model, case, settings)
-    return PlanResult(plan, arm.with_text(source.edits.mount(plan.trajectory).text), without)
+    bare = optimizer.without_springs(arm.model, plan, settings)
+    return PlanResult(plan, arm.with_text(source.edits.mount(plan.trajectory).text), bare)
 
 
 def execute(

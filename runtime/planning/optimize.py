@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle, product
 from typing import TypeVar
 
@@ -12,6 +13,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
+from runtime.documents.parts import IterationsEntry
 from runtime.model.loader import Library, Model
 from runtime.planning.evaluate import (
     Along,
@@ -30,6 +32,7 @@ from runtime.planning.settings import MOST_TIGHTENINGS, PlanningSettings
 from runtime.planning.task import Task
 from runtime.planning.trajectory import Phase, Trajectory
 from runtime.progress import of_long, one_thread, steps
+from runtime.setting import LEAST_TIME_LIMIT, SearchSettings
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -40,10 +43,6 @@ _WAYS = ((5 * WIDTH, 2 * WIDTH, WIDTH), (2 * WIDTH, WIDTH / 2))
 """Sequences of widths from the search to the result. Where joints stick, either may end in a slightly worse minimum."""
 _SOFT = 1.0
 """Width of the search: so smooth that each start finds its basin in some thirty steps."""
-_STEPS = 30
-"""Approximate number of steps of a solution."""
-_WORTH_FORKING = 0.06
-"""s of work, above which processes are worth their start and end of some hundredths of a second."""
 _STARTS = 4
 _SHARES = (0.01, 0.3)
 """Shares of the squared torque that count at joints with unknown springs, in motions for which springs are chosen."""
@@ -88,6 +87,7 @@ class Plan:
     springs      as sought; free: optimal sizes (SI) by joint, before springs were chosen from a catalogue
     choices      the springs of the catalogue that were compared, the chosen one first
     attempts     of the search, the best first; refined: the best of them on the fine program
+    search       how many iterations all solutions took
     setup_seconds, seconds   to build the programs, and in total
     left_out     effects of the model that a plan cannot hold, and why
     """
@@ -102,6 +102,7 @@ class Plan:
     choices: tuple[SpringChoice, ...]
     attempts: tuple[Attempt, ...]
     refined: Attempt
+    search: IterationsEntry
     setup_seconds: float
     seconds: float
     left_out: Mapping[str, str]
@@ -112,10 +113,10 @@ class StartError(ValueError):
 
 
 class Infeasible(Exception):
-    """No start met all constraints; missed: the largest violation of the best attempt."""
+    """No start met all constraints; missed: the largest violation of the best attempt; search: as of a plan."""
 
-    def __init__(self, scenario: Scenario, missed: Miss, attempts: Sequence[Attempt]) -> None:
-        self.missed, self.attempts = missed, tuple(attempts)
+    def __init__(self, scenario: Scenario, missed: Miss, attempts: Sequence[Attempt], search: IterationsEntry) -> None:
+        self.missed, self.attempts, self.search = missed, tuple(attempts), search
         super().__init__(f"{scenario.name}: no motion meets all constraints; in the best of {len(attempts)}, {missed}")
 
 
@@ -126,29 +127,33 @@ def optimize(model: Model, scenario: Scenario, settings: PlanningSettings = Plan
     """
     free = any(point.reached for point in scenario.points.values())
     count = (_STARTS if free else 1) if settings.starts is None else settings.starts
-    return Planner(model, scenario).plan(count, np.random.default_rng(settings.seed))
+    return Planner(model, scenario, settings).plan(count, np.random.default_rng(settings.seed))
 
 
-def cost_without_springs(
-    model: Model, scenario: Scenario, settings: PlanningSettings = PlanningSettings()
-) -> float | UnsetType | None:
-    """The cost of the best motion of the same scenario without its springs; None where no motion meets all constraints
-    without them, UNSET where it has none."""
-    if not scenario.springs:
+def without_springs(
+    model: Model, plan: Plan, settings: PlanningSettings = PlanningSettings()
+) -> Plan | Infeasible | UnsetType:
+    """The best motion of a plan's scenario without its springs, with what is left of what the search may do; Infeasible
+    where no motion meets all constraints without them, UNSET where it has none."""
+    if not plan.scenario.springs:
         return UNSET
+    budget = settings.budget and max(settings.budget - plan.search.iterations, 1)
+    limit = settings.time_limit and max(settings.time_limit - plan.seconds, LEAST_TIME_LIMIT)
     try:
-        return optimize(model, scenario.without_springs(), settings).cost
-    except Infeasible:
-        return None
+        return optimize(model, plan.scenario.without_springs(), replace(settings, budget=budget, time_limit=limit))
+    except Infeasible as error:
+        return error
 
 
 class Planner:
     """The programs of one scenario: a coarse one for the search, a fine one for the result."""
 
-    def __init__(self, model: Model, scenario: Scenario) -> None:
+    def __init__(self, model: Model, scenario: Scenario, allowed: SearchSettings = SearchSettings()) -> None:
         self.model, self.scenario, self._started = model, scenario, time.perf_counter()
         task = Task(model, scenario)
         self.coarse, self.fine = Solver(Program(task, _few), 1e-3, 150), Solver(Program(task, _many), 1e-8, 400)
+        self.coarse.until = self.fine.until = time.monotonic() + allowed.seconds
+        self._budget, self._solved = allowed.budget, list[Attempt]()
         self._step: Callable[[], None] = lambda: None
 
     def plan(self, starts: int, rng: np.random.Generator) -> Plan:
@@ -160,14 +165,26 @@ class Planner:
         with one_thread(), steps("solutions", count) as self._step:
             return self.finish(self.search([random_start(self.coarse.program, rng) for _ in range(starts)]))
 
-    def _each(self, solver: Solver, solve: Callable[[T], Attempt], parts: Sequence[T]) -> list[Attempt]:
-        """solve(part) with the solver for each part, on all cores if that saves time."""
-        worth = _STEPS * solver.pace * len(parts) > _WORTH_FORKING
+    def _each(
+        self, solver: Solver, solve: Callable[[T], Attempt], parts: Sequence[T], solutions: int = 1
+    ) -> list[Attempt]:
+        """solve(part) with the solver for each part, on all cores. They share half of the iterations that are left, so
+        that later stages have some, too; solutions: of a part at most."""
+        if self._budget is not None:
+            left = max(self._budget - self.came.iterations, 0)
+            solver.most = min(solver.iterations, left // (2 * len(parts) * solutions))
         found = []
-        for attempt in of_long(solve, parts) if worth else map(solve, parts):
+        for attempt in of_long(solve, parts):
             found.append(attempt)
             self._step()
+        self._solved += found
         return found
+
+    @property
+    def came(self) -> IterationsEntry:
+        """How many iterations all solutions took so far."""
+        made, allowed = (sum(getattr(a, name) for a in self._solved) for name in ("iterations", "allowed"))
+        return IterationsEntry.of(made, self._budget or allowed, [attempt.ended for attempt in self._solved])
 
     def search(self, guesses: Sequence[Array]) -> list[Attempt]:
         """Coarse solutions, the best first.
@@ -198,14 +215,14 @@ class Planner:
 
     def finish(self, attempts: Sequence[Attempt]) -> Plan:
         """The first attempt refined, with its springs chosen from the catalogues."""
-        ways = self._each(self.fine, lambda widths: self._refined(attempts[0].x, widths), _WAYS)
+        ways = self._each(self.fine, lambda widths: self._refined(attempts[0].x, widths), _WAYS, len(_WAYS[0]))
         free, (*_, width) = min(zip(ways, _WAYS, strict=True), key=lambda way: self._rank(way[0]))
         if free.missed is not None:
-            raise Infeasible(self.scenario, free.missed, attempts)
+            raise Infeasible(self.scenario, free.missed, attempts, self.came)
         fixed, chosen, choices = self._chosen(free, width)
         chosen = self._kept_everywhere(chosen, width, fixed)
         if chosen.missed is not None:
-            raise Infeasible(self.scenario, chosen.missed, attempts)
+            raise Infeasible(self.scenario, chosen.missed, attempts, self.came)
         trajectory = self.trajectory(chosen.x)
         found = effort(self.model, trajectory)
         springs = self.fine.program.task.springs
@@ -220,16 +237,23 @@ class Planner:
             choices=choices,
             attempts=tuple(attempts),
             refined=free,
+            search=self.came,
             setup_seconds=self.coarse.setup_seconds + self.fine.setup_seconds,
             seconds=time.perf_counter() - self._started,
             left_out={str(term): why for term, why in self.fine.program.task.physics.left_out.items()},
         )
 
     def _refined(self, x: Array, widths: Sequence[float]) -> Attempt:
+        """Through the widths; with the iterations of all of them."""
         *before, last = widths
+        way = []
         for width in before:
-            x = self.fine.near(x, width)
-        return self.fine.onwards(x, last)
+            way.append(self.fine.near(x, width))
+            x = way[-1].x
+        way.append(self.fine.onwards(x, last))
+        made, allowed = (sum(getattr(a, name) for a in way) for name in ("iterations", "allowed"))
+        ended = IterationsEntry.of(made, allowed, [attempt.ended for attempt in way]).ended
+        return replace(way[-1], iterations=made, allowed=allowed, ended=ended)
 
     def _kept_everywhere(self, found: Attempt, width: float, fixed: Mapping[int, float]) -> Attempt:
         """The motion, computed again with tighter limits where it exceeds one between its nodes."""
@@ -239,7 +263,7 @@ class Planner:
             if found.missed is not None or not beyond:
                 return found
             rows = tightened(self.fine.program, rows, t, beyond)
-            found = self.fine.onwards(found.x, width, fixed, rows)
+            (found,) = self._each(self.fine, partial(self.fine.onwards, width=width, sizes=fixed, rows=rows), [found.x])
         t, beyond = self._beyond(found.x)
         return replace(found, missed=found.missed or next((along.missed(t) for along in beyond), None))
 
@@ -293,7 +317,7 @@ class Planner:
         found = self._each(self.fine, lambda fixed: self.fine.onwards(free.x, width, fixed), combinations)
         tried = sorted(zip(combinations, found, strict=True), key=lambda item: self._rank(item[1]))
         if tried[0][1].missed is not None:
-            raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried])
+            raise Infeasible(self.scenario, tried[0][1].missed, [attempt for _, attempt in tried], self.came)
         named = [
             SpringChoice({springs[k].joint: v for k, v in fixed.items()}, attempt.cost if attempt.met else None)
             for fixed, attempt in tried

@@ -6,16 +6,17 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.interpolate import BPoly
 
+from runtime.documents.parts import SearchEnd
 from runtime.interruption import heard_in_casadi
 from runtime.model.loader import Model
-from runtime.planning.blocks import Kernels, Machine, ProgramBlock, Sum, assemble
-from runtime.planning.interior_point import SOLVED, Bounded, Manner, Minimum, minimize
+from runtime.planning.blocks import ProgramBlock, assemble
 from runtime.planning.scenario import Scenario
 from runtime.planning.task import Task
 
@@ -25,13 +26,16 @@ Bounds = tuple[Array, Array]
 
 MET = 1e-4
 """Largest violation of a constraint that counts as met, in its own unit."""
-_FAR, _THERE, _NEXT = (0.1, 1e-2, 1.0), (1e-4, 1e-5, 1.0), (1e-4, 1e-5, None)
-"""Initial barrier, distance from bounds and multipliers of bounds for a guess that is rough, in the right basin, or the
-solution of nearly the same program: springs and friction make many basins, and a large barrier leaves the right one."""
+_FAR, _NEXT = (0.1, 1e-2), (1e-4, 1e-5)
+"""Initial barrier and distance from bounds for a guess that is rough, or the solution of nearly the same program:
+springs and friction make many basins, and a large barrier leaves the right one."""
 _ROUGH = 1e-3
 """Accuracy of solutions that serve as first guesses only."""
 _INTERRUPTED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
 """IPOPT's status after Ctrl-C between two iterations, and within one."""
+_OUT_OF_STEPS, _OUT_OF_TIME = "Maximum_Iterations_Exceeded", "Maximum_WallTime_Exceeded"
+_NO_TIME = 1e-3
+"""s; IPOPT takes no less."""
 _QUIET = {"print_time": False, "show_eval_warnings": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 
 
@@ -135,7 +139,8 @@ class Miss:
 
 @dataclass(frozen=True)
 class Attempt:
-    """x (nx,); cost: of the smooth program; status: of the solver; missed: None if all constraints are met."""
+    """x (nx,); cost: of the smooth program; status: of the solver; missed: None if all constraints are met; allowed:
+    iterations that it might make; ended: whether fewer of them than usual, or a time limit, cut it."""
 
     x: Array
     cost: float
@@ -143,6 +148,8 @@ class Attempt:
     iterations: int
     seconds: float
     missed: Miss | None
+    allowed: int
+    ended: SearchEnd
 
     @property
     def met(self) -> bool:
@@ -150,37 +157,25 @@ class Attempt:
 
 
 class Solver:
-    """Solves a program from a first guess by the dense interior-point method; if that fails, by IPOPT.
+    """Solves a program from a first guess by IPOPT, with the exact derivatives of its blocks.
 
-    accuracy: of the optimality conditions, relative to their scale. In all methods x is (nx,), width that of the smooth
-    switches in rad/s (m/s), and sizes fixes sizes of springs, SI, by number of the spring (0-based).
+    accuracy: of the optimality conditions, relative to their scale. iterations: of a solution at most; fewer where
+    `most` is less, or the clock passes `until`, s. In all methods x is (nx,), width that of the smooth switches in
+    rad/s (m/s), and sizes fixes sizes of springs, SI, by number of the spring (0-based).
     """
 
     def __init__(self, program: Program, accuracy: float, iterations: int) -> None:
         self.program, self.accuracy, self.iterations = program, accuracy, iterations
+        self.most, self.until = iterations, inf
         started = time.perf_counter()
         with heard_in_casadi():
-            self._kernels = Kernels.of(program.blocks, Machine(program.task.model.library.machine))
-            for block in program.blocks:
-                block.expression.instructions  # noqa: B018 (derived once, before processes are forked that need it)
+            self._sum = assemble(program.blocks)
         self.setup_seconds = time.perf_counter() - started
         blocks = program.blocks
         self.rows: Bounds = (
             np.concatenate([block.lower.ravel() for block in blocks]),
             np.concatenate([block.upper.ravel() for block in blocks]),
         )
-
-    @cached_property
-    def pace(self) -> float:
-        """Approximate time of a step, that of its derivatives, s."""
-        p, y = self.program.task.p.vector(self.program.task.values(1.0)), np.zeros(len(self.rows[0]))
-        x = np.zeros(self._kernels.size)
-        for _ in range(2):
-            # The first call allocates memory, the second counts.
-            began = time.perf_counter()
-            self._kernels.condensed(x, p, self._kernels.slope(x, p)[1], scale=1.0, y=y, sigma=y)
-            seconds = time.perf_counter() - began
-        return seconds
 
     def run(self, x: Array, width: float) -> Attempt:
         """A solution from a rough guess."""
@@ -194,7 +189,7 @@ class Solver:
 
     def refine(self, x: Array, width: float) -> Attempt:
         """The solution in the basin of x."""
-        return self._run(_THERE, x, width)
+        return self._run(_NEXT, x, width)
 
     def onwards(
         self, x: Array, width: float, sizes: Mapping[int, float] | None = None, rows: Bounds | None = None
@@ -202,13 +197,13 @@ class Solver:
         """The solution next to x, which solved nearly the same program; rows: bounds in place of the program's own."""
         return self._run(_NEXT, x, width, sizes=sizes, rows=rows)
 
-    def near(self, x: Array, width: float) -> Array:
-        """(nx,) roughly where `onwards` would end, as a first guess for a narrower width."""
-        return self._run(_NEXT, x, width, accuracy=max(_ROUGH, self.accuracy)).x
+    def near(self, x: Array, width: float) -> Attempt:
+        """Roughly where `onwards` would end, as a first guess for a narrower width."""
+        return self._run(_NEXT, x, width, accuracy=max(_ROUGH, self.accuracy))
 
     def _run(
         self,
-        start: tuple[float, float, float | None],
+        start: tuple[float, float],
         x: Array,
         width: float,
         *,
@@ -217,43 +212,37 @@ class Solver:
         accuracy: float | None = None,
         rows: Bounds | None = None,
     ) -> Attempt:
-        p, bounds = self.program.task.p.vector(self.program.task.values(width, share)), self.bounds(sizes or {})
-        whole = Bounded(self._kernels, p, *(rows or self.rows), *bounds)
+        p, (low, high) = self.program.task.p.vector(self.program.task.values(width, share)), self.bounds(sizes or {})
+        lower, upper = rows or self.rows
+        barrier, push = start
+        options = {f"ipopt.{slack}bound_{kind}": push for slack in ("", "slack_") for kind in ("push", "frac")}
+        options |= {"ipopt.tol": accuracy or self.accuracy, "ipopt.max_iter": self.most, "ipopt.mu_init": barrier}
+        if isfinite(self.until):
+            options["ipopt.max_wall_time"] = max(self.until - time.monotonic(), _NO_TIME)
         began = time.perf_counter()
-        manner = Manner(accuracy or self.accuracy, self.iterations, *start)
-        found = minimize(whole, x, manner)
-        if found.status != SOLVED:
-            found = self._by_ipopt(manner, x, whole)
-        seconds = time.perf_counter() - began
-        return Attempt(
-            found.x,
-            found.cost,
-            found.status,
-            iterations=found.iterations,
-            seconds=seconds,
-            missed=self._missed(found.rows),
-        )
-
-    @cached_property
-    def _sum(self) -> Sum:
-        return assemble(self.program.blocks)
-
-    def _by_ipopt(self, manner: Manner, x: Array, whole: Bounded) -> Minimum:
-        """The same problem from the same point; IPOPT has a restoration phase for infeasible iterates."""
-        near = {f"ipopt.{slack}bound_{kind}": manner.push for slack in ("", "slack_") for kind in ("push", "frac")}
-        options = {"ipopt.tol": manner.accuracy, "ipopt.max_iter": manner.iterations, "ipopt.mu_init": manner.barrier}
-        within = {"lbx": whole.low, "ubx": whole.high, "lbg": whole.lower, "ubg": whole.upper}
         with heard_in_casadi():
-            solver = self._sum.solver({**_QUIET, **options, **near})
-            found = solver(x0=np.clip(x, whole.low, whole.high), p=whole.p, **within)
-        rows, stats = np.array(found["g"]).ravel(), solver.stats()
-        x = np.array(found["x"]).ravel()
-        if stats["return_status"] in _INTERRUPTED:
+            solver = self._sum.solver({**_QUIET, **options})
+            found = solver(x0=np.clip(x, low, high), p=p, lbx=low, ubx=high, lbg=lower, ubg=upper)
+        stats = solver.stats()
+        status = str(stats["return_status"])
+        if status in _INTERRUPTED:
             # After Ctrl-C IPOPT returns its last iterate, which is not a solution.
             raise KeyboardInterrupt
-        return Minimum(
-            x, float(found["f"]), rows, status=str(stats["return_status"]), iterations=int(stats["iter_count"])
+        return Attempt(
+            np.array(found["x"]).ravel(),
+            float(found["f"]),
+            status,
+            iterations=int(stats["iter_count"]),
+            seconds=time.perf_counter() - began,
+            missed=self._missed(np.array(found["g"]).ravel()),
+            allowed=self.most,
+            ended=self._end(status),
         )
+
+    def _end(self, status: str) -> SearchEnd:
+        if status == _OUT_OF_TIME:
+            return "time"
+        return "budget" if status == _OUT_OF_STEPS and self.most < self.iterations else "complete"
 
     def bounds(self, sizes: Mapping[int, float]) -> Bounds:
         """Of the unknowns, (nx,) each: only springs have bounds, the motion has constraints."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from msgspec import UNSET, UnsetType
 
+from runtime.documents.parts import IterationsEntry
 from runtime.documents.plans import (
     AttemptEntry,
     FailedSearchEntry,
@@ -38,9 +39,13 @@ SAMPLES = 400
 UNIT = {"peak_torque": "1", "electrical_energy": "J", "positive_work": "J"}
 
 
-def document(model: Model, plan: Plan, without_springs: float | UnsetType | None = UNSET) -> OptimizeDocument:
-    """A plan; without_springs: as `optimize.cost_without_springs` has it, UNSET where it was not asked."""
-    s = plan.scenario
+def document(model: Model, plan: Plan, bare: Plan | Infeasible | UnsetType = UNSET) -> OptimizeDocument:
+    """A plan; bare: as `optimize.without_springs` has it, UNSET where it was not asked."""
+    s, came = plan.scenario, [plan.search]
+    without_springs: float | UnsetType | None = UNSET
+    if not isinstance(bare, UnsetType):
+        without_springs = bare.cost if isinstance(bare, Plan) else None
+        came.append(bare.search)
     kinds = {model.joints[j - 1].force_unit for j in s.counted}
     squared = f"({'/'.join(sorted(kinds))})^2 s"
     return OptimizeDocument(
@@ -70,6 +75,11 @@ def document(model: Model, plan: Plan, without_springs: float | UnsetType | None
             refined=_attempt(plan.refined),
             setup_seconds=plan.setup_seconds,
             seconds=plan.seconds,
+        ),
+        search=IterationsEntry.of(
+            sum(one.iterations for one in came),
+            sum(one.iterations for one in came[:-1]) + came[-1].budget,
+            [one.ended for one in came],
         ),
         left_out=dict(plan.left_out),
         warnings=_warnings(model, plan),
@@ -108,6 +118,7 @@ def refusal(model: Model, scenario: Scenario, error: Infeasible) -> InfeasibleDo
         reason=str(error),
         missed=ViolationEntry(where=missed.where, what=missed.what, amount=missed.amount, unit=missed.unit),
         solver=FailedSearchEntry(attempts=[_attempt(a) for a in error.attempts]),
+        search=error.search,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from runtime.setting import Checked, Setting
+from runtime.setting import SearchSettings, Setting
 
 SHORTEST_CYCLE: Final = 0.01
 """s; ten steps of a controller at 1 kHz, too short for any motion of an arm; a choice."""
@@ -41,7 +41,7 @@ Starts = Annotated[int | None, Setting("Number of random first guesses; default:
 
 
 @dataclass(frozen=True)
-class PlanningSettings(Checked):
+class PlanningSettings(SearchSettings):
     """Options of the search. starts: None for one, or four where points of the end-effector leave postures free."""
 
     starts: Starts = None

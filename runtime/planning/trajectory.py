@@ -21,6 +21,7 @@ from runtime.model.loader import Library, Model
 from runtime.model.terms import Term, Values
 from runtime.planning.scenario import springs, usual
 from runtime.planning.settings import LONGEST_CYCLE, MOST_BYTES, MOST_PHASES, SHORTEST_PHASE
+from runtime.simulation.motion_file import without_dust
 from symbolic.model_file import checks
 from symbolic.model_file.checks import ModelError, Place, printable, quote, real, table_at
 from symbolic.model_file.fields import (
@@ -167,7 +168,7 @@ class Trajectory:
             ],
             contact={name: dict(values) for name, values in self.contact.items()},
             phases=[
-                PolynomialEntry(coordinates=p.coordinates, duration=p.duration, points=p.points.tolist())
+                PolynomialEntry(coordinates=p.coordinates, duration=p.duration, points=without_dust(p.points).tolist())
                 for p in self.phases
             ],
         )

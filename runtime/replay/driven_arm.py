@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.model.batch import Batch, Instructions, Machine
 from runtime.model.loader import Model
-from runtime.planning.blocks import Batch, Instructions, Machine
 from runtime.recordings.driven import DrivenJoint
 from runtime.replay.track import Track, read_by
 from runtime.simulation.equations import PlantEquations

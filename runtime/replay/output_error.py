@@ -20,10 +20,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.documents.parts import IterationsEntry, SearchEnd
 from runtime.documents.replays import MotionErrorEntry, OutputErrorEntry, RefinedMotion, RefinedParameter
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit, Inference, interval
 from runtime.model.terms import Prediction, Term
+from runtime.progress import is_late, within
 from runtime.recordings.driven import ToldGain
 from runtime.recordings.recording import Recording, drives_of
 from runtime.replay.driven_arm import DrivenArm, Windows
@@ -42,6 +44,7 @@ from runtime.replay.settings import (
     TANGLED,
     TRIAL_STEPS,
 )
+from runtime.setting import SearchSettings
 from runtime.simulation.equations import PlantEquations
 
 Array = NDArray[np.float64]
@@ -71,6 +74,7 @@ class OutputError:
     joints   (0-based) whose motion was fitted, with both errors
     better   whether the error fell, so that the parameters count
     skew     samples by which the torque is taken later
+    search   how many steps it took
     """
 
     sought: tuple[Sought, ...]
@@ -80,6 +84,7 @@ class OutputError:
     joints: Mapping[int, tuple[MotionErrorEntry, MotionErrorEntry]]
     better: bool
     skew: float
+    search: IterationsEntry
 
     def estimate(self, k: int, before: Estimate) -> Estimate:
         """The k-th parameter with its 95 % interval; without one if it is told only together with others."""
@@ -224,31 +229,48 @@ def _size(told: Estimate) -> float | None:
     return max((high - low) / 2, least * abs(told.value)) or None
 
 
-def output_error(fit: Fit, recordings: Sequence[Recording]) -> OutputError:
+def output_error(fit: Fit, recordings: Sequence[Recording], allowed: SearchSettings = SearchSettings()) -> OutputError:
     """The parameters of a fit, refined on the recordings that were fitted. Raises PlantError, RecordingError.
 
     Where the fit could not estimate by how much the torque is late, the motion does.
     """
     shooting = Shooting(fit, recordings, fit.skew)
     scale = shooting.scale(_begin(shooting))
-    skew = fit.skew
-    if not fit.skew_free and any(drives_of(recordings)):
-        tried = np.array(SKEWS)
-        costs = [_searched(Shooting(fit, recordings, float(one)), scale, TRIAL_STEPS).cost for one in tried]
-        square, slope, _ = np.polyfit(tried, costs, 2)
-        skew = float(np.clip(-slope / (2 * square), tried[0], tried[-1]) if square > 0 else tried[np.argmin(costs)])
-    found = _searched(Shooting(fit, recordings, skew), scale)
-    return _result(shooting, found)
+    tried = np.array(SKEWS if not fit.skew_free and any(drives_of(recordings)) else ())
+    most = allowed.budget or len(tried) * TRIAL_STEPS + GAUSS_NEWTON_STEPS
+    made, ends = 0, list[SearchEnd]()
+
+    def searched(late: float, usual: int, share: int) -> _Searched:
+        """With the torque so many samples later, and at most this share of what may be done."""
+        nonlocal made
+        found = _searched(Shooting(fit, recordings, late), scale, usual, min(usual, share))
+        made += found.steps
+        ends.append(found.ended)
+        return found
+
+    with within(allowed.seconds):
+        # All lateness is tried alike.
+        costs = [searched(float(one), TRIAL_STEPS, most // (len(tried) + 1)).cost for one in tried]
+        found = searched(_of_least_cost(tried, costs) if costs else fit.skew, GAUSS_NEWTON_STEPS, most - made)
+    return _result(shooting, found, IterationsEntry.of(made, most, ends))
+
+
+def _of_least_cost(tried: Array, costs: Sequence[float]) -> float:
+    """Where a parabola through the costs is lowest."""
+    square, slope, _ = np.polyfit(tried, costs, 2)
+    return float(np.clip(-slope / (2 * square), tried[0], tried[-1]) if square > 0 else tried[np.argmin(costs)])
 
 
 @dataclass(frozen=True, eq=False)
 class _Searched:
-    """Where a search ended: parameters, starts, and the cost."""
+    """Where a search ended: parameters, starts, and the cost; after how many steps, and why."""
 
     search: _Search
     theta: Array
     off: Array
     cost: float
+    steps: int
+    ended: SearchEnd
 
 
 def _begin(shooting: Shooting) -> tuple[Array, Array]:
@@ -257,21 +279,23 @@ def _begin(shooting: Shooting) -> tuple[Array, Array]:
     return theta, np.zeros((len(shooting.start), 2 * shooting.fit.model.n))
 
 
-def _searched(shooting: Shooting, scale: Array, steps: int = GAUSS_NEWTON_STEPS) -> _Searched:
+def _searched(shooting: Shooting, scale: Array, usual: int, most: int) -> _Searched:
+    """By at most so many steps; `usual` of them are all that the search is made for."""
     search = _Search(shooting, scale)
     theta, off = _begin(shooting)
-    best = search.cost(theta, off)
-    for _ in range(steps):
-        stepped = search.step(theta, off, best)
-        if stepped is None:
-            break
-        before, (theta, off, best) = best, stepped
-        if before - best < ENOUGH_FALL * best:
-            break
-    return _Searched(search, theta, off, best)
+    best, steps = search.cost(theta, off), 0
+    while steps < most and not is_late():
+        stepped, steps = search.step(theta, off, best), steps + 1
+        before = best
+        if stepped is not None:
+            theta, off, best = stepped
+        if stepped is None or before - best < ENOUGH_FALL * best:
+            return _Searched(search, theta, off, best, steps, "complete")
+    ended: SearchEnd = "complete" if steps == usual else "budget" if steps == most else "time"
+    return _Searched(search, theta, off, best, steps, ended)
 
 
-def _result(before: Shooting, found: _Searched) -> OutputError:
+def _result(before: Shooting, found: _Searched, search: IterationsEntry) -> OutputError:
     """The parameters with their covariance, and the error of each joint's motion beside that of the fit."""
     after = found.search.shooting
     errors = before.error(*_begin(before)), after.error(found.theta, found.off)
@@ -284,7 +308,7 @@ def _result(before: Shooting, found: _Searched) -> OutputError:
     }
     better = found.cost < found.search.cost(*_begin(before))
     covariance = found.search.covariance(found.theta, found.off)
-    return OutputError(after.sought, found.theta, covariance, len(after.start), entries, better, after.skew)
+    return OutputError(after.sought, found.theta, covariance, len(after.start), entries, better, after.skew, search)
 
 
 def _entry(error: Array, moved: float, seconds: float) -> MotionErrorEntry:
@@ -383,10 +407,12 @@ class _Reduced:
     starts: list[tuple[Array, Array]]
 
 
-def refined(fit: Fit, recordings: Sequence[Recording]) -> tuple[Inference, list[Recording], OutputErrorEntry]:
+def refined(
+    fit: Fit, recordings: Sequence[Recording], allowed: SearchSettings = SearchSettings()
+) -> tuple[Inference, list[Recording], OutputErrorEntry]:
     """A fit's inference and its recordings with the parameters and gains that output error found; as they are where it
     did not lower the motion's error. Raises PlantError, RecordingError."""
-    found = output_error(fit, recordings)
+    found = output_error(fit, recordings, allowed)
     inference, told = fit.inference, list(recordings)
     if found.better:
         inference, told = found.inference(fit), [r.with_gains(found.told(recordings)) for r in recordings]
@@ -408,7 +434,10 @@ def refined(fit: Fit, recordings: Sequence[Recording]) -> tuple[Inference, list[
         RefinedMotion(joint=i + 1, unit=fit.model.joints[i].position_unit, before=before, after=after)
         for i, (before, after) in found.joints.items()
     ]
-    return inference, told, OutputErrorEntry(better=found.better, skew=found.skew, parameters=entries, motions=motions)
+    entry = OutputErrorEntry(
+        better=found.better, skew=found.skew, parameters=entries, motions=motions, search=found.search
+    )
+    return inference, told, entry
 
 
 def _told(fit: Fit, recordings: Sequence[Recording], of: Sought) -> Estimate:

@@ -22,7 +22,7 @@ from runtime.documents.plans import (
     SweepDocument,
 )
 from runtime.report.fits import at_named
-from runtime.report.sections import Bullets, Commands, Group, Paragraph, Section, TableSection, table, texts, words
+from runtime.report.sections import Bullets, Commands, Group, Paragraph, Section, TableSection, cut, table, texts, words
 from runtime.wording import fixed, joints_said, number, numbered, percent, quantity, unit
 
 _GOALS = {
@@ -41,11 +41,11 @@ _MOST_LETTERS = 100
 def plan(document: OptimizeDocument | InfeasibleDocument) -> list[Section]:
     """A plan: its cost, its springs, what it asks of every joint, and how the solver fared."""
     if isinstance(document, InfeasibleDocument):
-        return [Paragraph(f"INFEASIBLE: {document.reason}")]
+        return texts([f"INFEASIBLE: {document.reason}", *cut(document.search)])
     solver = document.solver
     met = sum(a.met for a in solver.attempts)
     return [
-        *texts([plan_headline(document), *spring_lines(document)]),
+        *texts([plan_headline(document), *cut(document.search), *spring_lines(document)]),
         plan_table(document),
         Paragraph(f"{met} of {len(solver.attempts)} starts met all constraints; {solver.seconds:.2f} s"),
         *plan_warnings(document),

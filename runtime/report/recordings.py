@@ -25,7 +25,7 @@ from runtime.documents.recordings import (
 from runtime.inspection.drive_laws import RECORDED
 from runtime.model.terms import Term
 from runtime.report.fits import delays
-from runtime.report.sections import Bullets, Group, Paragraph, Section, table, texts
+from runtime.report.sections import Bullets, Group, Paragraph, Section, cut, table, texts
 from runtime.wording import joints_said, number, numbered, percent, quantity, sentence
 from symbolic.model_file.checks import at_joint, quote
 
@@ -227,7 +227,8 @@ def assumed_numbers(assumed: Sequence[AssumedNumber]) -> list[Section]:
 
 def experiment(document: ExperimentDocument) -> list[Section]:
     """The verdict, the motion and what it asks of the joints, what it separates, and what the diagnosis made of it."""
-    lines = [("SEPARATED: " if document.separated else "NOT SEPARATED: ") + sentence(document.reason), ""]
+    lines = [("SEPARATED: " if document.separated else "NOT SEPARATED: ") + sentence(document.reason)]
+    lines += [*cut(document.search), ""]
     for rival in document.rivals:
         values = ", ".join(f"{name} {number(value)}" for name, value in rival.values.items())
         lines.append(f"{_name(rival)} was simulated with {values}")
@@ -273,9 +274,10 @@ def first_motion(document: FirstMotionDocument) -> list[Section]:
     ]
     moved = [f"{part.name} ({quantity(part.seconds, 's', 3)})" for part in document.parts]
     written = [f"Written: {path}" for path in (document.out, document.held_out) if path]
+    motion = f"Motion: {quantity(document.seconds, 's', 3)}, from {_pose(document)} and back to it"
     return [
         Group("NOT CHECKED", (Bullets(tuple(document.unchecked)),)),
-        *texts(["", f"Motion: {quantity(document.seconds, 's', 3)}, from {_pose(document)} and back to it"]),
+        *texts(["", motion, *cut(document.search)]),
         Bullets(tuple(moved)),
         table(("joint", "range", "speed", "acceleration", "torque of any possible arm"), rows),
         *texts([f"Speed of the tip: {_of(document.tip_speed, document.tip_speed_limit, 'm/s', stated=True)}"]),

@@ -17,7 +17,7 @@ from runtime.documents.replays import (
 from runtime.identification.estimate import Estimate
 from runtime.report import fits
 from runtime.report.fits import place
-from runtime.report.sections import Group, Section, TableColumn, TableSection, table, texts, words
+from runtime.report.sections import Group, Section, TableColumn, TableSection, cut, table, texts, words
 from runtime.wording import number, percent, quantity, unit
 
 _CLOSED = "closed loop"
@@ -162,4 +162,4 @@ def refined(found: OutputErrorEntry) -> list[Section]:
         words("unit"),
     )
     made = table(heads, rows)
-    return [Group(title, (made, *texts(lines)))]
+    return [Group(title, (*texts(cut(found.search)), made, *texts(lines)))]

@@ -12,6 +12,7 @@ from typing import Literal
 import msgspec
 
 from runtime.documents.diagnosis import CommandEntry
+from runtime.documents.parts import IterationsEntry
 
 
 class Paragraph(msgspec.Struct, frozen=True, tag=True):
@@ -104,3 +105,13 @@ def words(name: str) -> TableColumn:
 def texts(lines: Iterable[str], kind: Literal["plain", "note", "warning"] = "plain") -> list[Section]:
     """A paragraph a line."""
     return [Paragraph(line, kind) for line in lines]
+
+
+def cut(search: IterationsEntry) -> list[str]:
+    """What a search says that was cut; nothing of a complete one."""
+    if search.ended == "complete":
+        return []
+    made = f"The search was cut after {search.iterations} iterations"
+    if search.ended == "budget":
+        return [f"{made} by its budget of {search.budget}; a larger --budget may find better."]
+    return [f"{made} by its time limit or Ctrl-C; the whole search may find better."]

@@ -15,7 +15,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 from runtime.recordings.contents import RecordingError, Refusal
 from runtime.recordings.settings import MOST_SAMPLES
 from runtime.recordings.text import blocks, check_file
-from runtime.simulation.settings import LONGEST, PATH_DEGREE, RATE
+from runtime.simulation.settings import LEAST_DIGIT, LONGEST, PATH_DEGREE, RATE
 from runtime.simulation.simulate import SimulationError
 
 Array = NDArray[np.float64]
@@ -45,6 +45,12 @@ class MotionFile:
     def spline(self) -> BSpline:
         """Through all samples: (n,) positions over the time since the first one."""
         return make_interp_spline(self.t - self.t[0], self.q.T, k=PATH_DEGREE)
+
+
+def without_dust(values: Array) -> Array:
+    """(n, N), and 0 where a number is rounding beside the largest of its row: a motion's files have ten digits."""
+    largest = np.abs(values).max(axis=1, initial=0.0, keepdims=True)
+    return np.where(np.abs(values) <= LEAST_DIGIT * largest, 0.0, values)
 
 
 def is_motion(path: Path) -> bool:

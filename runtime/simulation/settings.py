@@ -107,3 +107,7 @@ construction."""
 
 DRIVE_STEPS: Final = 6
 """number of Newton steps for the torque behind a saturating drive, whose curve is convex; by construction; a choice."""
+
+LEAST_DIGIT: Final = 1e-10
+"""part of the largest number of a row of a motion; what is smaller is rounding, and 0 in a file; ten digits are
+written; by construction."""

@@ -93,10 +93,12 @@ def export_motion(model: Model, motion: Path, to: str, out: Path, options: Motio
     """
     from runtime.execution.motions import read_played
     from runtime.experiments.motion_files import FORMATS, SampledMotion, joint_names, unit_of
+    from runtime.simulation.motion_file import without_dust
 
     played = read_played(motion, model, options.speed)
     rate = options.rate_of(to, *(() if model.controller is None else (model.controller["rate"],)))
-    t, q, qd, qdd = played.sampled(rate)
+    t, *moved = played.sampled(rate)
+    q, qd, qdd = map(without_dust, moved)
     notes = [*played.file.comments, f"played at {options.speed:g} of its pace"]
     made = SampledMotion(model, joint_names(model), t, q, qd, qdd, notes)
     files.replace(out, FORMATS[to].made(made, options, out))

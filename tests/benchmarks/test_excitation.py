@@ -186,4 +186,4 @@ def test_information_against_other_motions(name: str) -> None:
 
 
 def _most_told(search: ExcitationSearch) -> Array:
-    return search.best([search.motion.random(np.random.default_rng(k)) for k in range(STARTS)])
+    return search.best([search.motion.random(np.random.default_rng(k)) for k in range(STARTS)])[0]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from codegen.casadi.machine import LANES, OPERATIONS
 from runtime.model.loader import Library
-from runtime.planning.blocks import Batch, Instructions, Machine
+from runtime.model.batch import Batch, Instructions, Machine
 
 Binary = Callable[[ca.SX, ca.SX], ca.SX]
 

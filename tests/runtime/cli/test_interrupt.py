@@ -23,7 +23,6 @@ from runtime.cli import output
 from runtime.interruption import heard_afterwards, heard_in_casadi
 from runtime.model.loader import Library
 from runtime.planning import optimize
-from runtime.planning.interior_point import Bounded, Manner
 from runtime.simulation.motion_file import read_motion
 from tests.runtime.planning import planning_cases
 
@@ -203,13 +202,11 @@ def test_a_solver_does_not_take_control_c_for_an_answer(library: Library, second
     scenario = planning_cases.and_back(model, 1.0, {"q1": 0.0, "q2": 0.0}, {"q1": 1.0, "q2": -1.0})
     solver = optimize.Planner(model, scenario).fine
     x = optimize.random_start(solver.program, np.random.default_rng(0))
-    p = solver.program.task.p.vector(solver.program.task.values(0.1, 1.0))
-    whole = Bounded(solver._kernels, p, *solver.rows, *solver.bounds({}))
     alarmed = signal.signal(signal.SIGPROF, lambda *_: os.kill(os.getpid(), signal.SIGINT))
     try:
         signal.setitimer(signal.ITIMER_PROF, seconds)
         with pytest.raises(KeyboardInterrupt):
-            deque((solver._by_ipopt(Manner(1e-8, 400, 0.1, 1e-2), x, whole) for _ in range(10_000)), 1)
+            deque((solver.run(x, 0.1) for _ in range(10_000)), 1)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, alarmed)

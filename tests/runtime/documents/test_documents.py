@@ -78,7 +78,7 @@ def test_a_document_is_as_its_schema_says(verb: str, folder: Path, monkeypatch: 
         ("effects", ["lugre"], 0, 0),
         ("optimize", ["scenario1", "--cycle-time", "0.3"], 1, 0),
         ("init", ["--controller", "ur10"], 0, 0),
-        ("experiment", ["drive", "--seconds", "20", "--time-limit", "2"], 0, 0),
+        ("experiment", ["drive", "--seconds", "20", "--budget", "50"], 1, 0),
     ],
     ids=["one effect", "no plan", "a controller", "a motion"],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,14 +102,14 @@ def test_without_noise_nothing_is_proposed(drive: Model) -> None:
         propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(noise=0.0))
 
 
-def test_the_search_ends_in_time_and_says_so(drive: Model) -> None:
-    """Before anything is judged it says how long it may take; without time for a single diagnosis none is claimed."""
-    said: list[str] = []
-    proposal = propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(time_limit=1.0), said.append)
-    assert "at most 1 s" in said[0]
+@pytest.mark.parametrize(("allowed", "ended", "made"), [({"budget": 1}, "budget", 1), ({"time_limit": 0.1}, "time", 0)])
+def test_a_search_that_is_cut_says_so(drive: Model, allowed: dict[str, Any], ended: str, made: int) -> None:
+    """Where not all diagnoses could be made, nothing is claimed."""
+    proposal = propose(drive, parse_rivals("stribeck@1", drive), ExperimentSettings(**allowed))
     assert not proposal.separated
-    assert "the time ended after 0 of 4 diagnoses; a longer time limit decides" in proposal.reason
+    assert f"the search was cut after {made} of 4 diagnoses; a longer one decides" in proposal.reason
     assert proposal.document().ordinary_trials == []
+    assert (proposal.search.ended, proposal.search.iterations) == (ended, made)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -24,6 +25,7 @@ from runtime.experiments.options import ExperimentSettings, FirstMotionSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.possible_arms import PossibleArms
 from runtime.experiments.scene import Scene
+from runtime.progress import on_cores
 from runtime.simulation.motion_file import read_motion
 from runtime.simulation.simulate import torque_along
 from runtime.workspace.source import Source
@@ -34,13 +36,11 @@ ROOMY = Envelope(middle=0.2, reach=1.0, speed=2.0, scale=1.0, acceleration=6.0)
 
 @cache
 def _proposed(name: str, **chosen: float) -> FirstProposal:
-    """A motion of a minute, as good as it gets in a few seconds."""
+    """A motion of a minute, as good as it gets in some iterations."""
     source = Source.shipped(name)
     likely, assumed = source.compiled.with_likely_numbers()
     to_move = ArmToMove(source.compiled.model(), likely.model(), likely.arm, assumed, NoRoom(), ["collisions"])
-    return propose_first(
-        to_move, ExperimentSettings(time_limit=4.0), FirstMotionSettings(**{"seconds": 60.0, **chosen})
-    )
+    return propose_first(to_move, ExperimentSettings(budget=200), FirstMotionSettings(**{"seconds": 60.0, **chosen}))
 
 
 # --- Fourier motions ---
@@ -218,8 +218,8 @@ def test_the_prediction_is_kept_by_the_recording(tmp_path: Path, capsys: pytest.
 def test_slower_and_narrower_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = tmp_path / "told.json"
     asked = [
-        "--time-limit",
-        "3",
+        "--budget",
+        "60",
         "--speed",
         "0.2",
         "--range",
@@ -231,7 +231,7 @@ def test_slower_and_narrower_on_request(tmp_path: Path, capsys: pytest.CaptureFi
         "--tip-speed",
         "0.3",
     ]
-    assert output.run(app, ["experiment", "vishard4", *asked, "--json", str(told)]) == 0
+    assert output.run(app, ["experiment", "vishard4", *asked, "--json", str(told)]) == output.NO
     found = json.loads(told.read_text())
     joints = found["joints"]
     assert [j["speed"] > 0 for j in joints] == [False, True, True, False]
@@ -245,8 +245,8 @@ def test_slower_and_narrower_on_request(tmp_path: Path, capsys: pytest.CaptureFi
 def test_the_arm_keeps_clear_of_the_floor_and_of_itself(tmp_path: Path) -> None:
     """Of the written motion every 10 ms; it uses the room that there is."""
     motion = tmp_path / "motion.csv"
-    options = ["--time-limit", "4", "--seconds", "40", "--start", "0,-1.57,1.57,-1.57,-1.57,0"]
-    assert output.run(app, ["experiment", "ur10", "--floor", "0", *options, "--out", str(motion)]) == 0
+    options = ["--budget", "60", "--seconds", "40", "--start", "0,-1.57,1.57,-1.57,-1.57,0"]
+    assert output.run(app, ["experiment", "ur10", "--floor", "0", *options, "--out", str(motion)]) == output.NO
     clear = Clearance.of(Source.shipped("ur10").arm(), Scene.of(floor=0.0))
     least = clear.least(read_motion(motion, 6)[:, ::10])
     assert least.min() >= 0
@@ -264,10 +264,37 @@ def test_an_arm_that_cannot_hold_itself_gets_an_answer(tmp_path: Path, capsys: p
     described.write_text(weak)
     assert output.run(app, ["import", str(described), "--out", str(model)]) == 0
     capsys.readouterr()
-    asked = ["--seconds", "30", "--time-limit", "3", "--out", str(motion)]
+    asked = ["--seconds", "30", "--budget", "60", "--out", str(motion)]
     assert output.run(app, ["experiment", str(model), *asked]) == output.BAD_INPUT
     assert "no safe motion about the middle of the ranges was found: even a small one has" in capsys.readouterr().err
     assert not motion.exists()
+
+
+@pytest.mark.parametrize(("budget", "status"), [([], 0), (["--budget", "20"], output.NO)])
+def test_work_is_counted_and_not_the_clock(
+    budget: list[str],
+    status: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The same bytes by a clock that runs 30 times as fast and with any number of processes; the end of a small budget
+    is reached and said."""
+    clocks = {name: getattr(time, name) for name in ("monotonic", "perf_counter", "time")}
+    monkeypatch.chdir(tmp_path)
+    found = []
+    for pace, processes in ((1, 1), (30, 2), (30, 8)):
+        for name, clock in clocks.items():
+            monkeypatch.setattr(time, name, lambda clock=clock, pace=pace: pace * clock())
+        with on_cores(processes):
+            asked = ["experiment", "drive", "--seconds", "20", *budget, "--out", "motion.csv", "--json", "told.json"]
+            assert output.run(app, asked) == status
+        found.append([(tmp_path / name).read_bytes() for name in ("motion.csv", "told.json")])
+    assert found == 3 * found[:1]
+    search = json.loads(found[0][1])["search"]
+    assert search["ended"] == ("budget" if budget else "complete")
+    assert 0 < search["iterations"] <= search["budget"]
+    assert ("The search was cut after" in capsys.readouterr().out) == bool(budget)
 
 
 @pytest.mark.parametrize(
@@ -295,7 +322,7 @@ def test_the_next_motion_tells_what_the_first_recording_left_open(tmp_path: Path
     motion of all joints tells."""
     run, told = tmp_path / "run.csv.gz", tmp_path / "told.json"
     motion = tmp_path / "motion.csv"
-    quick = ["--time-limit", "6", "--seconds", "40"]
+    quick = ["--seconds", "40"]
     assert output.run(app, ["experiment", "vishard4", "--joints", "1,2", *quick, "--out", str(motion)]) == 0
     assert output.run(app, ["simulate", "vishard4", "--motion", str(motion), "--out", str(run)]) == 0
     asked = ["--given", str(run), "--out", str(tmp_path / "next.csv"), "--json", str(told)]
@@ -359,7 +386,7 @@ TWO_LINKS = """
 """
 
 
-@pytest.mark.parametrize(("long", "status"), [("0.1", 0), ("2.0", 2)])
+@pytest.mark.parametrize(("long", "status"), [("0.1", output.NO), ("2.0", output.BAD_INPUT)])
 def test_the_finished_motion_is_checked_with_the_collision_shapes(
     long: str, status: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -368,8 +395,8 @@ def test_the_finished_motion_is_checked_with_the_collision_shapes(
     described, model, motion = tmp_path / "two.urdf", tmp_path / "two.toml", tmp_path / "motion.csv"
     described.write_text(TWO_LINKS.replace("LONG", long))
     assert output.run(app, ["import", str(described), "--out", str(model)]) == 0
-    asked = ["--shapes", str(described), "--floor", "0", "--seconds", "30", "--time-limit", "4"]
+    asked = ["--shapes", str(described), "--floor", "0", "--seconds", "30", "--budget", "60"]
     assert output.run(app, ["experiment", str(model), *asked, "--out", str(motion)]) == status
-    assert motion.exists() == (status == 0)
-    if status:
+    assert motion.exists() == (status == output.NO)
+    if status == output.BAD_INPUT:
         assert "by their collision shapes" in capsys.readouterr().err

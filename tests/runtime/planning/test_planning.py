@@ -20,7 +20,7 @@ from runtime.model.loader import Library, Model
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import at_times, effort, objective
-from runtime.planning.optimize import Infeasible, Plan, StartError, cost_without_springs, optimize
+from runtime.planning.optimize import Infeasible, Plan, StartError, optimize, without_springs
 from runtime.planning.results import document
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.settings import PlanningSettings
@@ -104,11 +104,12 @@ def test_a_spring_is_found_that_swings(one: Model) -> None:
     scenario = and_back(one, 2.0, {"q1": 0.0}, {"q1": -np.pi / 2}, spring=[{"joint": 1, **FREE}])
     bare, sprung = optimize(one, scenario.without_springs()), optimize(one, scenario)
     assert 0.65 < 1 - sprung.cost / bare.cost < 0.67
-    without = cost_without_springs(one, scenario)
-    assert without == bare.cost
+    without = without_springs(one, sprung)
+    assert isinstance(without, Plan)
+    assert without.cost == bare.cost
     said = motions.spring_lines(document(one, sprung, without))
     assert said[-1].endswith(f"springs save {100 * (1 - sprung.cost / bare.cost):.0f} %.")
-    assert cost_without_springs(one, scenario.without_springs()) is UNSET
+    assert without_springs(one, bare) is UNSET
     assert 1.0 < np.sqrt(0.06**2 * sprung.trajectory.springs[1]["stiffness"] / INERTIA) / (2 * np.pi / 2.0) < 4.0
 
 
@@ -333,7 +334,6 @@ def test_cores_only_save_time(model: Model, monkeypatch: pytest.MonkeyPatch) -> 
     scenario = replace(scenario, springs=tuple(replace(s, catalogue=(7000.0, 8500.0)) for s in scenario.springs))
     forked, plans = [], []
     fork = os.fork
-    monkeypatch.setattr(optimizer, "_WORTH_FORKING", 0.0)
     monkeypatch.setattr(os, "fork", lambda: forked.append(fork()) or forked[-1])
     for count in (1, 2):
         forked.clear()
