@@ -169,7 +169,7 @@ def prepare_residuals(arm: Arm, library: Mapping[str, Effect]) -> Path:
 
 
 def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False) -> Path:
-    """The directory with render.effect_files(effects), `lib.so`, and `machine.so`, which evaluates CasADi functions.
+    """The directory with render.effect_files(effects) and `lib.so`.
 
     effects   None: the shipped library, for planar arms or for spatial ones
     """
@@ -179,11 +179,8 @@ def prepare_effects(effects: Iterable[Effect] | None = None, space: bool = False
 
     def fill(directory: Path) -> None:
         from codegen import render
-        from codegen.casadi.machine import machine_page
         from symbolic.effects import shipped
 
-        page = {"machine.c": machine_page()}
-        shutil.copyfile(build.shared_library(page, "machine", build.LOOPS), directory / "machine.so")
         _fill(directory, render.effect_files(tuple(shipped(space).values()) if chosen is None else chosen), build.LOOPS)
 
     return build.entry(f"effects-{build.key(_digest(UNUSED_BY_ARMS), content)}", fill)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from runtime.experiments.possible_arms import PossibleArms, upper
 from runtime.experiments.settings import CORNER_RATE, FRICTION_SPREAD, ROWS_A_SECOND, SURE_SPREADS
 from runtime.model import casadi_functions
-from runtime.model.batch import Batch, Instructions, Machine
+from runtime.model.batch import Batch
 from runtime.model.terms import Term, unknown_to_plan
 from runtime.planning.physics import Physics, PlanInstant
 
@@ -101,10 +101,9 @@ class ArmInformation:
         weights = [ca.SX.sym(f"w{k}", *output.shape) for k, output in enumerate(outputs)]
         total = sum(ca.dot(w, output) for w, output in zip(weights, outputs, strict=True))
         slopes = [ca.gradient(total, variable) for variable in (q, qd, qdd)]
-        machine = Machine(model.library.machine)
-        forward = Instructions.of(ca.Function("outputs", [q, qd, qdd], outputs))
-        backward = Instructions.of(ca.Function("slopes", [q, qd, qdd, *weights], slopes))
-        return Batch(machine, forward, self.count), Batch(machine, backward, self.count)
+        forward = ca.Function("outputs", [q, qd, qdd], outputs)
+        backward = ca.Function("slopes", [q, qd, qdd, *weights], ca.cse(slopes))
+        return Batch(forward, self.count), Batch(backward, self.count)
 
     def outputs(self, q: Array, qd: Array, qdd: Array) -> InstantOutputs:
         """Along a motion (n, N)."""

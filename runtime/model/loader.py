@@ -224,12 +224,6 @@ class Library:
             name: frozenset(self.signal[s].needs for s in info.signals) for name, info in self.effects.items()
         }
 
-    @cached_property
-    def machine(self) -> ctypes.CDLL:
-        """Evaluates CasADi functions at many points in parallel: codegen/casadi/machine.py."""
-        with _reading(self.directory):
-            return ctypes.CDLL(str(self.directory / "machine.so"))
-
     def __getitem__(self, effect: str) -> EffectInfo:
         if effect not in self.effects:
             raise LoaderError(f'there is no effect "{effect}"; tendon effects lists them all')

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.model.batch import Batch, Instructions, Machine
+from runtime.model.batch import Batch
 from runtime.model.loader import Model
 from runtime.recordings.driven import DrivenJoint
 from runtime.replay.track import Track, read_by
@@ -184,7 +184,7 @@ class DrivenArm:
         """Positions (W, length + 1, n) as `play`, and their derivatives (W, D, length + 1, n) in D directions, toward
         (D, S) of the state at the start and toward_free (D, k) of the parameters."""
         count, many, n = len(start), len(toward), self.model.n
-        batch = Batch(Machine(self.model.library.machine), Instructions.of(self.slope), count * many)
+        batch = Batch(self.slope, count * many)
         state, moved = np.repeat(start, many, axis=0), np.tile(toward, (count, 1))
         directions = np.tile(toward_free, (count, 1))
         samples = len(read) - 2
@@ -201,7 +201,7 @@ class DrivenArm:
     def play(self, start: Array, read: Array, free: Sequence[float] | Array = ()) -> Array:
         """(W, length + 1, n) positions from states (W, S) under what is read (length + 3, W, r)."""
         count, n = len(start), self.model.n
-        batch = Batch(Machine(self.model.library.machine), Instructions.of(self.step), count)
+        batch = Batch(self.step, count)
         state, own = start.copy(), np.array(free)
         found = np.empty((len(read) - 2, count, n))
         found[0] = state[:, :n]

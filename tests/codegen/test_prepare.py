@@ -44,7 +44,6 @@ import sys
 opened = set()
 sys.addaudithook(lambda event, values: opened.add(str(values[0])) if event == "open" else None)
 from codegen import render
-from codegen.casadi.machine import machine_page
 from symbolic.effects import shipped
 from symbolic.model import derive
 from symbolic.model_file import reader
@@ -53,7 +52,6 @@ for name in ("drive", "ur10"):
     render.arm_files(derive(reader.load(path)))
 for space in (False, True):
     render.effect_files(tuple(shipped(space).values()))
-machine_page()
 print(*sys.modules, *opened, sep="\\n")
 """
 
