@@ -21,7 +21,7 @@ from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file
 from runtime.planning.evaluate import at_times, effort, objective
 from runtime.planning.optimize import Infeasible, Plan, StartError, optimize, without_springs
-from runtime.planning.results import document
+from runtime.planning.results import document, refusal
 from runtime.planning.scenario import Objective, Scenario
 from runtime.planning.settings import PlanningSettings
 from runtime.progress import on_cores
@@ -348,6 +348,22 @@ def test_cores_only_save_time(model: Model, monkeypatch: pytest.MonkeyPatch) -> 
         (a.cost, a.iterations, a.missed) for a in two.attempts
     ]
     assert len(one.choices) == 2
+
+
+@pytest.mark.parametrize(("allowed", "ended"), [({"budget": 8}, "budget"), ({"time_limit": 0.1}, "time")])
+def test_a_search_that_is_cut_says_so(
+    two: Model, allowed: dict[str, float], ended: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It has made no more iterations than it might, and what it has is a motion that meets the constraints or none."""
+    scenario = there(two, 0.8, {"tip": [0.4, 0.1]}, {"tip": [0.1, 0.4]})
+    try:
+        said = document(two, optimize(two, scenario, PlanningSettings(**allowed)))
+    except Infeasible as error:
+        said = refusal(two, scenario, error)
+    assert said.search.ended == ended
+    assert said.search.iterations <= said.search.budget
+    terminal.show(motions.plan(said))
+    assert "The search was cut after" in capsys.readouterr().out.splitlines()[1]
 
 
 def test_one_seed_gives_one_plan(two: Model) -> None:

@@ -76,5 +76,13 @@ def test_a_right_fit_stays_right(tendon: Run, tmp_path: Path) -> None:
     servos.servo(None, 3).write(tmp_path / "a.csv")
     status, _, _ = tendon("identify", "servo.toml", "a.csv", "--output-error", "--json", "said.json")
     assert status == 0
-    for entry in json.loads((tmp_path / "said.json").read_text())["output_error"]["parameters"]:
+    found = json.loads((tmp_path / "said.json").read_text())["output_error"]
+    for entry in found["parameters"]:
         assert entry["after"] == pytest.approx(entry["before"], rel=0.01)
+    assert found["search"]["ended"] == "complete"
+    status, out, _ = tendon("identify", "servo.toml", "a.csv", "--output-error", "--budget", "1")
+    assert status == 1
+    assert "The search was cut after 1 iterations by its budget of 1" in out
+    status, _, err = tendon("identify", "servo.toml", "a.csv", "--budget", "1")
+    assert status == 2
+    assert "--budget and --time-limit are of the search of --output-error" in err
