@@ -55,26 +55,36 @@ def _loop(seed: int, advance: demo.Advance, torque: Callable[[Array, float, floa
     return t, desired, np.array(angles), np.array(rates)
 
 
-def _joint(hidden: str | None, brake: float = 0.0) -> demo.Advance:
-    """The rigid joint of plants.py; brake: N m s/rad of a motor's back-EMF, which acts at every instant."""
+def _joint(hidden: str | None, brake: float = 0.0, spring: float = 0.0) -> demo.Advance:
+    """The rigid joint of plants.py; brake: N m s/rad of a motor's back-EMF or a servo's own, and spring: N m/rad of a
+    servo's, which act at every instant."""
 
     def opposing(speed: float, side: int, _time: float) -> float:
         creep = plants.SIZES["stribeck"] * np.exp(-((speed / 0.15) ** 2)) if hidden == "stribeck" else 0.0
         return demo.friction(speed, side, hidden=False) + float(creep) + brake * speed
 
-    size = plants.SIZES["linear_spring"]
-    return demo.stick_slip(opposing, (lambda q, _t: size * (q - 0.3)) if hidden == "linear_spring" else None)
+    size = plants.SIZES["linear_spring"] if hidden == "linear_spring" else 0.0
+    # What acts at every instant acts on the middle of a step, to the second order.
+    half = demo.PERIOD / demo.SUBSTEPS / 2
+    brake += half * spring
+    return demo.stick_slip(opposing, lambda q, _t: size * (q - 0.3) + spring * q, demo.INERTIA + half * brake)
 
 
 def servo(hidden: str | None, seed: int, most: float = np.inf) -> ServoLog:
-    """A position servo, told position and rate, that measures its rate; most: N m that it makes."""
+    """A position servo, told position and rate, that measures its rate; most: N m that it makes.
+
+    It closes its loop at every instant, on the joint's angle itself, and holds what it is told for a sample; one with a
+    limit closes it once a sample.
+    """
 
     def torque(want: Array, seen: Array, rate: Array) -> Array:
         return np.clip(KP * (want[0] - seen) + KD * (want[1] - rate), -most, most)
 
-    t, wanted, q, qd = _loop(
-        seed, _joint(hidden), lambda want, seen, rate, _: float(torque(want, np.float64(seen), np.float64(rate)))
-    )
+    if most < np.inf:
+        joint, own = _joint(hidden), lambda want, seen, rate, _: float(torque(want, np.float64(seen), np.float64(rate)))
+    else:
+        joint, own = _joint(hidden, KD, KP), lambda want, *_: float(KP * want[0] + KD * want[1])
+    t, wanted, q, qd = _loop(seed, joint, own)
     columns = {
         "t [s]": t,
         "q1 [rad]": q,

@@ -101,7 +101,7 @@ class EncoderSkewEntry(Document, frozen=True, kw_only=True):
 
 
 class DelayEntry(Document, frozen=True, kw_only=True):
-    """Delay from a joint's torque to its motion."""
+    """Delay from a joint's torque to its motion, or from the command of its drive to its torque."""
 
     joint: JointNumber
     value: Annotated[float, key("whole delay", "s")]
@@ -109,6 +109,10 @@ class DelayEntry(Document, frozen=True, kw_only=True):
     interval: Annotated[OpenInterval | None, key("95 % confidence interval; null if nothing was estimated", "s")]
     assumed: Annotated[float, key("part of it that is assumed: half a sample of a hold", "s")]
     estimated: Annotated[float, key("part of it that is estimated", "s")]
+    hold: Annotated[
+        float | UnsetType,
+        key("only where a drive's law makes the torque: for how long it holds a command, half of which is delay", "s"),
+    ] = UNSET
 
 
 class BandEntry(Document, frozen=True, kw_only=True):

@@ -179,7 +179,8 @@ class _Equation:
 def _of_joint(fit: Fit, again: Problem, i: int, joint: DrivenJoint) -> dict[str, ToldGain]:
     """The unknown coefficients of a joint's (0-based) drive; one that effects imitate is left out, and they have it.
 
-    A command that acts late has the slope of each column; that of all but the last is nearly the next column.
+    A command that acts late has the slope of its part, as far as the fit tells by how much it is late; else what the
+    model lacks would pass for that, and only the slope of the whole torque, which imitates no gain, stands for it.
     """
     late = fit.skew + fit.problem.regressors.late(i)
     columns = {name: fit.motion.torque_per_gain((i, name), late) for name in joint.unknown}
@@ -192,8 +193,7 @@ def _of_joint(fit: Fit, again: Problem, i: int, joint: DrivenJoint) -> dict[str,
     if alike:
         others = [name for name in others if name not in alike]
         equation = _equation(fit, again, i, columns, known, asked, others)
-    slope = fit.motion.torque_per_gain((i, joint.unknown[-1]), late + 0.5)
-    slope -= fit.motion.torque_per_gain((i, joint.unknown[-1]), late - 0.5)
+    slope = fit.problem.regressors.skew(i, late) if fit.skew_free else fit.motion.slope(i)
     wider = equation.beside(np.vstack([_lacking(fit, i), slope])[:, fit.motion.moving(i)])
     if all(wider.own(k) > TOLD_APART for k in range(wider.gains) if wider.columns[k].any()):
         equation = wider

@@ -21,6 +21,7 @@ from runtime.identification.problem import Nonlinear, Problem, Range, Skew, firs
 from runtime.identification.regressors import Ahead, Regressors, open_rotors
 from runtime.identification.settings import (
     CLEARLY_LIKELIER,
+    COMMAND_HOLD,
     HOLD,
     NOMINAL_SKEW,
     ROTOR_ASSUMED,
@@ -215,8 +216,10 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
         joint for t in problem.layout.terms if effects[t.effect].gives_way for joint in joints_of(problem.model, t)[:1]
     }
     common = skew
+    commanded = all(problem.motion.feeds_back(i) for i in range(problem.model.n))
+    hold = COMMAND_HOLD if commanded else HOLD
     # Noise in the torque that is shifted shortens the steps, to a third at least; beside what gives way they are long.
-    for _ in range(8 if soft else 2):
+    for _ in range(8 if soft or commanded else 2):
         shift = float(problem.solve(shapes, replace(common, unknown="shared")).shifts[0])
         common = Skew(float(np.clip(common.at + shift, *SKEW_RANGE)), "shared")
     solved = problem.solve(shapes, Skew(common.at, "each"))
@@ -225,10 +228,10 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
     seen = (spread > 0) & ~np.isin(np.arange(problem.model.n), list(soft))
     own, margin = (common.at + solved.shifts)[seen], SKEW_SIGMAS * spread[seen]
     low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
-    if not seen.any() or (low - high < SKEWS_APART and low <= HOLD[1] and high >= HOLD[0]):
-        return replace(common, at=float(np.clip(common.at, *HOLD))), True
+    if not seen.any() or (low - high < SKEWS_APART and low <= hold[1] and high >= hold[0]):
+        return replace(common, at=float(np.clip(common.at, *hold))), True
     nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
-    held = problem.model.n > 1 and HOLD[0] <= nearest <= HOLD[1]
+    held = problem.model.n > 1 and hold[0] <= nearest <= hold[1]
     return Skew(nearest if held else NOMINAL_SKEW), False
 
 

@@ -9,6 +9,7 @@ from itertools import combinations, product
 from typing import Literal
 
 import numpy as np
+from msgspec import UNSET
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
@@ -289,8 +290,9 @@ def _dry_friction(signals: Signals, term: Term, name: str, joint: int, rate: flo
 
 
 def delay_entries(fit: Fit) -> list[DelayEntry]:
-    """The whole delay from torque to motion of every joint, s, as verbs print it: what is assumed of it (half a sample
-    of a hold) and what is estimated, the shift between the samples or an effect that leads."""
+    """The whole delay from torque to motion of every joint, or from the command to the torque that a law makes of it,
+    s, as verbs print it: what is assumed of it (half a sample of a hold) and what is estimated, the shift between the
+    samples or an effect that leads."""
     model, inference, dt = fit.model, fit.inference, fit.motion.pieces[0].dt
     document = []
     for joint in range(1, model.n + 1):
@@ -310,6 +312,7 @@ def delay_entries(fit: Fit) -> list[DelayEntry]:
                 interval=interval,
                 assumed=assumed,
                 estimated=estimated,
+                hold=dt if any(fit.motion.driven[joint - 1 : joint]) else UNSET,
             )
         )
     return document

@@ -400,7 +400,7 @@ class Problem:
             return []
         columns = {}
         for i in range(n):
-            late = -self.regressors.skew(i)
+            late = -self.regressors.skew(i, skew.at)
             rows = np.zeros((1 + count, len(late)))
             rows[1 + (i if skew.unknown == "each" else 0)] = late
             columns[i] = Columns(rows)

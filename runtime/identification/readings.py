@@ -191,7 +191,9 @@ class Trials:
             problem = Problem(self.model, motion, self.problem.layout.terms, self.problem.regressors.prediction)
             for i in self.able:
                 columns, fixed = problem.rows(i, self.found.shapes)
-                torques = [[p.equation(p.delayed(tau, skew), i) for tau in p.tau] for p in motion.pieces_of(i)]
+                torques = [
+                    [p.equation(p.torque_late(j, skew), i) for j in range(len(p.tau))] for p in motion.pieces_of(i)
+                ]
                 own = problem.regressors.acceleration(i)
                 rows = np.vstack([fixed, columns, own, np.concatenate(torques, axis=1)])[:, motion.moving(i)]
                 found[i] = np.asarray(np.linalg.qr(rows.T, mode="r")).T

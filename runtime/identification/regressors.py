@@ -18,6 +18,7 @@ from runtime.identification.recorded_torque import (
     weight_regressor,
     without_parameters,
 )
+from runtime.identification.settings import NOMINAL_SKEW
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, OF_DRIVE, Prediction, SignalContext, Structure, Term, given, joints_of
 from runtime.motion.motion import Motion
@@ -341,7 +342,8 @@ class Regressors:
             lumps = self.model.lumps_or(none) if self.prediction is None else self.prediction.lumps
             made = np.concatenate([np.full(len(p.centres), (joint, name) in p.gains) for p in pieces])
             return np.where(made, lumps @ self.rigid(joint), 0.0)
-        return -self.motion.torque_per_gain((joint, name), self.late(joint))
+        held = NOMINAL_SKEW if self.motion.feeds_back(joint) else 0.0
+        return -self.motion.torque_per_gain((joint, name), held + self.late(joint))
 
     def columns(
         self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN
@@ -379,9 +381,10 @@ class Regressors:
         self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
     ) -> dict[int, Array]:
         """(S, 1 + k, M) at the joint, and at all that feel the same and share its band: it is simulated once."""
-        if self.ahead is not None and is_delay(self.model, term) and self.ahead.times[joint]:
-            late = self._late(joint, self.ahead)
-            if not self.ahead.begins(term, joint):
+        if is_delay(self.model, term) and (self._exact(joint) or self.motion.feeds_back(joint)):
+            ahead = self.ahead or Ahead(NOMINAL_SKEW, np.zeros(self.model.n))
+            late = self._late(joint, ahead)
+            if not ahead.begins(term, joint):
                 late[0] = 0.0
             return {joint: np.array([late] * len(shapes))}
         library, felt = self.model.library, joints_of(self.model, term)
@@ -395,6 +398,10 @@ class Regressors:
                 columns = band.narrowed(columns, told)
             parts.append([s.piece.equation(columns[:, k], i) for k, i in enumerate(joints)])
         return {i: np.concatenate([part[k] for part in parts], axis=2) for k, i in enumerate(joints)}
+
+    def _exact(self, joint: int) -> bool:
+        """Whether a delay at a joint (0-based) is too large to be taken to first order about none."""
+        return self.ahead is not None and bool(self.ahead.times[joint])
 
     def _told(self, term: Term) -> float:
         """Hz, up to which the motion tells what a term does.
@@ -428,9 +435,12 @@ class Regressors:
         later = motion.torque_delayed(joint, ahead.skew, time)
         return np.stack([motion.torque(joint, ahead.skew) - later + time * slope, -slope])
 
-    def skew(self, joint: int) -> Array:
-        """(M,) change of the in-band torque when it is taken one sample later."""
-        return self.motion.torque(joint, 0.5) - self.motion.torque(joint, -0.5)
+    def skew(self, joint: int, at: float = NOMINAL_SKEW) -> Array:
+        """(M,) change of the in-band torque when it is taken one sample later than `at`; a recorded torque, whose noise
+        is in it, than recorded."""
+        if not self.motion.feeds_back(joint):
+            return self.motion.slope(joint)
+        return self.motion.torque(joint, at + 0.5) - self.motion.torque(joint, at - 0.5)
 
 
 def arm_functions_read(model: Model, term: Term) -> set[str]:

@@ -270,4 +270,4 @@ def _load_errors(fit: Fit, joint: int) -> Array:
         return errors
     # Where it was not estimated, it is anything that a hold explains.
     shift = (HOLD[1] - HOLD[0]) / (2 * INTERVAL_SIGMAS)
-    return np.vstack([errors, shift * problem.regressors.skew(joint)])
+    return np.vstack([errors, shift * problem.regressors.skew(joint, fit.skew)])

@@ -143,10 +143,11 @@ class Motion:
             return self
 
         def changed(p: Piece) -> Piece:
-            tau = p.tau.copy()
-            for gain, column in p.gains.items():
+            tau, at_once = p.tau.copy(), p.at_once.copy()
+            for gain, (column, own) in p.gains.items():
                 tau[gain[0]] += change.get(gain, 0.0) * column
-            return replace(p, tau=tau)
+                at_once[gain[0]] += change.get(gain, 0.0) * own
+            return replace(p, tau=tau, at_once=at_once)
 
         return replace(self.changed(changed), driven=driven, gains=tuple(_gains(driven)))
 
@@ -278,12 +279,22 @@ class Motion:
 
     def recorded(self, joint: int, skew: float) -> Array:
         """(M,) measured torque in the band, `skew` samples later than recorded."""
-        return np.concatenate([p.delayed(p.tau[joint], skew) for p in self.pieces_of(joint)])
+        return np.concatenate([p.torque_late(joint, skew) for p in self.pieces_of(joint)])
+
+    def slope(self, joint: int) -> Array:
+        """(M,) change of a joint's (0-based) torque in the band, all of it taken one sample later than recorded."""
+        sides = ([p.equation(p.delayed(p.tau[joint], by), joint) for p in self.pieces_of(joint)] for by in (0.5, -0.5))
+        later, sooner = map(np.concatenate, sides)
+        return np.asarray(later - sooner)
+
+    def feeds_back(self, joint: int) -> bool:
+        """Whether a law makes a part of a joint's torque (0-based) of its motion."""
+        return any(p.at_once.size and p.at_once[joint].any() for p in self.pieces_of(joint))
 
     def torque_delayed(self, joint: int, skew: float, time: float) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s late, without unknown torques."""
         pieces = self.pieces_of(joint)
-        return np.concatenate([p.equation(p.delayed(p.tau[joint], skew + time / p.dt), joint) for p in pieces])
+        return np.concatenate([p.equation(p.torque_late(joint, skew + time / p.dt), joint) for p in pieces])
 
     def torque_per_gain(self, gain: Gain, skew: float) -> Array:
         """(M,) torque in the band of a drive per unit of an unknown gain, taken as `torque`; zero where the torque was
@@ -291,7 +302,9 @@ class Motion:
         found = []
         for p in self.pieces_of(gain[0]):
             own = p.gains.get(gain)
-            found.append(np.zeros(len(p.centres)) if own is None else p.equation(p.delayed(own, skew), gain[0]))
+            found.append(
+                np.zeros(len(p.centres)) if own is None else p.equation(p.made_late(own[0], own[1], skew), gain[0])
+            )
         return np.concatenate(found)
 
 
@@ -346,7 +359,9 @@ def with_torques_of(motion: Motion, recordings: Sequence[Recording], model: Mode
     others = [_view(recordings, motion.band, cutoff, narrowest=cutoffs[0], model=model) for cutoff in cutoffs]
     pairs = zip(motion.views, others, strict=True)
     views = [
-        replace(v, pieces=tuple(replace(p, tau=q.tau) for p, q in zip(v.pieces, o.pieces, strict=True)))
+        replace(
+            v, pieces=tuple(replace(p, tau=q.tau, at_once=q.at_once) for p, q in zip(v.pieces, o.pieces, strict=True))
+        )
         for v, o in pairs
     ]
     return replace(motion, views=tuple(views))
@@ -393,12 +408,19 @@ def _piece(
             beginning = np.median(temperature[:200])
             warmth[i] = stretch.on_grid(_smooth_temperature(temperature, dt))[half:-half] - beginning
     on_grid = stretch.held if band.held else stretch.on_grid
-    torque, gains = on_grid(recording.tau), dict[Gain, Array]()
+    gains, at_once = dict[Gain, Array](), np.zeros(recording.tau.shape)
     cut = np.zeros(recording.tau.shape)
+
+    def parted(whole: Array, own: Array) -> Array:
+        """(2, n, M) a torque and its part that is at once, (n, N) each: a command alone is held."""
+        own_on_grid = stretch.on_grid(own)
+        return np.ascontiguousarray(np.stack([on_grid(whole - own) + own_on_grid, own_on_grid])[..., half:-half])
+
     for i, joint in ((i, joint) for i, joint in enumerate(recording.driven) if joint is not None):
-        cut[i] = joint.cut
+        cut[i], at_once[i] = joint.cut, joint.torque_at_once
         for name in joint.unknown:
-            gains[i, name] = np.ascontiguousarray(on_grid(joint.columns[name][None])[0, half:-half])
+            gains[i, name] = parted(joint.columns[name][None], joint.at_once[name][None])[:, 0]
+    torque, at_once = parted(recording.tau, at_once)
     wiener = tuple(smoother(wiener_filter(row, 1 / dt, *of)) for row, of in zip(qdd, noise, strict=True))
     start = stretch.samples.start
     run = recording.run[start]
@@ -412,7 +434,7 @@ def _piece(
         qd=qd,
         qdd=qdd,
         qdd_denoised=np.array([smooth(row) for smooth, row in zip(wiener, qdd, strict=True)]),
-        tau=np.ascontiguousarray(torque[:, half:-half]),
+        tau=torque,
         warmth=warmth,
         measured=measured,
         low_pass=low,
@@ -423,6 +445,7 @@ def _piece(
         places=None if stretch.places is None else stretch.places - half,
         began=_began(recording, first),
         torque=recording.torque or MOTOR_TORQUE,
+        at_once=at_once if any(recording.driven) else at_once[:0],
         gains=gains,
         limited=on_grid(cut)[:, half:-half] > 0 if cut.any() else cut[:0, :0] > 0,
     )

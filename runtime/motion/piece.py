@@ -123,7 +123,8 @@ class Piece:
     places          places of interpolated samples, in periods from the first; None where none were interpolated
     began           s from the recording's start to that of the run, the runs one after another
     torque          what tau is
-    gains           torque (N,) per unit of a drive's unknown gain
+    at_once         (n, N) the part of tau that a drive's law makes of the motion; empty where no law makes any
+    gains           torque per unit of a drive's unknown gain, (2, N): all of it, and the part that is at once
     limited         (n, N) where a drive's limit makes its torque unknown; empty where none does
     without         elimination of each joint's unknown torque; empty where every torque is known
     """
@@ -147,6 +148,7 @@ class Piece:
     places: Array | None = None
     began: float = 0.0
     torque: Torque = MOTOR_TORQUE
+    at_once: Array = field(default_factory=lambda: np.zeros((0, 0)))
     gains: Mapping[Gain, Array] = field(default_factory=dict)
     limited: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     without: tuple[UnknownTorque, ...] = ()
@@ -203,8 +205,9 @@ class Piece:
             qdd=part(self.qdd),
             qdd_denoised=part(self.qdd_denoised),
             tau=part(self.tau),
+            at_once=part(self.at_once),
             limited=self.limited[:, window],
-            gains={gain: np.ascontiguousarray(x[window]) for gain, x in self.gains.items()},
+            gains={gain: part(x) for gain, x in self.gains.items()},
             warmth=part(self.warmth),
             sensors=self.sensors.cut(window),
             places=places,
@@ -254,6 +257,22 @@ class Piece:
             first = reach - max(-reach, min(whole, reach))
             x = np.ascontiguousarray(np.pad(x, reach, mode="edge")[first : first + len(x)])
         return self.low_pass(x, delay - whole)
+
+    def torque_late(self, joint: int, late: float) -> Array:
+        """(M,) the torque of a joint (0-based) in the band, `late` samples late."""
+        at_once = self.at_once[joint] if self.at_once.size else np.zeros(0)
+        return self.made_late(self.tau[joint], at_once, late)
+
+    def made_late(self, x: Array, at_once: Array, late: float) -> Array:
+        """In-band torque x (N,), `late` samples late but for the part at_once (N,), zero or empty where there is none.
+
+        What is late beside such a part is a command, and held for a sample, here by two points of Gauss.
+        """
+        if not at_once.any():
+            return self.delayed(x, late)
+        command, apart = x - at_once, 1 / np.sqrt(12)
+        held = (self.delayed(command, late - apart) + self.delayed(command, late + apart)) / 2
+        return held + self.low_pass(at_once)
 
     def noise_left(self, joint: int) -> Array:
         """(M,) part of the variance of white torque noise that the elimination leaves in a joint's (0-based) rows.

@@ -41,6 +41,7 @@ class DrivenJoint:
 
     gains      those of the model file
     signals    what the law reads, (N,) each
+    uncommanded   the same along the same motion under no command
     told       coefficients of the law that were identified, by their names; None where the data do not tell one
     supply     the column of the supply's voltage, if it is not the usual one
     prismatic  whether it is a prismatic joint      rate_recorded  whether the joint's rate is
@@ -50,6 +51,7 @@ class DrivenJoint:
     law: DriveLaw
     gains: Mapping[str, float]
     signals: Mapping[str, Array]
+    uncommanded: Mapping[str, Array]
     told: Mapping[str, ToldGain] = field(default_factory=dict)
     supply: str = ""
     prismatic: bool = False
@@ -71,6 +73,18 @@ class DrivenJoint:
         """Each coefficient's part of the torque, (N,) per unit of it."""
         made = self.law.columns(self.signals, self.gains, _ramp)
         return {term.name: np.asarray(x, dtype=np.float64) for term, x in zip(self.law.terms, made, strict=True)}
+
+    @cached_property
+    def at_once(self) -> dict[str, Array]:
+        """The part of each column, (N,), that follows the motion at once: what the drive feeds back of its own angle,
+        or what the motion induces. The rest is of the command, which acts as it is held and handed on."""
+        made = self.law.columns(self.uncommanded, self.gains, _ramp)
+        return {term.name: x + np.zeros_like(self.signals["q"]) for term, x in zip(self.law.terms, made, strict=True)}
+
+    @property
+    def torque_at_once(self) -> Array:
+        """(N,) the part of the torque of the acting coefficients that follows the motion at once."""
+        return self._sum(self.at_once)
 
     @property
     def known(self) -> Array:
@@ -107,8 +121,11 @@ class DrivenJoint:
     @property
     def _asked(self) -> Array:
         """(N,) torque without the drive's limit."""
-        parts = (c * self.columns[name] for name, c in self.acting.items() if c)
-        return sum(parts, start=np.zeros(len(next(iter(self.columns.values())))))
+        return self._sum(self.columns)
+
+    def _sum(self, columns: Mapping[str, Array]) -> Array:
+        parts = (c * columns[name] for name, c in self.acting.items() if c)
+        return sum(parts, start=np.zeros(len(next(iter(columns.values())))))
 
     def reread(self, error: Array, t: Array, run: NDArray[np.int64]) -> Array:
         """(N,) by how much an error (N,) of recorded positions changes the torque; t, run (N,) as in a Recording."""
@@ -129,9 +146,8 @@ class DrivenJoint:
         if COMMANDS[self.law.command].kind == "position":
             return gain
         command = self.signals[self.law.command]
-        without = self.law.columns({**self.signals, self.law.command: 0 * command}, self.gains, _ramp)[0]
         power = float(command @ command)
-        return gain * float((self.columns[name] - without) @ command) / power if power else gain
+        return gain * float((self.columns[name] - self.at_once[name]) @ command) / power if power else gain
 
     @property
     def without_scale(self) -> str:
@@ -192,10 +208,12 @@ def driven_joint(
     """A joint whose drive has a law, with its own signals (N,)."""
     gains = joint.drive.gains if joint.drive is not None else {}
     supply = next((law.source(s, own, gains) or "" for s in law.instead if s not in own), "")
+    none = dict.fromkeys({law.command, "qd_desired"} & own.keys(), np.zeros(len(t)))
     return DrivenJoint(
         law,
         gains,
         _complete(law, gains, own, t, run),
+        _complete(law, gains, {**own, **none}, t, run),
         supply=supply if supply in own else "",
         prismatic=joint.type == "prismatic",
         rate_recorded="qd" in own,

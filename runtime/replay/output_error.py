@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from runtime.documents.parts import IterationsEntry, SearchEnd
 from runtime.documents.replays import MotionErrorEntry, OutputErrorEntry, RefinedMotion, RefinedParameter
+from runtime.identification import grids
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit, Inference, interval
+from runtime.identification.settings import SEPARABLE, TANGLED_SHARE
 from runtime.model.terms import Prediction, Term
 from runtime.progress import is_late, within
 from runtime.recordings.driven import ToldGain
@@ -148,7 +150,10 @@ class Shooting:
         for term, values in inference.values.items():
             for name, told in values.items():
                 if size := _size(told):
-                    low, high = library[term.effect].parameter(name).bounds
+                    # At an end of its bounds a shape may be none, without derivatives: it is sought where the fit does.
+                    shape = self.fit.shapes.get(term, {})
+                    ends = grids.slope_range(self.fit.problem.regressors, term, name, shape) if name in shape else None
+                    low, high = ends or library[term.effect].parameter(name).bounds
                     found.append(Sought(name, told.value, size, low, high, term=term))
         for i, drive in enumerate(drives_of(self.recordings)):
             for name, gain in ({} if drive is None else drive.told).items():
@@ -387,11 +392,21 @@ class _Search:
         return [(w[:k], w[k:], e, o / self.doubt**2) for w, e, o in zip(weighted, error, off, strict=True)]
 
     def covariance(self, theta: Array, off: Array) -> Array:
-        """(k, k) of the parameters, with errors that hang together within a window."""
+        """(k, k) of the parameters, with errors that hang together within a window; infinite on the diagonal for one
+        that the motion does not tell apart from others, or that has no derivative."""
         found = self._reduced(theta, off)
-        bread, windows = np.linalg.pinv(found.normal, hermitian=True), len(found.scores)
+        if not np.isfinite(found.normal).all():
+            return np.diag(np.full(len(theta), np.inf))
+        scale = np.sqrt(np.maximum(np.diag(found.normal), 1e-300))
+        value, vector = np.linalg.eigh(found.normal / np.outer(scale, scale))
+        seen = value > SEPARABLE**2 * value.max(initial=0.0)
+        bread = (vector[:, seen] / value[seen]) @ vector[:, seen].T / np.outer(scale, scale)
+        windows = len(found.scores)
         meat = found.scores.T @ found.scores * windows / max(1, windows - len(theta))
-        return np.asarray(bread @ meat @ bread * np.outer(self.sizes, self.sizes))
+        covariance = np.asarray(bread @ meat @ bread * np.outer(self.sizes, self.sizes))
+        untold = np.any(np.abs(vector[:, ~seen]) > TANGLED_SHARE, axis=1)
+        covariance[untold, untold] = np.inf
+        return covariance
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,6 @@ from runtime.model.loader import Model
 from runtime.model.terms import Prediction, check_complete, structure
 from runtime.motion.motion import Motion, prepare
 from runtime.motion.settings import STANDSTILL_NOISE
-from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording, RecordingError, drives_of
 from runtime.replay.driven_arm import OPEN_LOOP, DrivenArm, Feedback, Windows
 from runtime.replay.settings import (
@@ -42,7 +41,6 @@ from runtime.replay.settings import (
 from runtime.replay.track import Track, tracks
 from runtime.simulation.integrator import Integrator
 from symbolic.model_file.arm import Gains
-from symbolic.model_file.drive_laws import COMMANDS
 
 Array = NDArray[np.float64]
 
@@ -149,25 +147,18 @@ class Replay:
     @cached_property
     def commanded(self) -> DrivenArm:
         """The model under recorded torques, and under recorded commands where drives have laws."""
-        return self._arm([OPEN_LOOP if drive is None else self._law(drive) for drive in drives_of(self.recordings)])
+        return self._arm([OPEN_LOOP if drive is None else Feedback(drive) for drive in drives_of(self.recordings)])
 
     @cached_property
     def controlled(self) -> DrivenArm:
         """The model in closed loop: with the drives' laws and with stated gains."""
         pairs = zip(drives_of(self.recordings), self.model.joints, strict=True)
-        return self._arm([self._gains(joint.gains) if drive is None else self._law(drive) for drive, joint in pairs])
-
-    @property
-    def _answer(self) -> float:
-        """s after which a controller's answer acts: as its recorded torque, since both are of the same instants."""
-        return self.skew * self.motion.pieces[0].dt
-
-    def _law(self, drive: DrivenJoint) -> Feedback:
-        controls = COMMANDS[drive.law.command].kind == "position"
-        return Feedback(drive, delay=self._answer if controls else 0.0)
+        return self._arm([self._gains(joint.gains) if drive is None else Feedback(drive) for drive, joint in pairs])
 
     def _gains(self, gains: Gains | None) -> Feedback:
-        return OPEN_LOOP if gains is None else Feedback(None, gains.kp, gains.kd, self._answer)
+        """A controller's answer acts as late as its recorded torque, since both are of the same instants."""
+        late = self.skew * self.motion.pieces[0].dt
+        return OPEN_LOOP if gains is None else Feedback(None, gains.kp, gains.kd, late)
 
     def _arm(self, feedback: Sequence[Feedback]) -> DrivenArm:
         coefficients = {i: each.drive.acting for i, each in enumerate(feedback) if each.drive is not None}

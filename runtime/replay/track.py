@@ -139,7 +139,8 @@ def _in_band(x: Array, piece: Piece, band: LowPass) -> Array:
 def _torques(model: Model, known: Prediction, piece: Piece, skew: float) -> tuple[Array, Array]:
     """(n, N) the torque as it acts, and what the model does not explain of it."""
     late = piece.t - skew * piece.dt
-    acting = np.array([np.interp(late, piece.t, row) for row in piece.tau])
+    at_once = piece.at_once if piece.at_once.size else np.zeros_like(piece.tau)
+    acting = at_once + np.array([np.interp(late, piece.t, row) for row in piece.tau - at_once])
     signals = Signals(model, piece, known)
     explained = signals.rigid.copy()
     for term in known.values:
@@ -176,7 +177,7 @@ def _commands(model: Model, motion: Motion, recordings: Sequence[Recording]) -> 
 
 def _on_grid(model: Model, motion: Motion, recordings: Sequence[Recording], rows: Sequence[Array]) -> list[list[Array]]:
     """Of each joint and piece (N,): signals (n, N'), those of each recording, at the even samples of the pieces."""
-    others = [r.with_torques(x) for r, x in zip(recordings, rows, strict=True)]
+    others = [replace(r.with_torques(x), driven=()) for r, x in zip(recordings, rows, strict=True)]
     pieces = with_torques_of(motion, others, model).pieces
     return [[piece.tau[i] for piece in pieces] for i in range(model.n)]
 

@@ -136,19 +136,23 @@ def basis(band: BandEntry, offset: SkewEntry) -> list[Section]:
 
 
 def delays(entries: Sequence[DelayEntry]) -> list[Section]:
-    """Delay from torque to motion and how much of it is assumed; joints that agree share a line."""
-    alike: dict[str, list[int]] = {}
+    """Delay from torque to motion, or from command to torque, and how much of it is assumed; joints that agree share a
+    line."""
+    alike: dict[tuple[str, str], list[int]] = {}
     for d in entries:
         parts = [f"{milliseconds(d.assumed)} ms assumed, from a hold"] if d.assumed else []
         parts += [f"{milliseconds(d.estimated)} ms estimated"] if d.estimated else []
         low, high = d.interval or (None, None)
         known = low is not None and high is not None and isfinite(low) and isfinite(high)
         within = f", 95 % in [{milliseconds(low)}, {milliseconds(high)}]" if known else ""
-        alike.setdefault(f"{milliseconds(d.value)} ms{within} ({'; '.join(parts)})", []).append(d.joint)
+        hold = given(d.hold)
+        parts += [f"a command is held for {milliseconds(hold)} ms"] if hold else []
+        way = "command to torque" if hold else "torque to motion"
+        said = f"{milliseconds(d.value)} ms{within} ({'; '.join(parts)})"
+        alike.setdefault((way, said), []).append(d.joint)
     return texts(
-        f"Delay from torque to motion, "
-        f"{'every joint' if 1 < len(joints) == len(entries) else joints_said(joints)}: {text}."
-        for text, joints in alike.items()
+        f"Delay from {way}, {'every joint' if 1 < len(joints) == len(entries) else joints_said(joints)}: {said}."
+        for (way, said), joints in alike.items()
     )
 
 

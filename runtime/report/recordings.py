@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from msgspec import UnsetType
 
 from runtime.documents.experiments import FirstMotionDocument
-from runtime.documents.parts import EffectAt
+from runtime.documents.parts import EffectAt, given
 from runtime.documents.recordings import (
     AssumedNumber,
     ClockEntry,
@@ -112,7 +112,7 @@ def _recorded(document: InspectDocument, clock: ClockEntry) -> list[Section]:
     if document.repeats:
         seconds = document.repeats.seconds
         lines.append(f"Repeated motion: {quantity(seconds, 's', 3)}" if seconds else "No motion is repeated")
-    estimated = any(delay.estimated for delay in document.delay)
+    estimated = any(delay.estimated or given(delay.hold) for delay in document.delay)
     return [
         Paragraph(f"{clock.samples} samples, {rate}; {steps}, {gaps}{runs}"),
         table(("signal", "field", "unit", "least", "largest", "resolution", "noise"), rows),

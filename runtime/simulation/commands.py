@@ -1,8 +1,8 @@
 """The commands at which the drives of an arm make the torques of a simulated recording: laws, solved for the command.
 
 No loop is closed: motion and torque are prescribed, and a servo is told the position that gives that torque exactly.
-The law reads the recorded positions, as it would along a real recording, so that what it makes of the commands is what
-was simulated, noise included.
+The law reads the recorded positions, as it would along a real recording. A command is held as a real log's is, from the
+instant of its row to that of the next: a row has what makes the torque in the middle between the two.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def _command(recording: Recording, i: int, law: DriveLaw, gains: dict[str, float
         columns = law.columns(signals | {law.command: np.zeros(len(t))}, gains, lambda x: np.maximum(x, 0.0))
         others = sum(c * x for c, x in zip(rest, columns[1:], strict=True) if c)
         found = {law.command: law.inverse((tau - others) / first, signals, gains)}
-    late = gains.get(DELAY, 0.0)
-    return {name: np.interp(t + late, t, row) if late else row for name, row in found.items() if name in COMMANDS}
+    late = gains.get(DELAY, 0.0) + recording.dt / 2
+    return {name: np.interp(t + late, t, row) for name, row in found.items() if name in COMMANDS}
 
 
 def _demanded(
