@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import plants
@@ -43,8 +44,11 @@ class ServoLog:
         return path
 
 
-def _loop(seed: int, advance: demo.Advance, torque: Callable[[Array, float, float, float], float]) -> tuple[Array, ...]:
-    """Time (N,), desired (3, N), counted angle and its rate (N,), under torque(desired, seen, rate, time)."""
+def _loop(
+    seed: int, advance: Callable[..., None], torque: Callable[[Array, float, float, float], Any]
+) -> tuple[Array, ...]:
+    """Time (N,), desired (3, N), counted angle and its rate (N,), under torque(desired, seen, rate, time), or what else
+    advance makes its torque of."""
     t, desired = demo.motion(np.random.default_rng(seed), 2)
     state, angles, rates = [0.0] * 4, [], []
     for k, wanted in enumerate(desired.T):
@@ -55,36 +59,47 @@ def _loop(seed: int, advance: demo.Advance, torque: Callable[[Array, float, floa
     return t, desired, np.array(angles), np.array(rates)
 
 
-def _joint(hidden: str | None, brake: float = 0.0, spring: float = 0.0) -> demo.Advance:
-    """The rigid joint of plants.py; brake: N m s/rad of a motor's back-EMF or a servo's own, and spring: N m/rad of a
-    servo's, which act at every instant."""
+def _friction(hidden: str | None, brake: float = 0.0) -> Callable[[float, int, float], float]:
+    """That of plants.py; brake: N m s/rad of a motor's back-EMF, which acts at every instant."""
 
     def opposing(speed: float, side: int, _time: float) -> float:
         creep = plants.SIZES["stribeck"] * np.exp(-((speed / 0.15) ** 2)) if hidden == "stribeck" else 0.0
         return demo.friction(speed, side, hidden=False) + float(creep) + brake * speed
 
+    return opposing
+
+
+def _spring(hidden: str | None) -> Callable[[float, float], float]:
     size = plants.SIZES["linear_spring"] if hidden == "linear_spring" else 0.0
-    # What acts at every instant acts on the middle of a step, to the second order.
-    half = demo.PERIOD / demo.SUBSTEPS / 2
-    brake += half * spring
-    return demo.stick_slip(opposing, lambda q, _t: size * (q - 0.3) + spring * q, demo.INERTIA + half * brake)
+    return lambda q, _t: size * (q - 0.3)
 
 
 def servo(hidden: str | None, seed: int, most: float = np.inf) -> ServoLog:
     """A position servo, told position and rate, that measures its rate; most: N m that it makes.
 
-    It closes its loop at every instant, on the joint's angle itself, and holds what it is told for a sample; one with a
-    limit closes it once a sample.
+    It closes its loop at every instant, on the joint's angle itself, and holds what it is told for a sample.
     """
+    opposing, load, parts = _friction(hidden), _spring(hidden), 8
+    h = demo.PERIOD / parts
 
     def torque(want: Array, seen: Array, rate: Array) -> Array:
         return np.clip(KP * (want[0] - seen) + KD * (want[1] - rate), -most, most)
 
-    if most < np.inf:
-        joint, own = _joint(hidden), lambda want, seen, rate, _: float(torque(want, np.float64(seen), np.float64(rate)))
-    else:
-        joint, own = _joint(hidden, KD, KP), lambda want, *_: float(KP * want[0] + KD * want[1])
-    t, wanted, q, qd = _loop(seed, joint, own)
+    def advance(state: demo.State, want: Array, time: float) -> None:
+        told = KP * want[0] + KD * want[1]
+        for _ in range(parts):
+            q, qd = state[0], state[1]
+            # Of the middle of the step, to the second order: an answer half a step late would be another inertia.
+            made = told - KP * (q + h / 2 * qd) - KD * (qd + h / 2 * state[2])
+            drive = min(max(made, -most), most) - load(q, time)
+            side = 1 if (qd or drive) > 0 else -1
+            held = opposing(abs(qd), side, time)
+            stuck = qd == 0.0 and abs(drive) <= held
+            new = 0.0 if stuck else qd + h * (drive - side * held) / demo.INERTIA
+            new = 0.0 if qd * new < 0.0 else new
+            state[:3] = [q + h / 2 * (qd + new), new, (new - qd) / h]
+
+    t, wanted, q, qd = _loop(seed, advance, lambda want, *_: want)
     columns = {
         "t [s]": t,
         "q1 [rad]": q,
@@ -92,7 +107,9 @@ def servo(hidden: str | None, seed: int, most: float = np.inf) -> ServoLog:
         "q1_desired [rad]": wanted[0],
         "qd1_desired [rad/s]": wanted[1],
     }
-    return ServoLog(columns, torque(wanted, q, qd))
+    # The mean over the period that follows a sample, as a command is held: both are half a sample late.
+    after = (np.append(x[1:], x[-1]) for x in (q, qd))
+    return ServoLog(columns, (torque(wanted, q, qd) + torque(wanted, *after)) / 2)
 
 
 def _supply(t: float) -> float:
@@ -107,7 +124,11 @@ def _duty(want: Array, seen: float, rate: float, t: float) -> float:
 def bridge(hidden: str | None, seed: int) -> ServoLog:
     """A motor on a bridge, whose duty a controller sets."""
 
-    t, wanted, q, qd = _loop(seed, _joint(hidden, KT**2 / OHM), lambda *at: KT / OHM * _duty(*at) * _supply(at[-1]))
+    t, wanted, q, qd = _loop(
+        seed,
+        demo.stick_slip(_friction(hidden, KT**2 / OHM), _spring(hidden)),
+        lambda *at: KT / OHM * _duty(*at) * _supply(at[-1]),
+    )
     supply = np.array([_supply(float(x)) for x in t])
     duty = np.array([_duty(*x) for x in zip(wanted.T, q, qd, t, strict=True)])
     columns = {"t [s]": t, "q1 [rad]": q, "qd1 [rad/s]": qd, "duty1": duty, "bus_voltage1 [V]": supply}

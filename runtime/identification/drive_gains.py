@@ -183,8 +183,11 @@ def _of_joint(fit: Fit, again: Problem, i: int, joint: DrivenJoint) -> dict[str,
     model lacks would pass for that, and only the slope of the whole torque, which imitates no gain, stands for it.
     """
     late = fit.skew + fit.problem.regressors.late(i)
-    columns = {name: fit.motion.torque_per_gain((i, name), late) for name in joint.unknown}
-    known = fit.motion.torque(i, late) - sum(joint.acting[name] * column for name, column in columns.items())
+    whole = fit.problem.regressors.whole(i)
+    columns = {name: fit.motion.torque_per_gain((i, name), late, whole) for name in joint.unknown}
+    known = fit.motion.torque_delayed(i, late, 0.0, whole) - sum(
+        joint.acting[name] * column for name, column in columns.items()
+    )
     command = joint.command_gain
     others = [name for name in joint.unknown if name != command]
     asked = command if command in joint.unknown else ""

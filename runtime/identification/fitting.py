@@ -159,7 +159,8 @@ def _delayed(model: Model, motion: Motion, fit: Fit) -> Ahead | None:
             lead = model.library.effects[term.effect].of_kind("lead")
             for joint in joints_of(model, term):
                 found[joint] = found.get(joint, 0.0) + (values[lead.name] if lead else 0.0)
-    return _large_delays(motion, fit.skew, [found.get(i, time) for i, time in enumerate(fit.ahead.times)])
+    times = [found.get(i, time) for i, time in enumerate(fit.ahead.times)]
+    return _large_delays(motion, fit.skew, times, fit.ahead.whole)
 
 
 def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Prediction) -> bool:
@@ -305,20 +306,29 @@ def _ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahea
     torque at a time that is none of its own would have the noise of both times in its column.
     Source: separable least squares in the delay, Ljung, System Identification, 1999.
     """
-    return _large_delays(problem.motion, skew, [_delay_of(problem, shapes, i, skew) for i in range(problem.model.n)])
+    times, whole = [], []
+    for i in range(problem.model.n):
+        ways = (False, True) if problem.motion.feeds_back(i) else (False,)
+        found = [_delay_of(problem, shapes, i, skew, way) for way in ways]
+        whole.append(int(np.argmin([left for _, left in found])) == 1)
+        times.append(found[whole[-1]][0])
+    return _large_delays(problem.motion, skew, times, np.array(whole))
 
 
-def _large_delays(motion: Motion, skew: float, times: Sequence[float]) -> Ahead:
+def _large_delays(motion: Motion, skew: float, times: Sequence[float], whole: NDArray[np.bool_]) -> Ahead:
     """These times (n,) s, and 0 where first order does for them."""
     given = np.array(times)
     small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < SMALL_ANGLE
-    return Ahead(skew, np.where(small, 0.0, given))
+    return Ahead(skew, np.where(small, 0.0, given), whole)
 
 
-def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew: float) -> float:
+def _delay_of(
+    problem: Problem, shapes: Mapping[Term, Values], joint: int, skew: float, whole: bool
+) -> tuple[float, float]:
+    """The time, of a whole torque or of its command alone, and the part of the torque's square that it leaves."""
     motion = problem.motion
     if not motion.moving(joint).any():
-        return 0.0
+        return 0.0, 1.0
     alone = problem.system(shapes, Skew(skew)).alone(joint)
     given = alone.joints[0].tau - alone.joints[0].spread(alone.at(np.zeros(len(alone.unknown)))[0].left)
 
@@ -329,13 +339,13 @@ def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
         return found
 
     def later(time: float) -> Array:
-        return motion.torque_delayed(joint, skew, time)
+        return motion.torque_delayed(joint, skew, time, whole)
 
     step = 1 / (8 * motion.cutoff(joint))  # between two of them no least error is missed
     # s: a field bus takes some cycles of 1 to 10 ms to hand a command on, a current filter of 10 to 100 Hz less.
     longest_lag, longest_delay = 0.02, 0.05
     times = step * np.arange(-np.ceil(longest_lag / step), np.ceil(longest_delay / step) + 1)
-    key = ("later torques", joint, NOMINAL_SKEW)
+    key = ("later torques", joint, whole)
     torques = motion.columns.get(key) if skew == NOMINAL_SKEW else None
     if torques is None:
         torques = np.array([later(float(time)) for time in times])
@@ -347,4 +357,4 @@ def _delay_of(problem: Problem, shapes: Mapping[Term, Values], joint: int, skew:
     bounds, ends = (best - step, best + step), {"xatol": step / 100}
     found = minimize_scalar(lambda time: float(left(later(time))), bounds=bounds, method="bounded", options=ends)
     clear = alone.count * np.log(float(left(alone.joints[0].tau)) / max(float(found.fun), 1e-300)) > CLEARLY_LIKELIER
-    return float(found.x) if clear else 0.0
+    return (float(found.x) if clear else 0.0), float(found.fun)

@@ -227,12 +227,14 @@ class Ahead:
     At that time the column of a delay is exact: to first order, a delay of a sample would be one of a small angle at
     every frequency, and of three samples at none.
 
+    whole   (n,) whether all of a torque that a law makes is late, as that of a slow drive is, and not its command alone
     first   of every joint (n,) the first of a structure's delays, which has the part without free coefficient: further
             ones add their times alone; empty: no structure is known
     """
 
     skew: float
     times: Array
+    whole: NDArray[np.bool_]
     first: tuple[Term | None, ...] = ()
 
     def of(self, model: Model, terms: Iterable[Term]) -> Ahead:
@@ -343,7 +345,11 @@ class Regressors:
             made = np.concatenate([np.full(len(p.centres), (joint, name) in p.gains) for p in pieces])
             return np.where(made, lumps @ self.rigid(joint), 0.0)
         held = NOMINAL_SKEW if self.motion.feeds_back(joint) else 0.0
-        return -self.motion.torque_per_gain((joint, name), held + self.late(joint))
+        return -self.motion.torque_per_gain((joint, name), held + self.late(joint), self.whole(joint))
+
+    def whole(self, joint: int) -> bool:
+        """Whether a delay of the structure has all of a joint's torque (0-based) late, not the command alone."""
+        return bool(self.late(joint)) and self.ahead is not None and bool(self.ahead.whole[joint])
 
     def columns(
         self, term: Term, joint: int, shape: Mapping[str, float], given: Mapping[str, float] = NOTHING_GIVEN
@@ -382,7 +388,8 @@ class Regressors:
     ) -> dict[int, Array]:
         """(S, 1 + k, M) at the joint, and at all that feel the same and share its band: it is simulated once."""
         if is_delay(self.model, term) and (self._exact(joint) or self.motion.feeds_back(joint)):
-            ahead = self.ahead or Ahead(NOMINAL_SKEW, np.zeros(self.model.n))
+            none = np.zeros(self.model.n)
+            ahead = self.ahead or Ahead(NOMINAL_SKEW, none, none > 0)
             late = self._late(joint, ahead)
             if not ahead.begins(term, joint):
                 late[0] = 0.0
@@ -426,13 +433,12 @@ class Regressors:
         The slope is a central difference there: with what lies between the two torques in its place, a time between
         them would average their noise, and seem to fit better.
         """
-        time, motion = float(ahead.times[joint]), self.motion
+        time, motion, whole = float(ahead.times[joint]), self.motion, bool(ahead.whole[joint])
         half = motion.pieces[0].dt / 2
-        slope = motion.torque_delayed(joint, ahead.skew, time + half) - motion.torque_delayed(
-            joint, ahead.skew, time - half
+        sooner, later, latest = (
+            motion.torque_delayed(joint, ahead.skew, time + by, whole) for by in (-half, 0.0, half)
         )
-        slope /= 2 * half
-        later = motion.torque_delayed(joint, ahead.skew, time)
+        slope = (latest - sooner) / (2 * half)
         return np.stack([motion.torque(joint, ahead.skew) - later + time * slope, -slope])
 
     def skew(self, joint: int, at: float = NOMINAL_SKEW) -> Array:

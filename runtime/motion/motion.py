@@ -283,27 +283,28 @@ class Motion:
 
     def slope(self, joint: int) -> Array:
         """(M,) change of a joint's (0-based) torque in the band, all of it taken one sample later than recorded."""
-        sides = ([p.equation(p.delayed(p.tau[joint], by), joint) for p in self.pieces_of(joint)] for by in (0.5, -0.5))
-        later, sooner = map(np.concatenate, sides)
-        return np.asarray(later - sooner)
+        return self.torque_delayed(joint, 0.5, 0.0, whole=True) - self.torque_delayed(joint, -0.5, 0.0, whole=True)
 
     def feeds_back(self, joint: int) -> bool:
         """Whether a law makes a part of a joint's torque (0-based) of its motion."""
         return any(p.at_once.size and p.at_once[joint].any() for p in self.pieces_of(joint))
 
-    def torque_delayed(self, joint: int, skew: float, time: float) -> Array:
-        """(M,) measured torque in the band, `skew` samples and `time` s late, without unknown torques."""
+    def torque_delayed(self, joint: int, skew: float, time: float, whole: bool = False) -> Array:
+        """(M,) measured torque in the band, `skew` samples and `time` s late, without unknown torques; whole: also what
+        of it follows the motion at once."""
         pieces = self.pieces_of(joint)
-        return np.concatenate([p.equation(p.torque_late(joint, skew + time / p.dt), joint) for p in pieces])
+        return np.concatenate([p.equation(p.torque_late(joint, skew + time / p.dt, whole), joint) for p in pieces])
 
-    def torque_per_gain(self, gain: Gain, skew: float) -> Array:
-        """(M,) torque in the band of a drive per unit of an unknown gain, taken as `torque`; zero where the torque was
+    def torque_per_gain(self, gain: Gain, skew: float, whole: bool = False) -> Array:
+        """(M,) torque in the band of a drive per unit of an unknown gain, taken as `torque_delayed`; zero where the torque was
         recorded."""
         found = []
         for p in self.pieces_of(gain[0]):
             own = p.gains.get(gain)
             found.append(
-                np.zeros(len(p.centres)) if own is None else p.equation(p.made_late(own[0], own[1], skew), gain[0])
+                np.zeros(len(p.centres))
+                if own is None
+                else p.equation(p.made_late(own[0], own[1] * (not whole), skew), gain[0])
             )
         return np.concatenate(found)
 

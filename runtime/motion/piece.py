@@ -258,9 +258,9 @@ class Piece:
             x = np.ascontiguousarray(np.pad(x, reach, mode="edge")[first : first + len(x)])
         return self.low_pass(x, delay - whole)
 
-    def torque_late(self, joint: int, late: float) -> Array:
-        """(M,) the torque of a joint (0-based) in the band, `late` samples late."""
-        at_once = self.at_once[joint] if self.at_once.size else np.zeros(0)
+    def torque_late(self, joint: int, late: float, whole: bool = False) -> Array:
+        """(M,) the torque of a joint (0-based) in the band, `late` samples late; whole: also what is at once."""
+        at_once = self.at_once[joint] if self.at_once.size and not whole else np.zeros(0)
         return self.made_late(self.tau[joint], at_once, late)
 
     def made_late(self, x: Array, at_once: Array, late: float) -> Array:

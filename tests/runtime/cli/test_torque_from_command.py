@@ -66,21 +66,13 @@ def test_torque_from_the_command_is_the_torque_of_the_equations(
 ) -> None:
     plain, driven = written(here / "plain.toml", DRIVE), written(here / "driven.toml", servos.model(gains, DRIVE))
     torque, command = logs[law].write(here / "torque.csv", torque=True), logs[law].write(here / "command.csv")
-    for verb in ("identify", "compare"):
-        document = found(tendon, verb, driven, command)
-        assert document["joints"][0].pop("drive")["law"] == law
-        assert _near(document, found(tendon, verb, plain, torque))
-
-
-def _near(one: Any, other: Any, within: float = 1e-5) -> bool:
-    """Whether two documents say the same, numbers but for the twelve digits of the files."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(_near(one[k], other[k], within) for k in one)
-    if isinstance(one, list):
-        return len(one) == len(other) and all(_near(x, y, within) for x, y in zip(one, other, strict=True))
-    if isinstance(one, float):
-        return bool(np.isclose(one, other, rtol=within, atol=1e-9))
-    return bool(one == other)
+    document, other = (found(tendon, "identify", *files) for files in ((driven, command), (plain, torque)))
+    (delay,) = document["delay"]
+    assert delay["hold"] == pytest.approx(1e-3)
+    assert "hold" not in other["delay"][0]
+    (said,), (joint,) = document["joints"], other["joints"]
+    assert said.pop("drive")["law"] == law
+    assert said["rms"] == pytest.approx(joint["rms"], rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -101,13 +93,16 @@ def test_simulated_commands_make_the_torque_that_was_simulated(tendon: Run, here
     assert "tau" not in Path("command.csv").read_text(encoding="utf-8").partition("\n")[0]
     assert found(tendon, "compare", driven, Path("command.csv"))["joints"][0]["drive"]["law"] in drive
     torque, made = (
-        Source.read(model, None).recordings([Path(name)])[0].tau[0]
+        Source.read(model, None).recordings([Path(name)])[0]
         for model, name in ((plain, "torque.csv"), (driven, "command.csv"))
     )
-    # Commands before the start and after the end of a delay are not in the file.
-    inside = slice(100, -100)
-    apart = np.sqrt(np.mean((made - torque)[inside] ** 2))
-    assert apart < (1e-2 if "delay" in drive else 1e-5) * np.std(torque)
+    # A row's command acts until the next; over many rows the noise of single ones is no more.
+    (joint,) = made.driven
+    assert joint is not None
+    command = made.tau[0] - joint.torque_at_once
+    acting = joint.torque_at_once[1:] + (command[1:] + command[:-1]) / 2
+    apart = np.convolve(acting - torque.tau[0, 1:], np.ones(40) / 40, "valid")[100:-100]
+    assert np.sqrt(np.mean(apart**2)) < 1e-2 * np.std(torque.tau)
 
 
 def test_what_a_drive_cannot_make_is_not_simulated(tendon: Run, here: Path) -> None:
@@ -202,4 +197,4 @@ def test_real_position_servos_tell_what_their_torques_tell(tendon: Run, here: Pa
         for model, name in ((Path("leg.toml"), "fit.csv.gz"), (driven, "command_fit.csv.gz"))
     )
     for one, other in zip(without["joints"], with_torque["joints"], strict=True):
-        assert one["relative"] == pytest.approx(other["relative"], rel=1e-4)
+        assert one["relative"] < 1.01 * other["relative"]
