@@ -49,8 +49,14 @@ def with_gains(model: Model, recordings: Sequence[Recording], fitted: int) -> li
     limited = any(j is not None and j.unknown and SATURATION in j.gains for r in own for j in r.driven)
     for part in SPARED if limited else SPARED[:1]:
         found = [r.sparing(part) for r in recordings]
-        for _ in range(3 if model.n == 1 else 4):  # the band and the torques that effects read follow the scale
-            fit = fit_motion(model, prepared(model, found[:fitted]), structure(model))
+        # The band and the torques that effects read follow the scale; a command's own delay is told with a scale alone.
+        first, passes = 2, 4 if model.n == 1 else 5
+        for k in range(passes):
+            motion = prepared(model, found[:fitted])
+            whole, structured = motion.all_late, structure(model)
+            fit = fit_motion(model, whole if k < first else motion, structured)
+            if k >= first and fit.ahead is not None and np.any(fit.ahead.whole & (fit.ahead.times != 0)):
+                fit = fit_motion(model, whole, structured)
             told = told_gains(fit)
             found = [r.with_gains(told) for r in found]
         if not limited or all(_cuts_less(r, part) for r in found[:fitted]):

@@ -17,7 +17,7 @@ HOLD: Final = (-0.25, 1.0)
 """samples; between a torque and the encoder reading beside it that a hold can explain: half a sample for the hold
 alone, 0.73 to 0.78 on EMPS, and some room to either side; development and real recordings."""
 
-COMMAND_HOLD: Final = (-0.5, 1.5)
+COMMAND_HOLD: Final = (-0.5, 1.0)
 """samples; as HOLD, between a command that a drive's law reads and the angle beside it, on which the drive closes its
 loop at once: half a sample for the hold, and up to one by which a log's row stands before or after the command's
 renewal."""

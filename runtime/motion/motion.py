@@ -168,6 +168,14 @@ class Motion:
         """The motion with accelerations that are not denoised (`Piece.qdd_denoised`)."""
         return self.changed(lambda p: replace(p, qdd_denoised=p.qdd))
 
+    @property
+    def all_late(self) -> Motion:
+        """The motion with torques of laws as late as their commands, the part that is at once, too."""
+        nothing = np.zeros((0, 0))
+        return self.changed(
+            lambda p: replace(p, at_once=nothing, gains={g: np.stack([x[0], 0 * x[1]]) for g, x in p.gains.items()})
+        )
+
     @cached_property
     def with_standstill(self) -> Motion:
         """The motion with no torque eliminated at rest."""
@@ -296,8 +304,8 @@ class Motion:
         return np.concatenate([p.equation(p.torque_late(joint, skew + time / p.dt, whole), joint) for p in pieces])
 
     def torque_per_gain(self, gain: Gain, skew: float, whole: bool = False) -> Array:
-        """(M,) torque in the band of a drive per unit of an unknown gain, taken as `torque_delayed`; zero where the torque was
-        recorded."""
+        """(M,) torque in the band of a drive per unit of an unknown gain, taken as `torque_delayed`; zero where the
+        torque was recorded."""
         found = []
         for p in self.pieces_of(gain[0]):
             own = p.gains.get(gain)

@@ -237,11 +237,13 @@ def _size(told: Estimate) -> float | None:
 def output_error(fit: Fit, recordings: Sequence[Recording], allowed: SearchSettings = SearchSettings()) -> OutputError:
     """The parameters of a fit, refined on the recordings that were fitted. Raises PlantError, RecordingError.
 
-    Where the fit could not estimate by how much the torque is late, the motion does.
+    Where the fit could not estimate by how much the torque is late, the motion does, and for a command, whose delay the
+    torque tells beside friction alone.
     """
     shooting = Shooting(fit, recordings, fit.skew)
     scale = shooting.scale(_begin(shooting))
-    tried = np.array(SKEWS if not fit.skew_free and any(drives_of(recordings)) else ())
+    commanded = any(fit.motion.feeds_back(i) for i in range(fit.model.n))
+    tried = np.array(SKEWS if commanded or (not fit.skew_free and any(drives_of(recordings))) else ())
     most = allowed.budget or len(tried) * TRIAL_STEPS + GAUSS_NEWTON_STEPS
     made, ends = 0, list[SearchEnd]()
 
