@@ -23,6 +23,8 @@ from runtime.identification.settings import (
     CLEARLY_LIKELIER,
     COMMAND_HOLD,
     HOLD,
+    LONGEST_DELAY,
+    LONGEST_LAG,
     NOMINAL_SKEW,
     ROTOR_ASSUMED,
     SKEW_RANGE,
@@ -310,7 +312,9 @@ def _ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahea
     for i in range(problem.model.n):
         ways = (False, True) if problem.motion.feeds_back(i) else (False,)
         found = [_delay_of(problem, shapes, i, skew, way) for way in ways]
-        whole.append(int(np.argmin([left for _, left in found])) == 1)
+        # A time at the end of those that are sought is no delay: something else is missing.
+        ends = LONGEST_DELAY - 1 / problem.motion.cutoff(i)
+        whole.append(int(np.argmin([left if time < ends else np.inf for time, left in found])) == 1)
         times.append(found[whole[-1]][0])
     return _large_delays(problem.motion, skew, times, np.array(whole))
 
@@ -342,9 +346,7 @@ def _delay_of(
         return motion.torque_delayed(joint, skew, time, whole)
 
     step = 1 / (8 * motion.cutoff(joint))  # between two of them no least error is missed
-    # s: a field bus takes some cycles of 1 to 10 ms to hand a command on, a current filter of 10 to 100 Hz less.
-    longest_lag, longest_delay = 0.02, 0.05
-    times = step * np.arange(-np.ceil(longest_lag / step), np.ceil(longest_delay / step) + 1)
+    times = step * np.arange(-np.ceil(LONGEST_LAG / step), np.ceil(LONGEST_DELAY / step) + 1)
     key = ("later torques", joint, whole)
     torques = motion.columns.get(key) if skew == NOMINAL_SKEW else None
     if torques is None:

@@ -26,6 +26,13 @@ NOMINAL_SKEW: Final = 0.5
 """samples; a torque that is held from one reading to the next acts half a sample later on the average; the zero-order
 hold."""
 
+LONGEST_LAG: Final = 0.02
+"""s; by so much a recorded torque is sought behind the motion; a current filter of 10 to 100 Hz takes less."""
+
+LONGEST_DELAY: Final = 0.05
+"""s; by so much a recorded torque is sought ahead of the motion; a field bus takes some cycles of 1 to 10 ms to hand a
+command on."""
+
 SKEW_RANGE: Final = (NOMINAL_SKEW - MOST_DELAY, MOST_DELAY - NOMINAL_SKEW)
 """samples; a skew is looked for within these, for which the band's filter has room; by construction."""
 
