@@ -6,8 +6,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 
-MORE_THAN_NOISE = 1.5
-"""noise floors; a residual below it is shown as noise"""
 AS_GIVEN = "file, refitted"
 """The first step of a loop: the effects of the model file, whose values are fitted to the recordings, too."""
 

@@ -25,7 +25,6 @@ from runtime.diagnosis.settings import (
     LEAST_MOVING_S,
     LEAST_PASSES,
     MATERIAL,
-    ONLY_NOISE,
 )
 from runtime.diagnosis.steps import seconds_moving
 from runtime.documents.fits import ContradictionEntry, RecordingFit
@@ -37,6 +36,7 @@ from runtime.identification.problem import Problem, Skew
 from runtime.identification.settings import INTERVAL_SIGMAS
 from runtime.model.loader import LumpInfo
 from runtime.motion.motion import Motion
+from runtime.motion.settings import MORE_THAN_NOISE
 from runtime.recordings.recording import Recording
 from runtime.wording import times_floor
 from symbolic.model_file.arm import ROTOR
@@ -96,7 +96,7 @@ class Tables:
     @property
     def each_is_noise(self) -> bool:
         """Whether every recording alone is fitted to the noise: then nothing but the arm differs."""
-        return all(table.left < ONLY_NOISE for table in self.tables)
+        return all(table.left < MORE_THAN_NOISE for table in self.tables)
 
     @property
     def contradictory(self) -> bool:
@@ -350,4 +350,4 @@ def _by_a_rotor(e: Estimate) -> bool:
 
 def far_above_noise(joint: JointSeries) -> bool:
     """Whether a joint's error is far above its noise floor."""
-    return joint.rms > FAR_ABOVE_NOISE * joint.floor.value
+    return joint.rms > FAR_ABOVE_NOISE * joint.noise

@@ -38,11 +38,10 @@ class Draft:
 def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[int]) -> Draft | None:
     """The best guess on the residual of a step at these joints (0-based); None if none passes."""
     found = _base(step, model)
-    floors = [s.floor.value for s in step.joints]
     passing = []
     for joint in joints:
         terms = [t for t in found.terms() if _at(t, joint) and t.effect in guesses and _has_neighbours(model, t)]
-        ranking = _rank(found, terms, floors)
+        ranking = _rank(found, terms, step.floors)
         if ranking.best is not None:
             passing.append((_nearly_best(ranking), ranking, joint))
     for near, ranking, joint in sorted(passing, key=lambda item: -item[1].candidates[0].delta_bic):

@@ -9,6 +9,7 @@ import numpy as np
 
 from runtime.diagnosis.acceptance import (
     above_noise,
+    helps_held_out,
     is_accepted,
     is_significant,
     kept_alone,
@@ -45,7 +46,8 @@ def reconsidered(trail: Trail) -> Trail:
         own = ranking.of(finding.term)
         likely = own.delta_bic if own is not None and own.passes else -np.inf
         best, others = ranking.best, [f for f in findings if f is not finding]
-        if _is_superfluous(trail, finding, without) or (best is None and not _is_likelier(trail, without)):
+        needless = _is_superfluous(trail, finding, without) or (best is None and not _is_likelier(trail, without))
+        if needless and not helps_held_out(without, trail.last, finding.term):
             return trail.rebuilt(others, {}, (finding.term,))
         apart = best is not None and best.delta_bic - likely >= BIC_APART
         if best is not None and apart and not _is_worse_with(trail, best, finding, without):
@@ -115,7 +117,9 @@ def without_insignificant(trail: Trail) -> Trail:
         last = trail.last
         open_ones = [f for f in trail.findings if f.candidate.twist is None and not is_significant(last, f.term)]
         open_ones.sort(key=lambda f: f.candidate.delta_bic)
-        gone = next((f for f in open_ones if not is_accepted(trail.without(f.term), last, f.term)), None)
+        without = ((f, trail.without(f.term)) for f in open_ones)
+        kept = (is_accepted, helps_held_out)
+        gone = next((f for f, before in without if not any(keeps(before, last, f.term) for keeps in kept)), None)
         if gone is None:
             return trail
         trail = trail.rebuilt([f for f in trail.findings if f is not gone], {}, (gone.term,))

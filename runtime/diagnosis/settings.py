@@ -166,15 +166,11 @@ GROSS_TORQUE: Final = 0.1
 """part of a joint's torque, RMS; what a wrong parameter of the model file must move for that: small moments may be
 wrong by any factor; real recordings of whole arms."""
 
-ONLY_NOISE: Final = 1.5
-"""ratio to the instruments' noise; a recording whose residual is below, fitted alone, holds nothing else; development
-recordings of two arms."""
-
 # a fit that is no diagnosis -----------------------------------------------------------------------------------------
 
 FAR_ABOVE_NOISE: Final = 3.0
 """ratio to the noise floor; a fit that leaves more, at the bound of what is physical, is none, and one within it lacks
-something that its parameters took up; a choice beside ABOVE_NOISE and ONLY_NOISE."""
+something that its parameters took up; a choice beside ABOVE_NOISE and what is more than noise."""
 
 # further sensors ----------------------------------------------------------------------------------------------------
 

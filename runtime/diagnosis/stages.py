@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from runtime.diagnosis import detection_limits
-from runtime.diagnosis.acceptance import bristles
+from runtime.diagnosis.acceptance import bristles, explains_better
 from runtime.diagnosis.grammar_search import Wider
 from runtime.diagnosis.pruning import reconsidered, without_insignificant, without_replaced
 from runtime.diagnosis.rivals import best_branch, branches, is_open, with_rivals
@@ -71,14 +71,20 @@ def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: int = BUDGE
     """The trail at its end: the best of those that follow the first finding with rivals, or one of these; without what
     is not significant beside the rest. on_step is called with each step of the first way; budget: number of structures
     that may be fitted to all rows on the way to the end."""
+    shown: list[Step] = []
+
+    def show(step: Step) -> None:
+        shown.append(step)
+        on_step(step)
+
     work = SearchWork(budget, open=True)
-    trail = follow(replace(trail, work=work), on_step)
+    trail = follow(replace(trail, work=work), show)
     with suppress(CutShort):
         number, others = branches(trail) if work.goes_on() else (0, [])
         if others:
             trail = best_branch([trail, *map(follow, others)], number)
     work.open = False
-    trail = without_insignificant(trail).with_told_gains()
+    trail = _no_worse(without_insignificant(trail), shown).with_told_gains()
     return with_rivals(trail, {f: _unrefuted(f) for f in trail.findings})
 
 
@@ -130,6 +136,14 @@ def conclude(trail: Trail, wider: Wider | None = None) -> Diagnosis:
         return found
     able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
     return found.within(*detection_limits.of(found.last.base, found.last.floors, able))
+
+
+def _no_worse(trail: Trail, shown: Sequence[Step]) -> Trail:
+    """The trail, or one that ends at the last of its steps, or of those that were shown, which explains recordings that
+    were not fitted clearly better than its end."""
+    each = [(i,) for i in range(trail.model.n)]
+    better = [s for s in (*trail.steps, *shown) if explains_better(s, trail.last, each)]
+    return trail.to(better[-1]) if better else trail
 
 
 def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:

@@ -100,8 +100,8 @@ class Step:
 
     @property
     def floors(self) -> list[float]:
-        """Noise floor of every joint, in the unit of its torque."""
-        return [s.floor.value for s in self.joints]
+        """Of every joint what a perfect model may leave, in the unit of its torque."""
+        return [s.noise for s in self.joints]
 
     @property
     def shapes(self) -> dict[Term, Values]:
@@ -408,7 +408,7 @@ def physics(step: Step, joint: int) -> RepeatingResidual | None:
     """What comes back with the motion at a joint (0-based)."""
     s = step.joints[joint]
     # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise.
-    if s.floor.repeatable(s.rms) and s.rms > ABOVE_NOISE * s.floor.spectrum:
+    if s.resolved and s.floor.repeatable(s.rms) and s.rms > ABOVE_NOISE * s.floor.spectrum:
         return RepeatingResidual(min(1.0, ((s.floor.repeating or 0.0) / s.rms) ** 2))
     return None
 
@@ -417,7 +417,7 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> Remainder | None
     """What is left at a joint (0-based) once an effect was named and added; None if it is noise."""
     s = step.joints[joint]
     part = (s.floor.repeating or 0.0) ** 2 / s.rms**2 if s.rms else 0.0
-    if part < FORM_PART or s.rms < FORM_ABOVE_NOISE * s.floor.spectrum:
+    if part < FORM_PART or s.rms < FORM_ABOVE_NOISE * s.floor.spectrum or not s.resolved:
         return outside(step, joint)
     shares = structure_shares(s)
     strongest = max(shares, key=lambda name: shares[name])
@@ -448,7 +448,7 @@ def outside(step: Step, joint: int) -> Disturbance | None:
     found = step.fit
     motion, residual, use = found.motion, found.residual[joint], found.motion.moving(joint)
     s = step.joints[joint]
-    if not s.rms:
+    if not s.resolved:
         return None
     read = np.where(use, found.problem.reread(joint, found.shapes, found.coefficients), 0.0)
     left, rate = motion.noise_left(joint), motion.row_rate(joint)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from runtime.diagnosis import credibility, detection_limits
-from runtime.diagnosis.acceptance import error_falls, only_nearest
+from runtime.diagnosis.acceptance import error_falls, explains_better, only_nearest
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.grammar_search import Draft, Wider, best
@@ -19,12 +19,10 @@ from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.rivals import with_rivals
 from runtime.diagnosis.search import not_borne_out, undecided
 from runtime.diagnosis.settings import (
-    FAR_ABOVE_NOISE,
     FAR_MORE,
     LEAST_EXPLAINED,
     LEAST_MOVING_S,
     LIMIT_PART,
-    ONLY_NOISE,
 )
 from runtime.diagnosis.steps import (
     Step,
@@ -40,7 +38,6 @@ from runtime.identification.compare import JointSeries
 from runtime.identification.identify import unsound
 from runtime.model.loader import Model
 from runtime.model.terms import joints_of
-from runtime.motion.band import Band
 
 Verdict = Literal["effect", "clean", "unexplained", "refused"]
 Why = Literal[
@@ -224,7 +221,8 @@ def _named(trail: Trail, wider: Wider | None) -> tuple[Trail, dict[int, JointVer
 
 
 def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | None:
-    """Why the findings of a joint (0-based) are not named; None where they are."""
+    """Why the findings of a joint (0-based) are not named; None where they are. What lowers the joint's error on
+    recordings that were not fitted is more than what comes nearest, and a guess beside it is what it leaves."""
     first, last = trail.first, trail.last
     here = tuple(f for f in trail.findings if f.joint_index == joint)
     if joint in unsound(last.fit):
@@ -233,8 +231,8 @@ def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | 
         return None  # an encoder on either side shows it, whatever the torque says
     if credibility.tangled(first.fit, joint):
         return JointVerdict(joint, "excitation", withdrawn=here)
-    if trail.stopped:
-        return None  # what would explain the rest may not have been tried
+    if trail.stopped or explains_better(last, first, [(joint,)]):
+        return None  # what would explain the rest may not have been tried, or held-out recordings bear these out
     weak = physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED
     if weak or only_nearest(first, last, joint):
         return JointVerdict(joint, "comes nearest", withdrawn=here)
@@ -293,20 +291,11 @@ def _why_not_named(trail: Trail, joint: int, elsewhere: Sequence[JointSeries]) -
         return "cut"
     if remainder(last, joint):
         return "nothing explains"
-    band = trail.motion.band
-    if _is_far_above(last.joints[joint], band):
+    if not last.joints[joint].at_floor:
         return "above the floor"
     if not_borne_out(trail, joint):
         return "not borne out"
-    return "held out" if elsewhere and _is_far_above(elsewhere[joint], band) else "noise"
-
-
-def _is_far_above(series: JointSeries, band: Band) -> bool:
-    """Whether a joint's error is too far above its noise floor to be noise, though it is as white."""
-    # Errors of coarse encoder steps come back with the motion, too; they are in the instruments' noise. What uncertain
-    # instants add is not.
-    most = FAR_ABOVE_NOISE if band.jittered else ONLY_NOISE
-    return series.rms > most * max(series.floor.value, series.floor.spectrum)
+    return "held out" if elsewhere and not elsewhere[joint].at_floor else "noise"
 
 
 def _is_blind(step: Step, joint: int, seen: Sequence[detection_limits.Limit]) -> bool:

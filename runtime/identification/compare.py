@@ -25,6 +25,7 @@ from runtime.motion import repeats
 from runtime.motion.band import apparent_inertia
 from runtime.motion.motion import Motion
 from runtime.motion.repeats import Floor, floor
+from runtime.motion.settings import MORE_THAN_NOISE, RESOLVED
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -72,6 +73,21 @@ class JointSeries:
     def relative(self) -> float:
         """‖τ − τ̂‖ / ‖τ‖."""
         return errors(self.residual, self.tau)[1]
+
+    @property
+    def noise(self) -> float:
+        """What a perfect model may leave, RMS: the noise floor, and at least what no sensor of torque resolves."""
+        return max(self.floor.value, RESOLVED * float(np.sqrt(np.mean(self.tau**2)))) if len(self.tau) else 0.0
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the error is as large as a sensor of torque resolves."""
+        return self.relative > RESOLVED
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the error is no more than noise; of a joint that is called clean it always is."""
+        return self.rms <= MORE_THAN_NOISE * self.noise
 
     def signals(self) -> dict[str, Array]:
         """Signals that a residual may follow, by the names that `compare --json` uses."""

@@ -110,6 +110,14 @@ REPEATABLE_SHARE: Final = 0.33
 """part of the residual's variance; so much must come back with the motion for it to count as repeatable; development
 recordings with disturbances from outside."""
 
+MORE_THAN_NOISE: Final = 1.5
+"""noise floors; an error beyond is more than noise, for every verb and page; recordings in which nothing is missing, of
+fine and coarse encoders, even and uneven stamps: 1.0 to 1.25."""
+
+RESOLVED: Final = 0.001
+"""part of a joint's torque, RMS; nothing is named of an error below it; magnets weaken by a thousandth a kelvin, and a
+motor's torque with them; the quietest development recordings have twice as much noise."""
+
 # spectra of a residual -----------------------------------------------------------------------------------------------
 
 LINE_STANDS_OUT: Final = 0.1

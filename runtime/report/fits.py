@@ -25,7 +25,6 @@ from runtime.identification.estimate import Estimate
 from runtime.report.sections import Cell, Group, Paragraph, Section, TableColumn, TableSection, table, texts, words
 from runtime.wording import (
     AS_GIVEN,
-    MORE_THAN_NOISE,
     fixed,
     joints_said,
     milliseconds,
@@ -169,7 +168,7 @@ def residuals(joints: Sequence[JointEntry]) -> TableSection:
                 percent(j.relative) if j.rms else "–",
                 said(j.floor, j),
                 j.floor_source,
-                (repeats if j.rms > MORE_THAN_NOISE * j.floor else "noise") if j.rms else "never moves",
+                repeats if j.rms else "never moves",
             )
         )
     return table(("joint", heads[0], "of the torque", heads[1], "floor from", "repeatable"), rows)

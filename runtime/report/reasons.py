@@ -26,6 +26,7 @@ from runtime.identification.fit import Fit
 from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
+from runtime.motion.settings import RESOLVED
 from runtime.report import mounting
 from runtime.wording import fall, joints_said, numbered, per_turn, percent, quantity, sentence, told_apart, whole_apart
 
@@ -261,9 +262,8 @@ def _arm(diagnosis: Diagnosis) -> str:
         case "found":
             said = f"the model lacks {'; '.join(_sentence(f, last) for f in diagnosis.findings)}"
         case "noise":
-            noise = (last.joints[v.joint] for v in diagnosis.joints if v.why == "noise")
-            rms = ", ".join(f"{s.rms:.3g} {s.force_unit}" for s in noise)
-            said = f"the residual is noise ({rms}): the recordings show no missing effect"
+            noise = ", ".join(_noise(last.joints[v.joint]) for v in diagnosis.joints if v.why == "noise")
+            said = f"the residual is noise ({noise}): the recordings show no missing effect"
         case "cut":
             said = "what is missing is not known"
         case _:
@@ -348,19 +348,28 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
                 "out: what is left is hardly more than noise, yet not noise alone; record longer, or with more speeds"
             )
         case "above the floor":
-            return f"what is left is as even as noise, but {_above(here)}: repeat the motion, and it says what this is"
+            known = here.floor.source == "repeats"
+            cure = (
+                "record it with a finer encoder, or longer" if known else "repeat the motion, and it says what this is"
+            )
+            return f"what is left is as even as noise, but {_above(here)}: {cure}"
         case "held out":
             return f"what is left of the fitted recordings is noise; of those held out {_above(diagnosis.elsewhere[i])}"
         case "blind":
             half = quantity(here.rms / here.relative / 2, here.force_unit, 2)
             return f"an effect of half its torque, {half}, could be there unseen; record more speeds and positions"
         case "noise":
-            return f"the residual is noise ({here.rms:.3g} {here.force_unit})"
+            return f"the residual is noise ({_noise(here)})"
+
+
+def _noise(series: JointSeries) -> str:
+    rms = f"{series.rms:.3g} {series.force_unit}"
+    return rms if series.resolved else f"{rms}, less than the {percent(RESOLVED, 1)} of the torque that could be named"
 
 
 def _above(series: JointSeries) -> str:
     rms = quantity(series.rms, series.force_unit, 3)
-    return f"{rms} are left, {series.rms / max(series.floor.value, series.floor.spectrum):.2g} times the noise floor"
+    return f"{rms} are left, {series.rms / series.noise:.2g} times the noise floor"
 
 
 def _excitation(fit: Fit, joint: int) -> str:

@@ -24,7 +24,7 @@ from runtime.model.terms import Term, at, joints_of
 from runtime.motion import spectra
 from runtime.motion.repeats import Floor
 from runtime.report import diagnosed
-from runtime.wording import MORE_THAN_NOISE, numbered
+from runtime.wording import numbered
 
 GUESS = Path("guess.py")
 """Where a draft of an unknown effect is proposed to go."""
@@ -233,9 +233,8 @@ class ResultSummary:
 
     def at_floor(self, joint: int) -> bool:
         """Whether nothing was found at a joint (0-based) alone, and what is left there is noise."""
-        series = self.last.joints[joint]
-        quiet = not len(series.t) or series.rms < MORE_THAN_NOISE * series.floor.value
-        return quiet and joint not in self._found_at
+        unexplained = self.left is not None and joint in self.left.unexplained
+        return self.last.joints[joint].at_floor and not unexplained and joint not in self._found_at
 
     @cached_property
     def _found_at(self) -> set[int]:

@@ -42,7 +42,7 @@ from runtime.studio.documents import (
 from runtime.studio.history import JointError, PlacedEffect
 from runtime.studio.inputs import GivenRecording
 from runtime.studio.spoken import spoken
-from runtime.wording import MORE_THAN_NOISE, numbered, unit
+from runtime.wording import numbered, unit
 
 
 def columns(found: Sequence[FieldPreview]) -> list[ColumnOverview]:
@@ -153,7 +153,7 @@ def step(
             error(series, held[k] if held else None).as_part_of(
                 JointOverview,
                 instruments=relative_floor(series) * floor.spectrum / floor.value if floor.value else 0.0,
-                at_floor=not moves or series.rms < MORE_THAN_NOISE * floor.value,
+                at_floor=series.at_floor,
                 structure=[(entry.signal, entry.share) for entry in structure_entries(series)],
                 signals=f"step{index}-joint{series.joint}" if moves else None,
                 held_signals=f"step{index}-held{series.joint}" if held else None,

@@ -12,8 +12,9 @@ from runtime.hardware.settings import check_controllable
 from runtime.identification.compare import compare
 from runtime.identification.identify import prepared
 from runtime.model.loader import Model
+from runtime.motion.settings import MORE_THAN_NOISE
 from runtime.recordings.recording import Recording
-from runtime.wording import MORE_THAN_NOISE, times_floor
+from runtime.wording import times_floor
 from runtime.workspace.source import Source
 from symbolic.model_file.arm import ArmMonitor, JointMonitor, ProposedValue
 from symbolic.model_file.checks import check_stated

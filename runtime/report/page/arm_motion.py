@@ -16,7 +16,8 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from runtime.model.loader import Model, carried, joint_places, tip_place
-from runtime.wording import MORE_THAN_NOISE, numbered, quantity
+from runtime.motion.settings import MORE_THAN_NOISE
+from runtime.wording import numbered, quantity
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]

@@ -20,6 +20,7 @@ from runtime.identification.identify import fit_document
 from runtime.loop.improve import Improvement
 from runtime.model.terms import Term
 from runtime.motion import spectra
+from runtime.motion.settings import MORE_THAN_NOISE
 from runtime.plain_json import plain
 from runtime.report import diagnosed, findings, fits, loop, origin, reasons, replays
 from runtime.report.diagnosed import finding_entry, ranking_entries
@@ -32,7 +33,7 @@ from runtime.report.page.page_figures import drawn
 from runtime.report.sections import Bullets, Commands, Facts, Group, Paragraph, Plots, Section, table, texts, words
 from runtime.report.signals import joint_signals
 from runtime.report.summary import Result, ResultSummary
-from runtime.wording import MORE_THAN_NOISE, number, numbered, percent, quantity, sentence, times_floor
+from runtime.wording import number, numbered, percent, quantity, sentence, times_floor
 
 TAGS = {
     "effect": "effect found",
@@ -134,7 +135,7 @@ def verdict(summary: ResultSummary) -> PageVerdict:
 
 def _compared(summary: ResultSummary) -> str:
     parts, every = [], summary.first.joints
-    loud = [s for s in every if len(every) == 1 or s.rms >= MORE_THAN_NOISE * s.floor.value]
+    loud = [s for s in every if len(every) == 1 or not s.at_floor]
     for s in loud:
         text = (
             f"joint {numbered(s.joint, s.name)}: the fitted model misses {percent(s.relative)} of the torque, "

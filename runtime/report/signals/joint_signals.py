@@ -17,7 +17,7 @@ from runtime.report.page import page_figures as figures
 from runtime.report.plots.joint_plots import PlotAxis, running_mean
 from runtime.report.plots.style import residual_reach
 from runtime.report.signals.signal_set import Colour, DrawnCurve, DrawnLine, SignalPanel, SignalSet, around, curve
-from runtime.wording import MORE_THAN_NOISE, numbered, percent
+from runtime.wording import numbered, percent
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ def of_recording(recording: Recording, joint: int) -> SignalSet:
 
 def _of_one(series: JointSeries) -> Colour:
     """The colour of a model that is compared with no other: that of a fallen error where nothing is left."""
-    return "after" if series.rms < MORE_THAN_NOISE * series.floor.value else "before"
+    return "after" if series.at_floor else "before"
 
 
 def _over(

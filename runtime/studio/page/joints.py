@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from functools import partial
 
+from runtime.motion.settings import MORE_THAN_NOISE
 from runtime.studio.history import JointError
 from runtime.studio.page.view import PageView, arm_in_motion, button, put, signals
-from runtime.wording import MORE_THAN_NOISE, number, percent
+from runtime.wording import number, percent
 
 
 def motion(view: PageView) -> None:
@@ -48,7 +49,8 @@ def _joint(view: PageView, before: JointError | None, after: JointError, longest
             put("b", f"Joint {after.called}")
             put("span", "the residual is more than sensor noise" if unexplained else said, "of")
         old = (None, None) if before is None else (before.relative, before.held)
-        _bar("fitted", old[0], after.relative, floor=after.relative_floor, longest=longest)
+        good = after.floors is not None and after.floors < MORE_THAN_NOISE and not unexplained
+        _bar("fitted", old[0], after.relative, floor=after.relative_floor, longest=longest, good=good)
         if after.held is not None:
             _bar("held out", old[1], after.held, floor=after.held_floor, longest=longest)
 
@@ -92,16 +94,17 @@ def _against_floor(floors: float | None) -> tuple[int, str]:
     return level, "at its noise floor" if floors < MORE_THAN_NOISE else f"{number(floors, 2)} × its noise floor"
 
 
-def _bar(name: str, before: float | None, after: float, *, floor: float | None, longest: float) -> None:
-    """An error, in parts of the longest bar; `before`: from where it falls."""
+def _bar(
+    name: str, before: float | None, after: float, *, floor: float | None, longest: float, good: bool = False
+) -> None:
+    """An error, in parts of the longest bar; `before`: from where it falls; good: nothing is missing."""
     said = change(before, after)
     with put("span", classes=f"bar-row {name.replace(' ', '-')}"):
         put("span", name, "bar-name")
         with put("span", classes="bar-track", role="img", aria_label=f"error {name} {said}"):
             width = f"width:{100 * after / longest:.2f}%"
             if before is None:
-                clean = " clean" if floor is not None and after < MORE_THAN_NOISE * floor else ""
-                put("span", classes=f"bar{clean}", style=width)
+                put("span", classes="bar clean" if good else "bar", style=width)
             else:
                 put("span", classes="bar ghost", style=f"width:{100 * before / longest:.2f}%")
                 put("span", classes="bar bar-now", style=f"{width};--from:{100 * before / longest:.2f}%")
