@@ -22,6 +22,7 @@ from runtime.documents.fits import (
 )
 from runtime.documents.parts import BandEntry, DelayEntry, EstimateEntry, SkewEntry, given
 from runtime.identification.estimate import Estimate
+from runtime.motion.settings import MORE_THAN_NOISE
 from runtime.report.sections import Cell, Group, Paragraph, Section, TableColumn, TableSection, table, texts, words
 from runtime.wording import (
     AS_GIVEN,
@@ -161,6 +162,7 @@ def residuals(joints: Sequence[JointEntry]) -> TableSection:
     rows = []
     for j in joints:
         repeats = {True: "yes", False: "no", None: "unknown"}[j.repeatable]
+        repeats = "noise" if j.repeatable and j.rms <= MORE_THAN_NOISE * j.floor else repeats
         rows.append(
             (
                 numbered(j.joint, given(j.name)),

@@ -28,7 +28,18 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.settings import RESOLVED
 from runtime.report import mounting
-from runtime.wording import fall, joints_said, numbered, per_turn, percent, quantity, sentence, told_apart, whole_apart
+from runtime.wording import (
+    fall,
+    joints_said,
+    numbered,
+    per_turn,
+    percent,
+    quantity,
+    sentence,
+    times_floor,
+    told_apart,
+    whole_apart,
+)
 
 _MOVE_MORE = "move over more speeds, accelerations and positions"
 
@@ -369,7 +380,7 @@ def _noise(series: JointSeries) -> str:
 
 def _above(series: JointSeries) -> str:
     rms = quantity(series.rms, series.force_unit, 3)
-    return f"{rms} are left, {series.rms / series.noise:.2g} times the noise floor"
+    return f"{rms} are left, {times_floor(series.rms, series.floor.value):.2g} times the noise floor"
 
 
 def _excitation(fit: Fit, joint: int) -> str:

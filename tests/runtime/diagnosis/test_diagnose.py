@@ -201,9 +201,27 @@ def test_emps_from_the_base_model_to_the_floor(emps: Model, shared: Shared) -> N
     assert named(refitted) == []
 
 
+@pytest.mark.parametrize("width", [0.01, slow(0.003)])
+def test_what_no_sensor_of_torque_resolves_is_not_named(width: float) -> None:
+    """Friction rounded by a hyperbolic tangent, without noise: of any error, however small, some law explains most."""
+    t = np.arange(0.0, 20.0, 1e-3)
+    q, qd, qdd = np.zeros((3, len(t)))
+    for frequency, speed in ((0.7, 1.2), (1.9, 0.9), (4.3, 0.4)):
+        q += speed / frequency * np.sin(frequency * t)
+        qd += speed * np.cos(frequency * t)
+        qdd -= speed * frequency * np.sin(frequency * t)
+    tau = 0.3 * qdd + 0.6 * np.tanh(qd / width) + 0.2 * qd
+    whole = np.zeros(len(t), dtype=np.int64)
+    run = Recording(Path("run.csv"), t, whole, q[None], tau[None], ("revolute",), (slice(0, len(t)),), (None,))
+    result = improve(Source.shipped("drive"), [run])
+    assert (named(result.found), [v.verdict for v in result.left.joints]) == ([], ["clean"])
+    assert "less than the 0.1 % of the torque that could be named" in reason(result.left)
+
+
 def test_the_improved_file_is_the_file_that_was_fitted(tmp_path: Path) -> None:
     source = Source.shipped("drive")
     result = kept(improve, source, [recorded("linear_spring", 3)])
+    assert named(result.found) == named(kept(diagnose, source.compiled.model(), [recorded("linear_spring", 3)]))
     path = tmp_path / "better.toml"
     path.write_text(result.model_text)
     again = kept(diagnose, Source.read(path, None).compiled.model(), [recorded("linear_spring", 4)])

@@ -120,17 +120,19 @@ def test_a_single_pass_names_nothing() -> None:
 
 
 def test_white_is_not_noise_far_above_the_floor() -> None:
-    """What is left is even, but the instruments' noise is a thirteenth of it, as with a base model that is wrong."""
+    """What is left is even, but the floor is a thirteenth of it, as with a base model that is wrong; the floor that is
+    stated decides, however much noise the instruments may have."""
     clean = found("", "")
 
-    def with_floor(times: float) -> Diagnosis:
+    def with_floor(times: float, instruments: float) -> Diagnosis:
         first = clean.last.joints[0]
-        level = first.rms / times
-        joints = (replace(first, floor=Floor(level, "spectrum", level, None)), *clean.last.joints[1:])
+        floor = Floor(first.rms / times, "repeats", first.rms / instruments, 0.0)
+        joints = (replace(first, floor=floor), *clean.last.joints[1:])
         return decide(clean.found.to(replace(clean.last, joints=joints)))
 
-    assert [v.why for v in with_floor(1.1).joints] == ["noise", "noise"]
-    white = with_floor(13.0)
+    assert [v.why for v in with_floor(1.1, 1.1).joints] == ["noise", "noise"]
+    assert [v.why for v in with_floor(4.1, 1.1).joints] == ["above the floor", "noise"]
+    white = with_floor(13.0, 13.0)
     assert [v.why for v in white.joints] == ["above the floor", "noise"]
     assert (white.verdict, "13 times the noise floor" in reason(white)) == ("unexplained", True)
 
