@@ -3,17 +3,20 @@ left out, effects and inertias at their bounds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from runtime.identification.compare import driving_speed, has_proper_inertia
 from runtime.identification.factors import CURRENT, MILLI, RATIO, TWICE, WHOLE
 from runtime.identification.fit import Fit
+from runtime.identification.fitting import fit_motion
 from runtime.identification.readings import DEGREES, MOTOR, POSITION, TORQUE, turns
 from runtime.identification.regressors import OF_MASSES, arm_functions_read
 from runtime.identification.wrong_data import WrongData, doubtful_data, wrong_data
 from runtime.model.terms import joints_of
+from runtime.motion.motion import Motion
 from runtime.recordings.columns import UNITS, normal_unit
 from runtime.recordings.contents import map_option
 from runtime.recordings.recording import TORQUE as TORQUE_MEANING
@@ -26,6 +29,7 @@ class Suspicion:
     """Something about the data that must be put right first. joint: 1-based; kind: in a word; cure: what to type.
 
     maps   the options in the cure; they hold together with those of all other suspicions of the same data
+    file   the recording of several in which it is; "" where it is in all
     """
 
     joint: int
@@ -33,14 +37,42 @@ class Suspicion:
     found: str
     cure: str
     maps: tuple[str, ...] = ()
+    file: str = ""
 
     def __str__(self) -> str:
-        return f"joint {self.joint}: {self.found}; {self.cure}"
+        return f"{self.file}{': ' * bool(self.file)}joint {self.joint}: {self.found}; {self.cure}"
+
+    def only_in(self, file: str, last: bool) -> Suspicion:
+        """The same of one recording among others, which its options would read wrong; said once, of the last."""
+        others = "; --map holds for every recording, and others are right: put this file right, or give it alone"
+        return replace(self, file=file, cure=self.cure + others * last, maps=())
 
 
-def suspicions(fit: Fit) -> tuple[Suspicion, ...]:
-    """What a fit of the model file's structure says is wrong with its recordings; empty where nothing is."""
-    return _Words(fit, wrong_data(fit)).all()
+def suspicions(
+    fit: Fit, files: Sequence[str] = (), held_out: Motion | None = None, held_files: Sequence[str] = ()
+) -> tuple[Suspicion, ...]:
+    """What the model file's structure, fitted to each recording by itself, says is wrong with it; of all together where
+    each looks right. Empty where nothing does.
+
+    fit   of all that are fitted, from files     held_out   the motion of those that are not, from held_files
+    """
+    parts = [(fit.motion, name, k) for k, name in enumerate(files)]
+    parts += [(held_out, name, k) for k, name in enumerate(held_files) if held_out is not None]
+    if len(parts) < 2:
+        return _Words(fit, wrong_data(fit)).all()
+    found = {}
+    for motion, name, k in parts:
+        if any(p.recording == k for p in motion.pieces):
+            own = fit if motion is fit.motion and len(files) == 1 else _alone(fit, motion.of_recording(k))
+            found[name] = _Words(own, wrong_data(own)).all()
+    if len({tuple((s.joint, s.kind) for s in own) for own in found.values()}) > 1:
+        return tuple(s.only_in(name, last=s is own[-1]) for name, own in found.items() for s in own)
+    return next(iter(found.values())) or _Words(fit, wrong_data(fit)).all()
+
+
+def _alone(fit: Fit, motion: Motion) -> Fit:
+    """The structure of a fit, fitted to another motion."""
+    return fit_motion(fit.model, fit.on(motion), {t: dict(v) for t, v in fit.shapes.items()}, start=fit)
 
 
 def doubts(fit: Fit) -> tuple[Suspicion, ...]:
@@ -276,10 +308,10 @@ class _Words:
 # --- a fit to data that do not look wrong ---
 
 
-def warnings(fit: Fit) -> list[str]:
-    """All warnings about a fitted model; of wrong data only these, as whatever else is odd follows from them."""
-    wrong = suspicions(fit)
-    if wrong:
+def warnings(fit: Fit, wrong: Sequence[Suspicion] | None = None) -> list[str]:
+    """All warnings about a fitted model; of wrong data only these, as whatever else is odd follows from them; None: it
+    is not known yet whether they are."""
+    if wrong := suspicions(fit) if wrong is None else wrong:
         return [f"the data look wrong: {suspicion}" for suspicion in wrong]
     return [
         *(f"the data may be wrong: {doubt}" for doubt in doubts(fit)),

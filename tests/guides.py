@@ -2,7 +2,7 @@
 
 Blocks follow each other in one folder, which is empty at first:
 
-    ```sh       commands, typed in their order; a comment behind one says so if it ends with "exit status 1"
+    ```sh       commands, typed in their order; a comment behind one says so if it ends with "exit status 1" or 2
     ```text     right after commands: what the last of them prints; a line with … alone stands for any that are left out
     ```python   a script, run where it stands; the text after it is what it prints
     ```toml, ```c, ```cpp, ```python   whose first line is a comment with the name of a file: that file
@@ -55,7 +55,8 @@ class Block:
             return []
         lines = re.sub(r"\\\n\s*", "", self.text).splitlines()
         typed = [re.split(r"(?:^|\s+)#", line, maxsplit=1) for line in lines]
-        return [Command(line.strip(), int("exit status 1" in "".join(about))) for line, *about in typed if line.strip()]
+        said = [(line.strip(), re.findall(r"exit status (\d)", "".join(about))) for line, *about in typed]
+        return [Command(line, int("".join(status) or 0)) for line, status in said if line]
 
 
 def blocks(guide: Path) -> Iterator[Block]:

@@ -21,7 +21,7 @@ from runtime.cli.options import (
     Report,
     TimeLimit,
 )
-from runtime.cli.output import NO, emit, write_page
+from runtime.cli.output import emit, end, write_page
 from runtime.cli.places import WRITTEN
 from runtime.diagnosis.settings import BUDGET
 from runtime.documents.diagnosis import DraftEntry
@@ -80,8 +80,8 @@ def diagnose(
         document = replace(document, **_drafted(source, result, draft, invocation, reading=options))
     emit(json, document, terminal.printer(loop.sections))
     write_page(report, summary, json)
-    if result.verdict in ("unexplained", "refused") or result.search.ended != "complete":
-        raise typer.Exit(NO)
+    no = result.verdict in ("unexplained", "refused") or result.search.ended != "complete"
+    end(result.searched.suspicions, result.last.joints, no=no)
 
 
 def _drafted(

@@ -21,7 +21,7 @@ from runtime.cli.options import (
     Report,
     with_settings,
 )
-from runtime.cli.output import NO, emit, write_page
+from runtime.cli.output import emit, end, write_page
 from runtime.cli.places import READ
 from runtime.documents.fits import FitParameters, IdentifyDocument, JudgedFitDocument
 from runtime.documents.replays import OutputErrorEntry
@@ -118,12 +118,10 @@ def identify(
     emit(json, whole, terminal.printer(replays.identification))
     if written and json != "-":
         terminal.say(f"Written to {source.path}: {', '.join(written)}.")
-    if found.verdict == "refused":
-        if write and json != "-":
-            terminal.say(f"Nothing written to {source.path}.")
-        raise typer.Exit(NO)
-    if isinstance(refined, OutputErrorEntry) and refined.search.ended != "complete":
-        raise typer.Exit(NO)
+    if found.verdict == "refused" and write and json != "-":
+        terminal.say(f"Nothing written to {source.path}.")
+    cut = isinstance(refined, OutputErrorEntry) and refined.search.ended != "complete"
+    end(found.suspicions, found.joints, no=found.verdict == "refused" or cut)
 
 
 def _identify_sums(model: Path, statistics: list[Path], *, write: bool, effects: Path | None, json: str | None) -> None:
@@ -183,3 +181,4 @@ def compare(
     summary = ResultSummary(result, invocation)
     emit(json, summary.document, terminal.printer(loop.sections))
     write_page(report, summary, json)
+    end(summary.suspicions, (), no=False)

@@ -23,7 +23,7 @@ from runtime.cli.options import (
     Report,
     TimeLimit,
 )
-from runtime.cli.output import NO, emit, write_page
+from runtime.cli.output import emit, end, write_page
 from runtime.cli.places import FILLED, WRITTEN
 from runtime.diagnosis.settings import BUDGET
 from runtime.documents.replays import ReplayStep
@@ -92,8 +92,8 @@ def improve(
     elif out:
         files.replace(out, result.model_text.encode())
     write_page(report, summary, json)
-    if result.found.verdict == "refused" or result.left.search.ended != "complete":
-        raise typer.Exit(NO)
+    no = result.found.verdict == "refused" or result.left.search.ended != "complete"
+    end(result.found.searched.suspicions, result.left.last.joints, no=no)
 
 
 @app.command(epilog="Example: tendon demo")

@@ -22,6 +22,8 @@ from runtime.plain_json import plain
 from runtime.version import is_our_module, is_ours
 
 if TYPE_CHECKING:
+    from runtime.fit_warnings import Suspicion
+    from runtime.identification.compare import JointSeries
     from runtime.report.summary import ResultSummary
 
 D = TypeVar("D")
@@ -151,6 +153,18 @@ def emit(target: str | None, document: D, show: Callable[[D], None]) -> None:
 
         # A name of a file that is no UTF-8 is escaped, as JSON has it.
         replace(target, text.encode(errors="backslashreplace"))
+
+
+def end(wrong: Sequence[Suspicion], joints: Sequence[JointSeries], *, no: bool) -> None:
+    """End a verb whose result is shown: BAD_INPUT where the data look wrong, NO where that is the answer or most of a
+    joint's torque is missed. Raises RecordingError, typer.Exit."""
+    from runtime.diagnosis.credibility import mostly_missed
+    from runtime.recordings.recording import RecordingError
+
+    if wrong:
+        raise RecordingError(f"the data look wrong: {'; '.join(map(str, wrong))}")
+    if no or mostly_missed(joints):
+        raise typer.Exit(NO)
 
 
 def write_page(directory: Path | None, summary: ResultSummary, target: str | None) -> None:

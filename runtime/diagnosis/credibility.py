@@ -25,6 +25,7 @@ from runtime.diagnosis.settings import (
     LEAST_MOVING_S,
     LEAST_PASSES,
     MATERIAL,
+    MOSTLY,
 )
 from runtime.diagnosis.steps import seconds_moving
 from runtime.documents.fits import ContradictionEntry, RecordingFit
@@ -272,7 +273,7 @@ def judged(fit: Fit, recordings: Sequence[Recording]) -> JudgedFit:
     joints = series(fit)
     names = [r.path.name for r in recordings]
     tables = compare(fit, names, [s.floor.spectrum for s in joints])
-    return JudgedFit(fit, joints, tables, suspicions(fit))
+    return JudgedFit(fit, joints, tables, suspicions(fit, names))
 
 
 def unreliable(fit: Fit, joints: Sequence[JointSeries]) -> Unreliable | None:
@@ -351,3 +352,8 @@ def _by_a_rotor(e: Estimate) -> bool:
 def far_above_noise(joint: JointSeries) -> bool:
     """Whether a joint's error is far above its noise floor."""
     return joint.rms > FAR_ABOVE_NOISE * joint.noise
+
+
+def mostly_missed(joints: Sequence[JointSeries]) -> list[JointSeries]:
+    """Joints of whose torque more is missed than found, and that is no noise."""
+    return [s for s in joints if s.relative > MOSTLY and far_above_noise(s)]

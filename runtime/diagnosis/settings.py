@@ -168,6 +168,9 @@ wrong by any factor; real recordings of whole arms."""
 
 # a fit that is no diagnosis -----------------------------------------------------------------------------------------
 
+MOSTLY: Final = 0.5
+"""part of a joint's torque; where a fit misses more, it says less of the joint than it leaves; a choice."""
+
 FAR_ABOVE_NOISE: Final = 3.0
 """ratio to the noise floor; a fit that leaves more, at the bound of what is physical, is none, and one within it lacks
 something that its parameters took up; a choice beside ABOVE_NOISE and what is more than noise."""

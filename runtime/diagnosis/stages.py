@@ -63,7 +63,8 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
     refuse_copies([*recordings, *held_out])
     refuse_two_sides([*recordings, *held_out])
     trail = Trail.begun(model, motion, held, [r.path.name for r in recordings])
-    return replace(trail, suspicions=suspicions(trail.last.fit))
+    found = suspicions(trail.last.fit, trail.names, held, [r.path.name for r in held_out])
+    return replace(trail, suspicions=found)
 
 
 @one_thread()

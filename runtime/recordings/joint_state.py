@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from runtime.recordings.contents import Array, RecordedField, Refusal, Samples
 from runtime.recordings.settings import LARGEST_MATRIX, MAX_BYTES, MOST_LAYOUTS, MOST_SENDERS
-from runtime.recordings.streams import ARRAYS, JointStream, in_log_order, in_rows, of_topic, settled
+from runtime.recordings.streams import ARRAYS, HEAD, JointStream, streams_of
 
 TYPE = frozenset(("sensor_msgs/msg/JointState", "sensor_msgs/JointState"))
 _SIGNALS = dict(zip(ARRAYS, ("q", "qd", "tau"), strict=True))
@@ -176,21 +176,23 @@ class JointStates:
         times: NDArray[np.int64],
         numbers: NDArray[np.int64],
     ) -> None:
-        head = np.ascontiguousarray(rows[:, _ENCAPSULATION : _ENCAPSULATION + _STAMP])
-        seconds = head.view(f"{layout.order}i4")[:, 0].astype(np.int64)
-        nanoseconds = head.view(f"{layout.order}u4")[:, 1].astype(np.int64)
+        stamp = np.ascontiguousarray(rows[:, _ENCAPSULATION : _ENCAPSULATION + _STAMP])
+        seconds = stamp.view(f"{layout.order}i4")[:, 0].astype(np.int64)
+        nanoseconds = stamp.view(f"{layout.order}u4")[:, 1].astype(np.int64)
         stamps = seconds * 1_000_000_000 + nanoseconds
         values = {}
         for name, place in zip(_SIGNALS, layout.at, strict=True):
             if place is not None:
                 block = np.ascontiguousarray(rows[:, place : place + _NUMBER * len(layout.joints)])
                 values[name] = np.ascontiguousarray(block.view(f"{layout.order}f8").T, dtype=np.float64)
-        self._bytes += sum(x.nbytes for x in values.values()) + 6 * stamps.nbytes
+        self._bytes += sum(x.nbytes for x in values.values()) + 5 * stamps.nbytes
         if self._bytes > MAX_BYTES:
             self.refuse(f"has more than {MAX_BYTES // 10**9} GB of joint states; split it into several recordings")
-        frame = self._frame(rows[:, layout.frame])
-        filled = np.full(len(stamps), sum(1 << k for k, name in enumerate(ARRAYS) if name in values))
-        part = JointStream(topic, topic, layout.joints, stamps, times, numbers, frame, filled, values)
+        head = np.zeros(len(stamps), HEAD)
+        head["stamp"], head["logged"], head["number"] = stamps, times, numbers
+        head["frame"] = self._frame(rows[:, layout.frame])
+        head["filled"] = sum(1 << k for k, name in enumerate(ARRAYS) if name in values)
+        part = JointStream(topic, topic, layout.joints, head, values)
         self._parts.setdefault((topic, frozenset(layout.joints)), []).append(part)
 
     def _frame(self, texts: NDArray[np.uint8]) -> NDArray[np.int64]:
@@ -212,10 +214,8 @@ class JointStates:
         frames = [text.decode("utf-8", "replace") for text in self._frames]
         streams = []
         for topic in dict.fromkeys(topic for topic, _ in self._parts):
-            found = in_log_order([part for (t, _), parts in self._parts.items() if t == topic for part in parts])
-            streams += in_rows(
-                [settled(stream) for stream in of_topic([replace(part, frames=frames) for part in found])]
-            )
+            own = [part for (t, _), parts in self._parts.items() if t == topic for part in parts]
+            streams += streams_of([replace(part, frames=frames) for part in own])
         notes = tuple(dict.fromkeys(note for stream in streams for note in stream.notes))
         return JointStateContents(format, tuple(streams), notes=notes)
 
@@ -260,15 +260,15 @@ class JointStateContents:
 
     @cached_property
     def _origin(self) -> int:
-        return min(int(stream.stamps.min()) for stream in self.streams)
+        return min(int(stream.head["stamp"].min()) for stream in self.streams)
 
     def load(self, wanted: Mapping[str, int]) -> Samples:
         signals: dict[str, Array] = {}
         for signal, index in wanted.items():
             stream, name, k = self._index[index]
             if name == "stamp":
-                signals[signal] = np.asarray((stream.stamps - self._origin) * 1e-9, dtype=np.float64)
+                signals[signal] = np.asarray((stream.head["stamp"] - self._origin) * 1e-9, dtype=np.float64)
             else:
                 signals[signal] = np.ascontiguousarray(stream.values[name][k])
         places = {signal: self.fields[i].place for signal, i in wanted.items()}
-        return Samples(signals, stream.numbers, places, stream.fault)
+        return Samples(signals, stream.head["number"], places, stream.fault)

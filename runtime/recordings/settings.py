@@ -68,9 +68,9 @@ changes once or twice; a choice."""
 LEAST_OF_SENDER: Final = 0.02
 """part of a topic's messages; fewer with a torque of 0 or with other positions are failed reads; a choice."""
 
-SENDERS_APART: Final = 10.0
-"""ratio of the distance between two senders' positions to the usual step, or of the torque beside one of 0 to the
-smallest there is; noise is four times its median step apart at most; a choice."""
+SENDERS_APART: Final = 5.0
+"""ratio of the distance between two senders' positions to the usual step, or of the torque beside one of 0 to its
+resolution; of Gaussian noise one sample in a million is so far from its neighbours; a choice."""
 
 SENDERS_TRAVEL: Final = 0.5
 """part of the travel from message to message that every second message travels, where two senders take turns: of one

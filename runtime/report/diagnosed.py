@@ -30,7 +30,7 @@ from runtime.documents.diagnosis import (
 from runtime.documents.fits import JudgedFitDocument
 from runtime.documents.parts import EffectAt, EncoderSkewEntry
 from runtime.documents.recordings import InspectDocument
-from runtime.fit_warnings import improper_inertia, warnings
+from runtime.fit_warnings import improper_inertia, suspicions
 from runtime.identification.compare import structure_entries
 from runtime.identification.identify import delay_entries, fit_document
 from runtime.identification.twist import fit_twist
@@ -58,7 +58,7 @@ def judged(found: credibility.JudgedFit) -> JudgedFitDocument:
         joints=[joint.document() for joint in found.joints],
         recordings=found.recordings.recording_entries(),
         inconsistent=found.recordings.contradiction_entries(),
-        warnings=[*warnings(found.fit), *above],
+        warnings=[*reasons.warned(found.fit, found.joints, found.suspicions), *above],
     )
 
 
@@ -74,6 +74,7 @@ def document(diagnosis: Diagnosis) -> DiagnosisBase:
 
 def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
     first, last = diagnosis.found.first, diagnosis.last.fit
+    wrong = diagnosis.searched.suspicions or suspicions(last)
     band = first.fit.motion.band
     above = [LineAboveBand(joint=x.joint + 1, order=x.order, frequency_hz=x.frequency) for x in band.above]
     return DiagnosisBase(
@@ -96,7 +97,7 @@ def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
         would_have_seen=[limit.document() for limit in diagnosis.seen],
         recordings=diagnosis.recordings.recording_entries(),
         inconsistent=diagnosis.recordings.contradiction_entries(),
-        warnings=[*warnings(last), *reasons.untried(diagnosis)],
+        warnings=[*reasons.warned(last, diagnosis.last.joints, wrong), *reasons.untried(diagnosis)],
     )
 
 

@@ -407,10 +407,9 @@ def recordings_alone(document: DiagnosisBase | JudgedFitDocument) -> list[Sectio
         }
         rows.append([Cell(c.name, flag="differs"), *(known.get(name, "–") for name in names), unit(c.unit) or "1"])
     disagree = ", ".join(p.name for p in document.inconsistent)
-    return [
-        table(("each recording alone", *names, "unit"), rows),
-        Paragraph(f"They disagree on {disagree}." if disagree else "They agree."),
-    ]
+    said = f"They disagree on {disagree}." if disagree else "They agree."
+    believed = disagree or document.verdict != "refused"
+    return [table(("each recording alone", *names, "unit"), rows), *texts([said] if believed else [])]
 
 
 def estimate(e: Estimate | None) -> str:

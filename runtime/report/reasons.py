@@ -20,7 +20,7 @@ from runtime.diagnosis.steps import (
     seconds_moving,
 )
 from runtime.diagnosis.verdict import Diagnosis, JointVerdict, explained
-from runtime.fit_warnings import Suspicion, improper_inertia
+from runtime.fit_warnings import Suspicion, improper_inertia, warnings
 from runtime.identification.compare import JointSeries
 from runtime.identification.fit import Fit
 from runtime.identification.identify import Unsound, unsound
@@ -94,8 +94,18 @@ def above_noise(joints: Sequence[JointSeries]) -> list[str]:
         f"joint {s.joint}: the fit misses {100 * s.relative:.3g} % of the torque, {s.rms / s.floor.value:.2g} times "
         "its noise floor: what the model lacks is in its parameters, too; tendon diagnose looks for it"
         for s in joints
-        if s.floor.value > 0 and credibility.far_above_noise(s)
+        if s.floor.value > 0 and credibility.far_above_noise(s) and not credibility.mostly_missed([s])
     ]
+
+
+def warned(fit: Fit, joints: Sequence[JointSeries], wrong: Sequence[Suspicion]) -> list[str]:
+    """All warnings about a fit, and the joints of whose torque more is missed than found; of wrong data only these."""
+    missed = [
+        f"joint {s.joint}: with all that was found, {100 * s.relative:.3g} % of its torque is missed, more than half, "
+        f"{times_floor(s.rms, s.floor.value):.2g} times its noise floor: the model or the data is wrong there"
+        for s in credibility.mostly_missed(joints)
+    ]
+    return [*warnings(fit, wrong), *([] if wrong else missed)]
 
 
 def _wrong_data(found: Sequence[Suspicion]) -> str:

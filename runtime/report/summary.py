@@ -17,13 +17,13 @@ from runtime.documents.diagnosis import CommandEntry, DiagnosisDocument, FloorEn
 from runtime.documents.fits import CompareDocument
 from runtime.documents.provenance import Provenance
 from runtime.documents.replays import ReplayStep
-from runtime.fit_warnings import warnings
+from runtime.fit_warnings import Suspicion, suspicions
 from runtime.identification.compare import Comparison, JointSeries
 from runtime.loop.improve import Improvement
 from runtime.model.terms import Term, at, joints_of
 from runtime.motion import spectra
 from runtime.motion.repeats import Floor
-from runtime.report import diagnosed
+from runtime.report import diagnosed, reasons
 from runtime.wording import numbered
 
 GUESS = Path("guess.py")
@@ -143,7 +143,8 @@ class ResultSummary:
         """As --json writes it."""
         origin = UNSET if self.given is None or self.given.provenance is None else self.given.provenance
         if isinstance(self.result, Comparison):
-            return replace(self.result.document(warnings(self.result.fit)), provenance=origin)
+            said = reasons.warned(self.result.fit, self.result.joints, self.suspicions)
+            return replace(self.result.document(said), provenance=origin)
         follows = {
             "provenance": origin,
             "more_is_left": self.more_is_left,
@@ -158,6 +159,13 @@ class ResultSummary:
         return diagnosed.improved(self.result).as_part_of(
             ImprovementDocument, held_out_floors=floors, replay=replay, **follows
         )
+
+    @cached_property
+    def suspicions(self) -> tuple[Suspicion, ...]:
+        """What looks wrong with the data."""
+        if self.diagnosis is not None:
+            return self.diagnosis.searched.suspicions
+        return suspicions(self.last.fit, [] if self.given is None else [p.name for p in self.given.recordings])
 
     @property
     def floor_entries(self) -> list[FloorEntry]:

@@ -228,7 +228,8 @@ class LoadedSession:
         else:
             before = self.trail(parent)
             step = _on_rows_of(before, model)
-            trail = Trail(model, before.motion, before.held_out, before.names, suspicions(step.fit), step)
+            wrong = before.suspicions or suspicions(step.fit)
+            trail = Trail(model, before.motion, before.held_out, before.names, wrong, step)
         self._trails[number] = trail
         return trail
 

@@ -57,7 +57,7 @@ def test_nothing_is_written_from_a_torque_that_looks_wrong(tendon: Run, here: Pa
     write(here / "run.csv", replace(r, tau=r.tau / 100))
     for verb, *options in (["improve", "--out", "better.toml"], ["improve", "--write"], ["identify", "--write"]):
         status, out, _ = tendon(verb, model, "run.csv", *options)
-        assert status == 1
+        assert status == 2
         assert "the gear ratio of 100" in out
         assert "Nothing written" in out
         assert model.read_text(encoding="utf-8") == text

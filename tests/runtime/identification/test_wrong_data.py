@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from runtime.diagnosis.credibility import judged
 from runtime.diagnosis.stages import diagnose
@@ -21,7 +22,7 @@ from runtime.identification.compare import compare
 from runtime.identification.identify import identify
 from runtime.loop.improve import improve
 from runtime.model.loader import Model
-from runtime.recordings.recording import Recording, RecordingError, read
+from runtime.recordings.recording import Recording, RecordingError, read, write
 from runtime.report import diagnosed
 from runtime.report.reasons import of_fit, reason
 from runtime.simulation.options import SimulationSettings
@@ -34,6 +35,7 @@ from tests.runtime.conftest import recorded
 from tests.runtime.recordings.formats import write_mcap
 
 Array = NDArray[np.float64]
+Run = Callable[..., tuple[int, str, str]]
 
 DEGREES = 180 / np.pi
 INERTIA = 0.2365  # kg m^2, as the drive's file has it
@@ -255,6 +257,54 @@ def test_joints_in_another_order(model: Model, arm_recording: Recording) -> None
     said = "joint 2: what is recorded as q2 and tau2 fits joint 3, and that of joint 3 fits joint 2; "
     assert str(found[0]).startswith(said)
     assert str(found[0]).endswith('pass --map q2="q3" --map q3="q2" --map tau2="tau3" --map tau3="tau2"')
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+@pytest.mark.parametrize("joints", [1, 4])
+def test_each_recording_by_itself(
+    tendon: Run, tmp_path: Path, model: Model, arm_recording: Recording, joints: int, held_out: bool
+) -> None:
+    """A right recording beside a wrong one hides nothing: file, joint and cure are named."""
+    if joints == 1:
+        right, other, change, cure = analytic(1), analytic(2), *WRONG["sign"]
+    else:
+        other, _ = simulate(model, settings=SimulationSettings(seed=5, seconds=20))
+        right, cure = arm_recording, '--map tau3="tau4" --map tau4="tau3"'
+
+        def change(r: Recording) -> Recording:
+            return replace(r, tau=np.ascontiguousarray(r.tau[[0, 1, 3, 2]]))
+
+    write(tmp_path / "right.csv", right)
+    write(tmp_path / "wrong.csv", change(other))
+    arm, paths = "drive" if joints == 1 else "vishard4", [tmp_path / "right.csv", tmp_path / "wrong.csv"]
+    if held_out:
+        verbs = [["improve", arm, paths[0], "--held-out", paths[1], "--out", tmp_path / "better.toml"]]
+    else:
+        verbs = [[verb, arm, *paths] for verb in ("identify", "compare", "diagnose")]
+    for typed in verbs:
+        status, out, err = tendon(*typed)
+        assert status == 2
+        assert err.count("wrong.csv: joint ") == 1
+        assert f"wrong.csv: joint {1 if joints == 1 else 3}: " in err
+        assert f"{cure}; --map holds for every recording, and others are right" in err
+        assert "They agree" not in out
+    assert not (tmp_path / "better.toml").exists()
+    both = judged(identify(model, [arm_recording, other]), [arm_recording, other]) if joints == 4 else None
+    assert both is None or both.suspicions == ()
+
+
+def test_a_torque_that_is_mostly_missed_is_no_result(tendon: Run, tmp_path: Path) -> None:
+    """Its greatest part follows neither the motion nor a mistake that is known."""
+    r, rng = analytic(3), np.random.default_rng(0)
+    slow = gaussian_filter1d(rng.standard_normal(len(r.t)), 300)
+    write(tmp_path / "run.csv", replace(r, tau=r.tau + 10 * r.tau.std() * slow / slow.std()))
+    for verb in ("identify", "diagnose", "improve"):
+        status, out, _ = tendon(verb, "drive", tmp_path / "run.csv")
+        assert status == 1
+        assert "% of its torque is missed, more than half, " in out
+    status, out, _ = tendon("compare", "drive", tmp_path / "run.csv")
+    assert status == 0
+    assert "% of its torque is missed, more than half, " in out
 
 
 def test_a_passive_joint_is_left_out_and_said(model: Model, arm_recording: Recording) -> None:

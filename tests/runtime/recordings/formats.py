@@ -49,12 +49,12 @@ def motion(samples: int = 600, joints: int = 2, rate: float = 1000.0, start: flo
     return {"t": t, "q": q, "qd": qd, "tau": 0.3 * qd + 2 * np.sign(qd)}
 
 
-def message(names: Sequence[str], ns: int, k: int, signals: Mapping[str, Array]) -> dict[str, Any]:
+def message(names: Sequence[str], ns: int, k: int, signals: Mapping[str, Array], frame: str = "base") -> dict[str, Any]:
     """A JointState of sample k."""
     ros = {"q": "position", "qd": "velocity", "tau": "effort"}
     numbers = {word: signals[name][:, k].tolist() if name in signals else [] for name, word in ros.items()}
     stamp = {"sec": ns // 10**9, "nanosec": ns % 10**9}
-    return {"header": {"stamp": stamp, "frame_id": "base"}, "name": list(names), **numbers}
+    return {"header": {"stamp": stamp, "frame_id": frame}, "name": list(names), **numbers}
 
 
 def write_mcap(
@@ -93,12 +93,12 @@ def write_bare_mcap(path: Path, names: Sequence[str], signals: Mapping[str, Arra
     return path
 
 
-def cdr(names: Sequence[str], ns: int, k: int, signals: Mapping[str, Array]) -> bytes:
+def cdr(names: Sequence[str], ns: int, k: int, signals: Mapping[str, Array], frame: str = "base") -> bytes:
     """A JointState as bytes, by the official encoder."""
     from mcap_ros2._dynamic import serialize_dynamic
 
     encode = serialize_dynamic("sensor_msgs/msg/JointState", JOINT_STATE)["sensor_msgs/msg/JointState"]
-    return bytes(encode(message(names, ns, k, signals)))
+    return bytes(encode(message(names, ns, k, signals, frame)))
 
 
 def write_sqlite(path: Path, topic: str, names: Sequence[str], signals: Mapping[str, Array]) -> Path:

@@ -319,39 +319,11 @@ def test_joints_that_change_in_each_message(tmp_path):
     )
 
 
-def test_frames_that_change_do_not_matter(tmp_path):
-    m, path = motion(2000), tmp_path / "a.db3"
-    write_sqlite(path, "/joint_states", NAMES, m)
-    bag = sqlite3.connect(path)
-    for k, data in bag.execute("SELECT id, data FROM messages").fetchall():
-        bag.execute("UPDATE messages SET data = ? WHERE id = ?", (data.replace(b"base", b"%04d" % k), k))
-    bag.commit()
-    bag.close()
-    assert np.array_equal(read(path, ARM).q, m["q"])
-
-
 def test_a_bag_whose_tables_are_none(tmp_path):
     bag = sqlite3.connect(tmp_path / "a.db3")
     bag.execute("CREATE VIEW topics AS SELECT 1 AS id, '/a' AS name, 'sensor_msgs/msg/JointState' AS type, 'cdr' AS s")
     bag.close()
     assert "is a SQLite file without the tables topics and messages" in said(tmp_path / "a.db3")
-
-
-def test_stamps_that_nobody_set(tmp_path):
-    m = {**motion(), "t": motion()["t"] - EPOCH * 1e-9}
-    # All stamps are zero, and the log's own times count.
-    path = tmp_path / "a.mcap"
-    from mcap_ros2.writer import Writer
-
-    from tests.runtime.recordings.formats import JOINT_STATE, message
-
-    with open(path, "wb") as file:
-        writer = Writer(file)
-        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
-        for k in range(600):
-            writer.write_message("/joint_states", schema, message(NAMES, 0, k, m), log_time=EPOCH + k * 10**6)
-        writer.finish()
-    assert read(path, ARM).dt == pytest.approx(1e-3)
 
 
 def test_a_bag_is_a_folder(tmp_path):
