@@ -84,5 +84,5 @@ def inspect(
             from runtime.report.terminal import say
 
             say(f"Picture: {picture}")
-    if found.problem is not None:
+    if not found.usable:
         raise typer.Exit(NO)

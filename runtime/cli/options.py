@@ -77,12 +77,12 @@ Map = Annotated[
         "--columns",
         metavar='q1="Position1 [deg]"',
         help="Read a signal from a column of another name; q=NAME for all joints; torque=link, command or "
-        "gravity_compensated says what the torques are. --columns t,q1,tau1 names the columns of a file without a "
-        "header.",
+        "gravity_compensated says what the torques are; rate=62.5, in Hz, how often held values are renewed. "
+        "--columns t,q1,tau1 names the columns of a file without a header.",
     ),
 ]
 AllowGaps = Annotated[
-    bool, typer.Option("--allow-gaps", help="Split a recording at gaps and drop rows with NaN instead of refusing it.")
+    bool, typer.Option("--allow-gaps", help="Split a recording at gaps and drop rows with NaN or failed reads.")
 ]
 GeneratedDir = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Output directory; default: ./generated/NAME."), FILLED

@@ -248,13 +248,23 @@ class Inspection:
         if self.fitted is None:
             found, uncertain = without_model(self.recording), []
         else:
-            found = list(suspicions(self.fitted) or doubts(self.fitted))
+            found = list(self._by_fit or doubts(self.fitted))
             # Without a stated inertia, no fit distinguishes degrees from radians.
             uncertain = [] if self.fitted.model.lumps_known else over_turns(self.recording)
         for further in (signals, uncertain):
             found += [s for s in further if s.joint not in {t.joint for t in found}]
         degrees = dict.fromkeys(s.joint for s in found if s.kind == "degrees")
         return [*found, *rates_in_degrees(self.recording, list(degrees))]
+
+    @cached_property
+    def _by_fit(self) -> tuple[Suspicion, ...]:
+        return () if self.fitted is None else suspicions(self.fitted)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the file can be used as it is: a fit's doubts do not keep a verb from its answer."""
+        doubted = doubts(self.fitted) if self.fitted is not None and not self._by_fit else ()
+        return self.problem is None and all(suspicion in doubted for suspicion in self.found)
 
     @property
     def believed(self) -> Fit | None:

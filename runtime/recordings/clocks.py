@@ -12,7 +12,7 @@ Lindeberg, Scale-Space Theory, 1994.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,9 +67,9 @@ def torque_shift(t: Array, q: Array, there: Array, tau: Array) -> ClockShift | N
     positions = [np.interp(at, t, x) for x in moved]
     found = []
     for width in (max(seconds / step, 1.0) for seconds in CLOCK_SHIFT_SMOOTHING):
-        others, residual = _features(positions, width), np.zeros(2 * most + 1)
+        others, residual = features(positions, width), np.zeros(2 * most + 1)
         for x, y in used:
-            own = gaussian_filter1d(np.sign(gaussian_filter1d(np.interp(at, t, x), width, order=1)), width)
+            own = dry(np.interp(at, t, x), width)
             torque = gaussian_filter1d(np.interp(at, there, y), width)
             residual += _residual(np.vstack([others, own]), torque, most)
         found.append(_smallest(residual / len(used), most, step))
@@ -79,7 +79,13 @@ def torque_shift(t: Array, q: Array, there: Array, tau: Array) -> ClockShift | N
     return ClockShift(float(np.median(shifts)), float(np.hypot(np.ptp(shifts), CLOCK_SHIFT_FINEST * step)))
 
 
-def _features(positions: list[Array], width: float) -> Array:
+def dry(x: Array, width: float) -> Array:
+    """(N,) smoothed sign of the rate of a position (N,), which dry friction follows. width: samples."""
+    sign: Array = gaussian_filter1d(np.sign(gaussian_filter1d(x, width, order=1)), width)
+    return sign
+
+
+def features(positions: list[Array], width: float) -> Array:
     """(K, N) signals that torques combine: derivatives, sine and cosine of each joint's position (N,)."""
     rows = [np.ones(len(positions[0]))]
     for x in positions:
@@ -150,9 +156,16 @@ class BroughtClock:
 
 
 def on_one(
-    contents: Contents, used: Mapping[str, Column], allow_gaps: bool, refuse: Refusal
+    contents: Contents,
+    used: Mapping[str, Column],
+    allow_gaps: bool,
+    refuse: Refusal,
+    look: Callable[[Samples], Samples],
 ) -> tuple[Samples, tuple[BroughtClock, ...]]:
-    """The used columns in SI at the times of the positions, and the clocks that were resampled."""
+    """The used columns in SI at the times of the positions, and the clocks that were resampled.
+
+    look: what makes of the samples of each clock those that can be believed (samples.py)
+    """
     of_t = contents.fields[used["t"].index].clock
     groups: dict[str, dict[str, Column]] = {}
     for name, column in used.items():
@@ -167,7 +180,7 @@ def on_one(
             # A clock's own time is in the unit of t.
             at, t = contents.times.get(clock, 0), used["t"]
             own = t if clock == of_t else replace(t, index=at, cell=contents.fields[at].name)
-            tables[clock] = _loaded(contents, {"t": own, **members}, allow_gaps, refuse)
+            tables[clock] = look(_loaded(contents, {"t": own, **members}, allow_gaps, refuse))
     positions = table = tables.pop(home)
     brought = []
     for clock, found in tables.items():
@@ -264,4 +277,6 @@ def _joined(table: Samples, other: Samples, clock: str, allow_gaps: bool, refuse
     kept = table.kept(use)
     others = {name: x for name, x in other.signals.items() if name != "t"}
     brought = {name: make_interp_spline(there, x, k=SPLINE_DEGREE)(t[use]) for name, x in others.items()}
-    return replace(kept, signals=kept.signals | brought, places={**other.places, **kept.places})
+    notes, turned = kept.notes + other.notes, kept.turned | other.turned
+    joined = replace(kept, signals=kept.signals | brought, notes=notes, turned=turned)
+    return replace(joined, places={**other.places, **kept.places})

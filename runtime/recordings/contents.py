@@ -115,12 +115,15 @@ class Samples:
     numbers   (N,) of the samples in the file, counted as its own tools count
     places    of each signal; see RecordedField.place
     fault     None: nothing is known to be wrong
+    notes     what was repaired, a line each     turned   positions whose turns were counted
     """
 
     signals: dict[str, Array]
     numbers: Numbers
     places: Mapping[str, str]
     fault: Fault | None = None
+    notes: tuple[str, ...] = ()
+    turned: frozenset[str] = frozenset()
 
     def at(self, name: str, sample: int) -> str:
         """The place of a signal's sample in the file."""

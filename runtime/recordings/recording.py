@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime import files
-from runtime.recordings import array_files, bam_logs, clocks, lerobot, names, ros_logs, text
+from runtime.recordings import array_files, bam_logs, clocks, lerobot, names, ros_logs, samples, text
 from runtime.recordings.clocks import BroughtClock
 from runtime.recordings.columns import (
     IN_PLANE,
@@ -244,22 +244,25 @@ def checked(
         refuse(message, contents.header)
 
     mapping = dict(mapping or {})
-    stated = mapping.pop(TORQUE, "")
+    stated, rate = mapping.pop(TORQUE, ""), samples.told_rate(mapping.pop(samples.RATE, ""), fail)
     if arm is None:
         arm = RecordedArm.without_model(names.count_joints(contents, mapping, fail))
     understood = names.understood(contents, arm.joints, mapping, fail)
     header = [f.name for f in contents.fields]
     used = columns(header, understood.known, arm=arm, mapping=understood.mapping, fail=fail)
-    table, apart = clocks.on_one(contents, used, allow_gaps, refuse)
+    look = samples.Look(arm.joints, allow_gaps, rate, refuse)
+    table, apart = clocks.on_one(contents, used, allow_gaps, refuse, look)
     cells = {name: column.cell for name, column in used.items()}
     arm, named = arm.with_laws(used), arm
     made = _recording(path, table, cells, arm=arm, allow_gaps=allow_gaps, refuse=refuse)
-    units = {name: column.unit for name, column in used.items() if column.unit}
+    # A wrap after 2 pi says that the unit is rad.
+    units = dict.fromkeys(table.turned, "rad") | {name: column.unit for name, column in used.items() if column.unit}
     in_ampere = {name for name, unit in units.items() if UNITS[normal_unit(unit)][0] == "current"}
     currents = frozenset(in_ampere if arm.keeps_currents else ())
     notes = (
         *contents.notes,
         *understood.notes,
+        *table.notes,
         *map(str, apart),
         *(driven_notes(made.driven) if arm is named else _NO_TORQUE),
     )

@@ -139,3 +139,61 @@ PREVIEW_PARTS: Final = 120
 
 PREVIEW_TOGETHER: Final = 16
 """number of fields that are read together for that: of MOST_SAMPLES they fill 0.6 GB."""
+
+SCALE_SAMPLES: Final = 20_000
+"""samples; from as many, spread over a signal, the usual size of its steps is told to some per cent; computing time."""
+
+ORDINARY: Final = 0.9
+"""part of the steps of a signal that counts as usual; reversals, impacts and slips fill less than the rest; clean
+recordings, simulated and real."""
+
+SIDE: Final = 4
+"""samples on either side of a failed read through which a parabola is laid: five more than it has coefficients; a
+choice."""
+
+LONGEST_EXCURSION: Final = 5
+"""samples; what is away for longer may be a motion, or a drive that is off; reads fail one to a few at a time."""
+
+AWAY: Final = 8.0
+"""ratio of the distance of a failed read from its neighbours' parabola to what these, and second differences elsewhere,
+deviate; 101 clean recordings, simulated and real, reach 5 with one sample and 7 with five."""
+
+REPEATED_AWAY: Final = 3.0
+"""ratio of the distance of a number that comes again from its neighbours to their steps; half as much as AWAY is
+enough, as the number is one of few; clean recordings reach 2."""
+
+MANY_READS: Final = 3
+"""number of failed reads of one value from which all samples of that value are left out, if they are COMMON_VALUE of
+them: between failed reads a signal that has this value cannot be told from one; a choice."""
+
+SILENT: Final = 3.0
+"""ratio of the torque that the motion asks for while 0 is read to what it leaves elsewhere; a choice."""
+
+TURN_OFF: Final = 3.0
+"""ratio of what a jump may be off from whole turns to second differences; a choice, as for a standard deviation."""
+
+AT_AN_END: Final = 0.05
+"""part of its range within which a register's wrap begins and ends; a choice, of the way between two samples."""
+
+COMMON_VALUE: Final = 0.05
+"""part of the samples; a signal with fewer that repeat the one before is not held; a choice."""
+
+FEWEST_RENEWALS: Final = 30
+"""number of renewals from which a rate is told: of as many at random, an even distance is met once in 1e8."""
+
+LEAST_STEPS: Final = 0.01
+"""part of a signal's changes that may be smaller than its resolution, by printed digits; a choice."""
+
+COUNTED_STEPS: Final = 2.5
+"""ratio of a change to the least ones from which a signal moves on with each sample: an encoder that changes by three
+steps has no time to repeat itself; a choice."""
+
+EVEN_RENEWALS: Final = 1.5
+"""ratio of the longest to the shortest usual distance of renewals: two and three samples, or a clock that jitters by a
+fifth; a choice."""
+
+IN_PHASE: Final = 0.9
+"""part of the renewals whose distance must be usual; lost messages make others; a choice."""
+
+SAME_RATE: Final = 0.95
+"""ratio of two rates of renewal that count as one; counted over thirty of them, a choice."""
