@@ -129,7 +129,7 @@ def test_a_search_for_a_motion_ends_with_the_best_so_far(tmp_path: Path) -> None
         time.sleep(0.3)
         os.killpg(process.pid, signal.SIGINT)
         rest = "".join(said)
-        assert process.wait(timeout=120) == 0, rest
+        assert process.wait(timeout=120) == output.NO, rest
     assert "ending with the best so far" in rest
     assert read_motion(tmp_path / "motion.csv", 6).shape[1] > 20_000
 
