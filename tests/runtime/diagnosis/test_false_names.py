@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from runtime.diagnosis.stages import diagnose
+from runtime.loop.improve import improve
+from runtime.workspace.source import Source
 from tests import bank, wrist
-from tests.judge.cases import Case, Setting
+from tests.judge.cases import Case, Setting, make
 from tests.judge.line import Line
 from tests.judge.situations import SITUATIONS
 from tests.kept import kept
@@ -28,6 +32,17 @@ def test_what_leaves_as_much_that_follows_the_motion_is_no_evidence(name: str) -
     found = row(name, 3401, 0.7, Setting(joints=1))
     assert (found.verdict, found.named) == ("unexplained", "")
     assert "friction_patch@1 comes nearest" in found.reason or name != "friction_wave"
+
+
+def test_what_lowered_the_error_of_held_out_recordings_is_kept() -> None:
+    """Resistance that no effect of the library has: the patch that comes nearest helps, and what is left is said."""
+    made = make(Case("friction_wave", "unknown", ("friction_wave",), Setting(joints=1), 1.0, 902, ("unexplained",)))
+    shown: list[str] = []
+    result = improve(Source.shipped("drive").with_text(made.model), [made.recording], [made.held_out], shown.append)
+    first, *later = (float(re.findall(r"held out ([\d.]+) %", line)[0]) for line in shown)
+    end = 100 * result.steps[-1].held_out.relative[0]
+    assert end < min(later) + 0.01 < 0.95 * first
+    assert result.left.verdict == "unexplained"
 
 
 @pytest.mark.parametrize("situation", ["low_noise", slow("plain")])
