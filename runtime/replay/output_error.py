@@ -41,6 +41,8 @@ from runtime.replay.settings import (
     MOST_WINDOWS,
     SHOOTING,
     SHOOTING_STEP,
+    SKEW_ROUNDS,
+    SKEW_TOLD,
     SKEWS,
     SURE,
     TANGLED,
@@ -237,14 +239,15 @@ def _size(told: Estimate) -> float | None:
 def output_error(fit: Fit, recordings: Sequence[Recording], allowed: SearchSettings = SearchSettings()) -> OutputError:
     """The parameters of a fit, refined on the recordings that were fitted. Raises PlantError, RecordingError.
 
-    Where the fit could not estimate by how much the torque is late, the motion does, and for a command, whose delay the
-    torque tells beside friction alone.
+    Where the fit could not tell by how much the torque is late, the motion does: a command's delay looks like friction
+    in the torque.
     """
     shooting = Shooting(fit, recordings, fit.skew)
     scale = shooting.scale(_begin(shooting))
-    commanded = any(fit.motion.feeds_back(i) for i in range(fit.model.n))
-    tried = np.array(SKEWS if commanded or (not fit.skew_free and any(drives_of(recordings))) else ())
-    most = allowed.budget or len(tried) * TRIAL_STEPS + GAUSS_NEWTON_STEPS
+    low, high = fit.inference.skew_interval or (-np.inf, np.inf)
+    rounds = SKEW_ROUNDS if high - low > SKEW_TOLD and any(drives_of(recordings)) else 0
+    trials = rounds * len(SKEWS)
+    most = allowed.budget or trials * TRIAL_STEPS + GAUSS_NEWTON_STEPS
     made, ends = 0, list[SearchEnd]()
 
     def searched(late: float, usual: int, share: int) -> _Searched:
@@ -256,9 +259,13 @@ def output_error(fit: Fit, recordings: Sequence[Recording], allowed: SearchSetti
         return found
 
     with within(allowed.seconds):
-        # All lateness is tried alike.
-        costs = [searched(float(one), TRIAL_STEPS, most // (len(tried) + 1)).cost for one in tried]
-        found = searched(_of_least_cost(tried, costs) if costs else fit.skew, GAUSS_NEWTON_STEPS, most - made)
+        skew, tried = fit.skew, np.array(SKEWS)
+        for _ in range(rounds):
+            # All lateness is tried alike.
+            costs = [searched(float(one), TRIAL_STEPS, most // (trials + 1)).cost for one in tried]
+            skew = _of_least_cost(tried, costs)
+            tried = skew + (np.array(SKEWS) - np.mean(SKEWS)) / 3
+        found = searched(skew, GAUSS_NEWTON_STEPS, most - made)
     return _result(shooting, found, IterationsEntry.of(made, most, ends))
 
 

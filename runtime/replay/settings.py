@@ -70,9 +70,16 @@ TRIAL_STEPS: Final = 2
 ENOUGH_FALL: Final = 1e-3
 """part of the cost; a step that lowers it by less is the last; a choice."""
 
+SKEW_TOLD: Final = 0.2
+"""samples; width of an interval of the torque's lateness that a fit tells well enough: it moves a friction by a
+tenth of what a whole hold would; a choice."""
+
 SKEWS: Final = (0.0, 0.5, 1.0)
 """samples; tried where a fit could not estimate by how much the torque is late: from none to a whole hold and a half; a
 parabola through the costs has the best."""
+
+SKEW_ROUNDS: Final = 3
+"""number of parabolas, each a third as wide about the least of the one before; a choice."""
 
 SURE: Final = 1e-3
 """part of a parameter; the least size by which steps in it are scaled; a choice."""

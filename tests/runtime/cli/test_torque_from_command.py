@@ -197,4 +197,5 @@ def test_real_position_servos_tell_what_their_torques_tell(tendon: Run, here: Pa
         for model, name in ((Path("leg.toml"), "fit.csv.gz"), (driven, "command_fit.csv.gz"))
     )
     for one, other in zip(without["joints"], with_torque["joints"], strict=True):
-        assert one["relative"] < 1.01 * other["relative"]
+        # The torques are of the commands and late as a whole; the servos answer to their angles at once.
+        assert one["relative"] == pytest.approx(other["relative"], rel=0.1)
