@@ -95,7 +95,7 @@ class RecordedField:
 
 
 @dataclass(frozen=True)
-class Fault:
+class MixedStream:
     """What is wrong with samples of one clock as a whole, and cannot be put right without a choice.
 
     said    what, and what to do      sample   the first of them
@@ -121,7 +121,7 @@ class Samples:
     signals: dict[str, Array]
     numbers: Numbers
     places: Mapping[str, str]
-    fault: Fault | None = None
+    fault: MixedStream | None = None
     notes: tuple[str, ...] = ()
     turned: frozenset[str] = frozenset()
 

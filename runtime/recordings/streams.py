@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from runtime.recordings.contents import Array, Fault, Numbers
+from runtime.recordings.contents import Array, MixedStream, Numbers
 from runtime.recordings.settings import (
     CLOCK_SHIFT_MOST,
     GAP,
@@ -55,7 +55,7 @@ class JointStream:
     values: Mapping[str, Array]
     frames: Sequence[str] = ()
     notes: tuple[str, ...] = ()
-    fault: Fault | None = None
+    fault: MixedStream | None = None
 
     def taken(self, rows: NDArray[np.intp] | Mask, note: str = "") -> JointStream:
         """These messages, in this order."""
@@ -188,7 +188,7 @@ def _at(stream: JointStream, stamps: Numbers, name: str) -> Array:
 # --- two senders ---
 
 
-def _of_several_senders(stream: JointStream) -> Fault | None:
+def _of_several_senders(stream: JointStream) -> MixedStream | None:
     """What tells that several nodes sent these messages; those of one are kept where only its have a torque, or all
     arrays that any has."""
     head, count, said = stream.head, len(stream.head), list[str]()
@@ -224,7 +224,7 @@ def _of_several_senders(stream: JointStream) -> Fault | None:
         cure += f", or pass --allow-gaps to keep those of the one with {'the torque' if silent.any() else 'all arrays'}"
     several = "two" if len(first) == 2 else len(first)
     place = int(np.sort(first)[1])
-    return Fault(f"{several} senders publish these joints: {'; '.join(said)}; {cure}", place, rows)
+    return MixedStream(f"{several} senders publish these joints: {'; '.join(said)}; {cure}", place, rows)
 
 
 def _alternates(label: NDArray[Any]) -> bool:
