@@ -19,7 +19,7 @@ alone, 0.73 to 0.78 on EMPS, and some room to either side; development and real 
 
 COMMAND_HOLD: Final = (-0.5, 1.0)
 """samples; as HOLD, between a command that a drive's law reads and the angle beside it, on which the drive closes its
-loop at once: half a sample for the hold, and up to one by which a log's row stands before or after the command's
+loop at once; half a sample for the hold, and up to one by which a log's row stands before or after the command's
 renewal."""
 
 NOMINAL_SKEW: Final = 0.5
