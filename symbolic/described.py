@@ -127,6 +127,18 @@ class DescribedParameter:
     space: bool = False
 
 
+@dataclass(frozen=True)
+class KnownSize:
+    """Linear parameters, one an axis, change a vector of the model file. It then has the size that the file's has, or
+    this one where the file's is nothing; or it is nothing.
+
+    of   the key of the model file     size  SI
+    """
+
+    of: Literal["gravity"]
+    size: float
+
+
 P = TypeVar("P", bound=DescribedParameter)
 
 
@@ -153,6 +165,7 @@ class DescribedEffect(Generic[P]):
     generalises  effects that are special cases of it: adding this one replaces them
     alike_at_joints  of an effect of the arm: that effect of a joint, with one value for all of them; where only one
                  joint moves, that one is named
+    known_size   constraint on its linear parameters, which are all axes of a vector; None where one is left out
     assumed      imported arms have it at every joint, with unknown values
     gives_way    the transmission is compliant, so that the joint's link affects all joints; follows from the signals
     summary      one sentence
@@ -181,6 +194,7 @@ class DescribedEffect(Generic[P]):
     several: bool = False
     generalises: tuple[str, ...] = ()
     alike_at_joints: str = ""
+    known_size: KnownSize | None = None
     assumed: bool = False
     gives_way: bool = False
     parameters: tuple[P, ...]

@@ -60,18 +60,21 @@ MODEL = "\n".join(
 
 @dataclass(frozen=True)
 class Beside:
-    """What else the file lacks: a spring at joint 4, N m/rad, and the part of the load at joint 3 that rubs there."""
+    """What else the file lacks: a spring at joint 4, N m/rad, and the part of the load at joint 3 that rubs there;
+    gravity of a tilted base, m/s^2; and how wide the joints swing, rad."""
 
     spring: float = 0.0
     load: float = 0.0
+    gravity: tuple[float, float, float] = space.DOWN
+    swing: float = SWING
 
 
 def record(motor: CoupledMotor, seed: int, seconds: float, beside: Beside = Beside()) -> Recording:
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * RATE)) / RATE
-    q, v, a = (np.array(rows) for rows in zip(*(_sines(rng, t) for _ in MASSES), strict=True))
+    q, v, a = (np.array(rows) for rows in zip(*(_sines(rng, t, beside.swing) for _ in MASSES), strict=True))
     q += np.array(space.HOME[6])[:, None]
-    tau = torque(ARM, np.array([q, v, a]), space.DOWN)
+    tau = torque(ARM, np.array([q, v, a]), beside.gravity)
     tau[2] += beside.load * np.abs(tau[2]) * np.sign(v[2])
     tau[3] += beside.spring * q[3]
     tau += np.array(DRY)[:, None] * np.sign(v) + np.array(VISCOUS)[:, None] * v + np.array(OFFSETS)[:, None]
@@ -89,10 +92,10 @@ def record(motor: CoupledMotor, seed: int, seconds: float, beside: Beside = Besi
     )
 
 
-def _sines(rng: np.random.Generator, t: Array) -> tuple[Array, Array, Array]:
+def _sines(rng: np.random.Generator, t: Array, swing: float) -> tuple[Array, Array, Array]:
     """Position, rate and acceleration of a sum of four sines."""
     w = 2 * np.pi * np.geomspace(*FREQUENCIES, 4)[:, None] * rng.uniform(0.85, 1.15, (4, 1))
-    size = SWING * rng.uniform(0.2, 0.4, (4, 1))
+    size = swing * rng.uniform(0.2, 0.4, (4, 1))
     angle = w * t + rng.uniform(0, 2 * np.pi, (4, 1))
     return (
         np.sum(size * np.sin(angle), axis=0),

@@ -69,6 +69,14 @@ class WatchedNoise:
         own = (ctypes.c_void_p(x.ctypes.data) for x in (residual, loads))
         return int(self._library.watch(self._config, self._state, len(residual), *own))
 
+    def said(self, residual: Float32, load: Float32, motion: Float32) -> NDArray[np.uint8]:
+        """(2, N) verdict and signal after every sample; motion (N, 3): position, rate, acceleration."""
+        found = np.zeros(len(residual), dtype=np.uint8)
+        rows = [np.ascontiguousarray(x, dtype=np.float32) for x in (residual, load, motion)]
+        own = (ctypes.c_void_p(x.ctypes.data) for x in (*rows, found))
+        self._library.follow(self._config, self._state, ctypes.c_size_t(len(found)), *own)
+        return np.stack([found % 4, found // 4])
+
     def alarms(self, hours: float, rng: np.random.Generator, rms: float = 1.0) -> int:
         """How many alarms there are in so many hours of noise with this RMS over the floor; after each the monitor
         begins anew."""

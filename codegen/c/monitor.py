@@ -12,7 +12,17 @@ import sympy as sp
 from codegen.c.c_code import F32, assign, comment, indent
 from codegen.c.records import Record, RecordField
 from codegen.monitor.alarm import Alarm, alarm, degrees_of_freedom
-from codegen.monitor.settings import LEAST_SHARE, LEVELS, MEMORY, MIDDLE, STEPS_A_LEVEL, WINDOW
+from codegen.monitor.settings import (
+    ADVANTAGE,
+    CHANCE,
+    KEEPING,
+    LEAST_SHARE,
+    LEVELS,
+    MEMORY,
+    MIDDLE,
+    STEPS_A_LEVEL,
+    WINDOW,
+)
 from codegen.tape.printers import Printer
 from codegen.tape.tape import Tape
 from symbolic.controller_law import Site
@@ -85,6 +95,7 @@ class ModelMonitor:
             RecordField("energy", "float", "", "squares of the residual in this window"),
             RecordField("expected", "float", "", "squares of its floor in this window"),
             RecordField("total", "float", "", "squares of the residual in the last windows"),
+            RecordField("normal", "float", "", "squares of its floor in the last windows"),
             RecordField("along", "float", "", "products of residual and signals in the last windows", count=signals),
             RecordField("square", "float", "", "squares of the signals in the last windows", count=signals),
             RecordField("drifting", "uint32_t", "steps", "the sum that tells drift"),
@@ -131,7 +142,10 @@ class ModelMonitor:
             "half_octave": literal(Fraction(2.0**0.5)),
             "steps": STEPS_A_LEVEL,
             "kept": literal(Fraction(1 - 1 / MEMORY)),
+            "steps_to_keep": round(KEEPING * STEPS_A_LEVEL),
             "least_share": literal(Fraction(LEAST_SHARE)),
+            "chance": literal(Fraction(CHANCE)),
+            "advantage": literal(Fraction(ADVANTAGE)),
             "promise": comment(
                 f"False alarms: at most {self.settings.false_alarms:g} in a thousand hours of motion, of all joints, "
                 "where the residual of a model that holds has its floor, and the degrees of freedom of the model file."

@@ -24,11 +24,24 @@ BREAK: Final = 5
 which is an RMS of three; a choice."""
 
 MEMORY: Final = 16
-"""number of windows; over them the residual is compared with signals: some periods of a slow motion; a choice."""
+"""number of windows; over them the residual is compared with signals, from where the sum that tells drift left zero:
+some periods of a slow motion; a choice."""
 
-LEAST_SHARE: Final = 0.3
-"""part of the residual's energy; a signal that explains less is not named: dry friction is eight tenths of a velocity,
-and what two signals share of a slow motion is some percent; a choice, and simulated changes."""
+LEAST_SHARE: Final = 0.2
+"""part of the residual's energy beyond its floor; a signal that explains less is not named: dry friction is eight
+tenths of a velocity, and what two signals share of a slow motion is some percent; a choice, and simulated changes."""
+
+CHANCE: Final = 0.05
+"""part of the residual's whole energy; a signal that explains less is not named: chance makes some percent of noise
+with the freedom of MEMORY windows; a choice."""
+
+ADVANTAGE: Final = 1.5
+"""ratio of explained energies; below it the signal that was named before stays, so that two that are nearly alike do
+not take turns; a choice."""
+
+KEEPING: Final = 0.75
+"""half octaves; by so much less does a residual's energy keep an alarm than raise it: a change as small as the
+reference of the sum would take turns with a model that holds; below DRIFT, so that one that holds again is told."""
 
 MIDDLE: Final = 10.0
 """s; over it the middle of position and load is taken, about which the residual may follow them; a choice."""

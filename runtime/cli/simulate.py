@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +14,6 @@ from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
 from runtime.documents.recordings import AssumedNumber, SimulatedDrive, SimulatedEffect, SimulateDocument
 from runtime.simulation.options import SimulationSettings
-from symbolic.model_file.arm import MOTOR_TORQUE
 
 app = typer.Typer()
 
@@ -58,10 +56,7 @@ def simulate(
     hidden = [simulation.parse_hidden(text, loaded) for text in hide or ()]
     path = None if motion is None else read_motion(motion, loaded.n)
     with terminal.working("simulating"):
-        made, values = simulation.simulate(loaded, hidden, settings, path)
-    # The motors': to be read so where the model file's recordings have other torques.
-    if source.arm().torque is not None:
-        made = replace(made, torque=MOTOR_TORQUE)
+        made, values = simulation.simulate(loaded, hidden, settings, path, source.arm().torque)
     made = commanded(made, loaded.joints)
     recording.write(out, made)
     known = structure(loaded)

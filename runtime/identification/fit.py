@@ -205,9 +205,10 @@ def _uncertainty(fit: Fit) -> Uncertainty:
     system = fit.linearised
     found = np.zeros(len(system.unknown))
     found[: problem.layout.size] = fit.coefficients
-    at = system.at(found)
-    bread, each = system.plain_normal(at), [stretches(problem.motion, i) for i in range(problem.motion.n)]
-    meat = over_stretches(system.scores(at, each), problem.model.n)
+    at, along = system.at(found), problem.directions(found)
+    plain, each = system.plain_normal(at), [stretches(problem.motion, i) for i in range(problem.motion.n)]
+    bread = along.T @ plain @ along
+    meat = along.T @ over_stretches(system.scores(at, each), problem.model.n) @ along
     there = np.flatnonzero(np.diag(bread) > 0)
     part, scale = np.ix_(there, there), np.sqrt(np.diag(bread)[there])
     value, vector = np.linalg.eigh(bread[part] / np.outer(scale, scale))
@@ -216,16 +217,26 @@ def _uncertainty(fit: Fit) -> Uncertainty:
     inverted = (vector * inverse) @ vector.T / np.outer(scale, scale)
     # What no row says anything of has no end to its interval.
     covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
-    through = through_prediction(fit, system, at)[part]
+    through = (along.T @ through_prediction(fit, system, at) @ along)[part]
     moved = np.linalg.solve(np.eye(len(there)) + inverted @ through, inverted)
     covariance[part] = moved @ meat[part] @ moved.T
-    other, soft = whitened_shift(fit, system, found)[there], 1.0
+    other, soft = whitened_shift(fit, system, found, along)[there], 1.0
     if smoothed := smoothing_change(fit):
-        shift, soft = moved @ system.products(at, smoothed)[there], WHITENED_BIAS
+        shift, soft = moved @ (along.T @ system.products(at, smoothed))[there], WHITENED_BIAS
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
     covariance[part] += soft**2 * np.outer(other, other)
+    endless = np.abs(along) @ np.isinf(np.diag(covariance)) > 0
+    covariance = along @ np.where(np.isinf(covariance), 0.0, covariance) @ along.T
+    covariance[endless, endless] = np.inf
+    for place, stated, size in problem.known_sizes:
+        # A vector that turns by so much from its place leaves the tangent plane, too.
+        part, bent = np.ix_(place, place), stated + found[place]
+        if np.isfinite(covariance[part]).all():
+            covariance[part] += (INTERVAL_SIGMAS * np.trace(covariance[part]) / (2 * size**2)) ** 2 * np.outer(
+                bent, bent
+            )
     names = _names(problem, system)
-    tangled = _tangled(names, there, vector[:, unseen])
+    tangled = _tangled(names, along[:, there] @ vector[:, unseen])
     return Uncertainty(names, system, at, covariance, tangled, degrees=len(np.unique(each[0])) - 1)
 
 
@@ -300,11 +311,11 @@ def quantile(degrees: int) -> float:
     return float(stdtrit(max(1, degrees), ndtr(INTERVAL_SIGMAS)))
 
 
-def _tangled(names: list[str], there: NDArray[np.intp], null: Array) -> dict[int, tuple[str, ...]]:
-    """By index of an unknown, the names of those with which it can only be told together; null: of those `there`."""
+def _tangled(names: list[str], null: Array) -> dict[int, tuple[str, ...]]:
+    """By index of an unknown, the names of those with which it can only be told together; null: (K', ...)."""
     found: dict[int, set[str]] = {}
     for direction in null.T:
-        members = there[np.abs(direction) > TANGLED_SHARE]
+        members = np.flatnonzero(np.abs(direction) > TANGLED_SHARE)
         for k in members:
             found.setdefault(int(k), set()).update(names[int(j)] for j in members if j != k)
     return {k: tuple(sorted(others)) for k, others in found.items()}
@@ -404,8 +415,9 @@ def through_prediction(fit: Fit, system: LinearSystem, at: Sequence[JointAt]) ->
     return found
 
 
-def whitened_shift(fit: Fit, system: LinearSystem, theta: Array) -> Array:
-    """(K',) by which the unknowns move from theta, to first order, if every joint's rows are whitened by its residual.
+def whitened_shift(fit: Fit, system: LinearSystem, theta: Array, along: Array) -> Array:
+    """(F,) by which the unknowns move from theta, to first order, in directions along (K', F), if every joint's rows
+    are whitened by its residual.
 
     What pushes the link from outside is answered by the controller, in whose motion it comes back, at the link's
     resonance most: noise and motion hang together, and plain least squares takes the one for a torque of the other.
@@ -416,7 +428,7 @@ def whitened_shift(fit: Fit, system: LinearSystem, theta: Array) -> Array:
     model of the noise against it: Ljung, System Identification, 1999.
     """
     by = [rows.whitening(residual) for rows, residual in zip(system.joints, fit.residual, strict=True)]
-    return system.whitened(by, fit.residual).shift(theta)
+    return system.whitened(by, fit.residual).shift(theta, along)
 
 
 def _torque_change(fit: Fit, terms: Sequence[Term], one: Regressors, other: Regressors) -> dict[int, Array]:

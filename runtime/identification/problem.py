@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification.grids import motor_angle
+from runtime.identification.recorded_torque import without_weight
 from runtime.identification.regressors import Ahead, Regressors
 from runtime.model.loader import LumpInfo, Model
 from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
 from runtime.motion.motion import Motion
+from runtime.regression.bounded import inverse, of_size, tangents
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
 from symbolic.model_file.arm import ROTOR
@@ -63,8 +65,9 @@ class LinearUnknowns:
             info = model.library.effects[term.effect]
             slices[term] = slice(start, start + len(info.coefficients))
             start += len(info.coefficients)
-            lower += [c.bounds[0] for c in info.coefficients]
-            upper += [c.bounds[1] for c in info.coefficients]
+            # A size that is known is bound enough, and what is sought before it is known may be anywhere.
+            lower += [-np.inf if info.known_size else c.bounds[0] for c in info.coefficients]
+            upper += [np.inf if info.known_size else c.bounds[1] for c in info.coefficients]
             stated += model.library.coefficients(term.effect, known.get(term, {})).tolist()
         rotors = slice(start, start + (model.n if rigid_given else 0))
         count = rotors.stop - rotors.start
@@ -410,9 +413,42 @@ class Problem:
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
         """Everything that is linear, for these shapes; D stays positive definite."""
         system = self.system(shapes, skew)
-        theta = system.least(self.inertia_cuts)
+        theta, held = system.least(self.inertia_cuts), dict[int, float]()
+        for place, stated, size in self.known_sizes:
+            free = np.flatnonzero((theta > system.bounds[0]) & (theta < system.bounds[1]))
+            others, whole = np.setdiff1d(free, place), system.normal
+            across = whole[np.ix_(others, place)]
+            square = whole[np.ix_(place, place)] - across.T @ inverse(whole[np.ix_(others, others)]) @ across
+            price = np.log(system.count) * weighted(system.residual(theta), self.weights) / system.count
+            change = of_size(square, stated + theta[place], size, near=stated, slack=price) - stated
+            held |= dict(zip(place.tolist(), change.tolist(), strict=True))
+        if held:
+            theta = system.least(self.inertia_cuts, held)
         own, shifts = theta[: self.layout.size], theta[self.layout.size :]
         return Solved(own, shifts, system.normal, list(system.residual(theta)))
+
+    @cached_property
+    def known_sizes(self) -> list[tuple[NDArray[np.intp], Array, float]]:
+        """Of terms that change a vector of a known size: places of the changes among the unknowns, the model file's
+        vector, and the size."""
+        found = []
+        for term in self.layout.terms:
+            declared = self.model.library.effects[term.effect].known_size
+            if declared is not None and not without_weight(self.motion):
+                stated = np.array(getattr(self.model, declared.of))
+                place = np.arange(self.layout.slices[term].start, self.layout.slices[term].stop)
+                found.append((place, stated, float(np.linalg.norm(stated)) or declared.size))
+        return found
+
+    def directions(self, theta: Array) -> Array:
+        """(K', F) orthonormal directions in which unknowns may move from theta (K',), the layout's first, so that known
+        sizes are kept."""
+        found, apart = np.eye(len(theta)), []
+        for place, stated, _ in self.known_sizes:
+            flat = tangents(stated + theta[place])
+            found[np.ix_(place, place[: flat.shape[1]])] = flat
+            apart += place[flat.shape[1] :].tolist()
+        return np.delete(found, apart, axis=1)
 
     def errors(self, ways: Sequence[Mapping[Term, Values]], skew: Skew) -> Array:
         """(S,) weighted squared errors of the solutions for these shapes."""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from runtime.model.loader import Model
+from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from symbolic.model_file.arm import LINK_TORQUE, WEIGHTLESS
 
@@ -25,6 +26,11 @@ LINK_LOAD = "link_load"
 """The arm's function of the torques without the rotors."""
 LINK_SIDE = "link_inertia"
 """The arm's function of the inertias without the rotors."""
+
+
+def without_weight(motion: Motion) -> bool:
+    """Whether all torques are declared to lack gravity."""
+    return all(p.torque == WEIGHTLESS for p in motion.pieces)
 
 
 def weight_regressor(model: Model, q: Array) -> Array:

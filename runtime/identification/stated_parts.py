@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification.problem import Problem
+from runtime.identification.recorded_torque import without_weight
 from runtime.identification.settings import FAR_FROM_CHANCE, SUSPECTED_RATIO, TAKEN_OUT, TOLD_APART
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values
-from runtime.motion.motion import Motion
-from symbolic.model_file.arm import WEIGHTLESS
 
 Array = NDArray[np.float64]
 
@@ -99,11 +98,6 @@ def of_all_stated(model: Model, columns: Array, torque: Array) -> StatedPart:
     known, values = stated_lumps(model)
     own = columns[: len(known)]
     return stated_part(values @ own, np.vstack([own[~known], columns[len(known) :]]), torque)
-
-
-def without_weight(motion: Motion) -> bool:
-    """Whether all torques are declared to lack gravity."""
-    return all(p.torque == WEIGHTLESS for p in motion.pieces)
 
 
 def of_stated_gravity(

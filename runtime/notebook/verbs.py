@@ -122,7 +122,7 @@ def simulate(
     if path is not None and path.shape[-1:] == (arm.n,):
         path = np.ascontiguousarray(path.T)
     settings = SimulationSettings(seed, seconds, repeats, noise=noise, signals=signals)
-    made, _ = simulation.simulate(model, hidden, settings, path)
+    made, _ = simulation.simulate(model, hidden, settings, path, arm.source.arm().torque)
     return commanded(made, model.joints)
 
 

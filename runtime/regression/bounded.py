@@ -121,6 +121,52 @@ def bounded(gram: Array, moment: Array, lower: Array, upper: Array, near: Array 
     return theta
 
 
+def of_size(square: Array, centre: Array, size: float, near: Array, slack: float) -> Array:
+    """(k,) argmin (y - centre)ᵀ square (y - centre) with |y| = size, or y = 0 where that is less yet.
+
+    slack   places on both sides of a sphere that differ by less than it are alike: then the nearest to `near` (k,)
+    A quadratic has one more local minimum on a sphere than the least one: Martínez, SIAM J. Optimization 4, 1994.
+    """
+    axes = np.linalg.eigh(square)[1].T
+    starts = [x for x in (near, centre, *axes, *-axes) if np.any(x)]
+    ends = np.array([_down_on_sphere(square, centre, size * x / np.linalg.norm(x)) for x in starts])
+    cost = np.einsum("si,ij,sj->s", ends - centre, square, ends - centre)
+    if centre @ square @ centre < cost.min():
+        return np.zeros_like(centre)
+    alike = cost <= cost.min() + (slack if np.any(near) else 0.0)
+    return np.array(ends[np.argmax(np.where(alike, ends @ near, -np.inf))])
+
+
+def tangents(y: Array) -> Array:
+    """(k, k - 1) orthonormal directions in which y (k,) keeps its size; all (k, k) where it is nothing."""
+    return np.linalg.svd(y[None])[2][1:].T if np.any(y) else np.eye(len(y))
+
+
+def _down_on_sphere(square: Array, centre: Array, y: Array) -> Array:
+    """A local minimum from y on, by Newton's steps within the sphere; where it bends upwards, by its bend's size."""
+    size, most, small = np.linalg.norm(y), 100, 1e-10
+
+    def cost(x: Array) -> float:
+        return float((x - centre) @ square @ (x - centre))
+
+    for _ in range(most):
+        flat, slope = tangents(y), square @ (y - centre)
+        bend, vector = np.linalg.eigh(flat.T @ square @ flat - (slope @ y) / size**2 * np.eye(len(y) - 1))
+        bend = np.maximum(np.abs(bend), small * np.abs(square).max())
+        step = -flat @ vector @ ((vector.T @ flat.T @ slope) / bend)
+        step *= min(1.0, size / max(2 * float(np.linalg.norm(step)), 1e-300))
+        while np.linalg.norm(step) > small * size:
+            there = y + step
+            there = there * size / np.linalg.norm(there)
+            if cost(there) < cost(y):
+                y = there
+                break
+            step = step / 2
+        else:
+            break
+    return y
+
+
 def _held_where_broken(
     gram: Array, moment: Array, lower: Array, upper: Array, near: Array | None
 ) -> tuple[Array, Mask]:

@@ -338,12 +338,16 @@ class LinearSystem:
         """(K, K) Gram matrix of the columns on all rows."""
         return self._folds.sum(axis=0)
 
-    def least(self, violated: Callable[[Array], Array | None] = lambda _: None) -> Array:
+    def least(
+        self, violated: Callable[[Array], Array | None] = lambda _: None, held: Mapping[int, float] | None = None
+    ) -> Array:
         """(K,) least squares that `violated` accepts, see `minimise`. Directions that no row sees stay near where the
-        blocks have them."""
+        blocks have them; held: coefficients by their place, with their values."""
         near = np.concatenate([np.zeros(0), *(b.near for b in self.blocks)])
         moment = (self.gram.sum(axis=0) @ self._torque)[self.unknown]
-        lower, upper = self.bounds
+        lower, upper = (bound.copy() for bound in self.bounds)
+        for place, value in (held or {}).items():
+            lower[place] = upper[place] = value
         return minimise(self.normal, moment, lower, upper=upper, violated=violated, near=near)
 
     def towards(self, theta: Array, violated: Callable[[Array], Array | None]) -> Array:
@@ -354,9 +358,10 @@ class LinearSystem:
             moment[own.unknown] += rows.weight**2 * (own.columns @ own.left)
         return minimise(self.normal, moment, *self.bounds, violated=violated, near=theta)
 
-    def shift(self, theta: Array) -> Array:
-        """(K,) from coefficients theta to those of least squares without bounds."""
-        return solve(self.normal, (self.gram.sum(axis=0) @ self._direction(theta))[self.unknown])
+    def shift(self, theta: Array, along: Array) -> Array:
+        """(F,) from coefficients theta to those of least squares without bounds, in directions along (K, F)."""
+        moment = (self.gram.sum(axis=0) @ self._direction(theta))[self.unknown]
+        return solve(along.T @ self.normal @ along, along.T @ moment)
 
     def residual(self, theta: Array) -> tuple[Array, ...]:
         """By joint (M,), of coefficients theta (K,): N m (N), zero in rows that do not count."""

@@ -24,10 +24,11 @@ _UNIT = "m/s^2"
 _CURE = f'state torque = "{WEIGHTLESS}" in the model file, or pass --map torque={WEIGHTLESS}'
 
 
-def said(stated: Sequence[float], added: Sequence[float]) -> str:
+def said(stated: Sequence[float], added: Sequence[float], spread: Array | None = None) -> str:
     """How the base is mounted, and what to type.
 
     stated   gravity in the model file, along base x, y and, in space, z, m/s²     added   what recordings add to it
+    spread   (k, k) rows: half axes of the region that holds it with 95 %; None: unknown
     """
     before, extra = np.array(stated, dtype=float), np.array(added, dtype=float)
     whole = before + extra
@@ -37,14 +38,20 @@ def said(stated: Sequence[float], added: Sequence[float]) -> str:
     if np.linalg.norm(before) < _NONE * _EARTH:
         return f"gravity is not in the file: it points along {_direction(whole)}; {cure}"
     angle = _angle(before, whole)
-    if angle < _LEVEL:
+    if angle < _LEVEL and not np.isclose(np.linalg.norm(whole), np.linalg.norm(before)):
         size = quantity(float(np.linalg.norm(whole)), _UNIT, 3)
         return f"gravity has the file's direction and is {size}: masses or torques may be wrong by that factor"
     if angle > 180 - _STRAIGHT:
         return f"the base is mounted on the ceiling: gravity points along {_direction(whole)}; {cure}"
     if abs(angle - 90) < _STRAIGHT:
         return f"the base is mounted on a wall: gravity points along {_direction(whole)}; {cure}"
-    return f"the base is tilted by {angle:.0f}° about {_axis(before, whole)}; {cure}"
+    ends = [] if spread is None else [_angle(before, whole + side * axis) for axis in spread for side in (1, -1)]
+    within = f" (95 % in {_degrees(min(angle, *ends))} to {_degrees(max(angle, *ends))})" if ends else ""
+    return f"the base is tilted by {_degrees(angle)}{within} about {_axis(before, whole)}; {cure}"
+
+
+def _degrees(angle: float) -> str:
+    return f"{angle:.0f}°" if angle >= 10 else f"{angle:.2g}°"
 
 
 def _none(dimensions: int) -> str:

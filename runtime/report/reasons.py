@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 
+import numpy as np
+
 from runtime.diagnosis import credibility, gates
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import GateResult
@@ -22,7 +24,7 @@ from runtime.diagnosis.steps import (
 from runtime.diagnosis.verdict import Diagnosis, JointVerdict, explained
 from runtime.fit_warnings import Suspicion, improper_inertia, warnings
 from runtime.identification.compare import JointSeries
-from runtime.identification.fit import Fit
+from runtime.identification.fit import Fit, places, quantile
 from runtime.identification.identify import Unsound, unsound
 from runtime.model.loader import Model
 from runtime.model.terms import Term
@@ -455,8 +457,14 @@ def of_gravity(finding: Step, last: Step) -> str:
     added = {p.abroad[-1]: values[p.name].value for p in info.parameters if p.abroad.startswith("gravity")}
     if not added or not all(map(isfinite, added.values())):
         return ""
-    axes = "xyz" if model.spatial else "xy"
-    return mounting.said(model.gravity[: len(axes)], [added.get(axis, 0.0) for axis in axes])
+    axes, spread = "xyz" if model.spatial else "xy", None
+    if info.known_size is not None and finding.term in last.fit.problem.layout.slices:
+        sure = last.fit.uncertainty
+        covariance = sure.covariance[np.ix_(*[places(last.fit, finding.term, sure.names)] * 2)]
+        if np.isfinite(covariance).all():
+            value, vector = np.linalg.eigh(covariance)
+            spread = quantile(sure.degrees) * (vector * np.sqrt(np.maximum(value, 0.0))).T
+    return mounting.said(model.gravity[: len(axes)], [added.get(axis, 0.0) for axis in axes], spread)
 
 
 def _of_stop(finding: Step, last: Step) -> str:

@@ -44,6 +44,7 @@ from runtime.simulation.settings import (
     WARMING,
 )
 from symbolic.described import AnyEffect, numbered
+from symbolic.model_file.arm import MOTOR_TORQUE, Torque
 from symbolic.model_file.checks import Names, did_you_mean, effect_term, joint_number, known_joints, nearest, quote
 
 Array = NDArray[np.float64]
@@ -124,10 +125,13 @@ def simulate(
     hidden: Sequence[Hidden] = (),
     settings: SimulationSettings = SimulationSettings(),
     motion: Array | Piece | None = None,
+    torque: Torque | None = None,
 ) -> tuple[Recording, Structure]:
     """A recording at 1 kHz, and all effects in it with their values.
 
     motion   (n, N) positions at 1 kHz, or the result of `along`; None: the excitation of the settings
+    torque   what the recorded torques are, as the model file says it of its recordings; the law of a drive makes those
+             of the motor, as do drives of which nothing is said
     Values that are not stated are chosen for `motion`, or for the excitation of the default seed, so that all seeds
     record the same arm. Raises SimulationError.
     """
@@ -140,12 +144,14 @@ def simulate(
     else:
         piece = sizing = motion if isinstance(motion, Piece) else along(model, motion, "temperature" in extra)
     values = complete(model, sizing, _all_terms(model, hidden))
-    signals = Signals(model, piece, Prediction(model.lump_values, values))
+    if torque and any(joint.drive and joint.drive.law for joint in model.joints):
+        torque = MOTOR_TORQUE
+    signals = Signals(model, replace(piece, torque=torque or MOTOR_TORQUE), Prediction(model.lump_values, values))
     tau = _recorded(signals, values)
     level = np.sqrt(np.mean(tau**2, axis=1, keepdims=True))
     measured = tau + noise * level * rng.standard_normal(tau.shape)
     count = np.array([[COUNT[joint.type]] for joint in model.joints])
-    made = _recording(model, piece, measured, count)
+    made = replace(_recording(model, piece, measured, count), torque=torque)
     if "q_link" in extra:
         q = piece.q.copy()
         for term, known in values.items():

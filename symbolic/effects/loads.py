@@ -7,6 +7,7 @@ from math import inf
 import sympy as sp
 
 from symbolic import units as u
+from symbolic.described import KnownSize
 from symbolic.effects.declaration import SIGNAL, Effect, Grid, LinearForm, Parameter, parameter
 from symbolic.effects.signals import OFF_TIP
 from symbolic.elements import CoupledDrive, TiltedGravity, TipMass
@@ -35,6 +36,7 @@ GRAVITY = Effect(
         Parameter("gz", _ACCELERATION, _BEYOND.format("z"), bounds=TWICE_G, abroad="gravity z", space=True),
     ),
     carried=True,
+    known_size=KnownSize("gravity", 9.81),
     elements=(TiltedGravity(*(parameter(f"g{axis}") for axis in "xyz")),),
     summary="Gravity that the model leaves out, or a base that is not level.",
     equation="-(g_x dm_x/dq + g_y dm_y/dq), in space g_z dm_z/dq too, m the arm's first mass moment",

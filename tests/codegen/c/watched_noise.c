@@ -8,6 +8,9 @@ void begin(arm_monitor_config_f32 *config, arm_monitor_state_f32 *state);
 uint32_t watch(
     const arm_monitor_config_f32 *config, arm_monitor_state_f32 *state, size_t count, const float *residual,
     const float *load);
+void follow(
+    const arm_monitor_config_f32 *config, arm_monitor_state_f32 *state, size_t count, const float *residual,
+    const float *load, const float *motion, uint8_t *said);
 
 void begin(arm_monitor_config_f32 *config, arm_monitor_state_f32 *state)
 {
@@ -29,4 +32,17 @@ uint32_t watch(
         ++k;
     }
     return (uint32_t)k;
+}
+
+/* Along a motion (count, 3) of position, rate and acceleration: what is said after every sample, verdict + 4 signal. */
+void follow(
+    const arm_monitor_config_f32 *config, arm_monitor_state_f32 *state, size_t count, const float *residual,
+    const float *load, const float *motion, uint8_t *said)
+{
+    static const float none[1] = {0.0f};
+    for (size_t k = 0U; k < count; ++k) {
+        const float *at = &motion[3U * k];
+        arm_monitor_step_f32(config, state, &residual[k], none, &load[k], at, at + 1, at + 2, none);
+        said[k] = (uint8_t)(state->joints[0].verdict + 4U * state->joints[0].signal);
+    }
 }

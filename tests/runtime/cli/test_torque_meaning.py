@@ -193,3 +193,13 @@ def test_a_log_of_libfranka_is_at_the_link(here: Path) -> None:
     (here / "log.csv").write_text(header + "".join(f"{a:.4f},{b:.9g},{c:.9g},{d:.9g}\n" for a, b, c, d in rows))
     found = read(here / "log.csv", RecordedArm(t.true_model("drive").joints, space=False, torque="motor"))
     assert (found.torque, found.torque_by) == ("link", "libfranka's log")
+
+
+@pytest.mark.parametrize("torque", ["link", "gravity_compensated"])
+def test_what_is_simulated_is_the_torque_that_the_model_file_says(tendon: Run, arm: Path, torque: str) -> None:
+    """So that no verb refuses it as one of the other side of the gear."""
+    arm.write_text(f'torque = "{torque}"\n{arm.read_text(encoding="utf-8")}', encoding="utf-8")
+    assert tendon("simulate", arm, "--seconds", "12", "--out", "own.csv")[0] == 0
+    found = json.loads(tendon("inspect", "own.csv", arm, "--json", "-")[1])
+    assert (found["torque"], found["suspicions"]) == ({"kind": torque, "by": "the file"}, [])
+    assert tendon("identify", arm, "own.csv", "--write")[0] != 2

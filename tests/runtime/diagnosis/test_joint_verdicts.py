@@ -20,6 +20,7 @@ from runtime.diagnosis.gates import BIC
 from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.verdict import Diagnosis, decide
+from runtime.identification.identify import identify
 from runtime.model.terms import Term
 from runtime.motion.repeats import Floor
 from runtime.recordings.recording import Recording
@@ -181,6 +182,28 @@ def test_where_a_search_is_cut_its_findings_are_named_and_nothing_is_clean() -> 
 )
 def test_joints_are_said_together(numbers: list[int], said: str) -> None:
     assert joints_said(numbers) == said
+
+
+@pytest.mark.parametrize("stated", [-9.81, 0.0])
+@pytest.mark.parametrize(("degrees", "swing"), [(25.0, 0.9), (25.0, 0.1), (80.0, 0.3)])
+def test_gravity_in_space_is_a_direction(degrees: float, swing: float, stated: float, tmp_path: Path) -> None:
+    """Of nine intervals eight hold the truth at least, and the tilt is not what a component that small motion hardly
+    tells makes of it."""
+    down = 9.81 * np.array([np.sin(np.radians(degrees)), 0.0, -np.cos(np.radians(degrees))])
+    (tmp_path / "tilted.toml").write_text(
+        spatial_wrist.MODEL.replace("0.0, -9.81]", f"0.0, {stated}]") + "[effects.gravity]\n"
+    )
+    model, file, held = Source.read(tmp_path / "tilted.toml", None).compiled.model(), (0.0, 0.0, stated), 0
+    for seed in range(3):
+        beside = spatial_wrist.Beside(gravity=tuple(down.tolist()), swing=swing)
+        found = identify(model, [spatial_wrist.record(bank.NONE, seed, 12.0, beside)]).inference.values[Term("gravity")]
+        vector = np.array([e.value for e in found.values()]) + np.array(file)
+        assert np.linalg.norm(vector) == pytest.approx(9.81)
+        ends = [e.interval for e in found.values()]
+        assert all(end is not None for end in ends)
+        held += sum(low <= x <= high for (low, high), x in zip(ends, down - np.array(file), strict=True))
+        assert np.degrees(np.arccos(vector @ down / 9.81**2)) < 15
+    assert held >= 8
 
 
 def test_an_arm_on_a_wall_is_not_refused_for_the_fit_before_gravity_was_found(tmp_path: Path) -> None:
