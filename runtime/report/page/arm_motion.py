@@ -1,4 +1,4 @@
-"""The animated picture of the arm: its joints, their residual, springs and the plate at every frame.
+"""The animated picture of the arm: its links, its joints and their residual at every frame.
 
 All coordinates are computed here, as whole numbers on a drawing; the script in the page only shows them.
 """
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from runtime.model.loader import Model, carried, joint_places, tip_place
 from runtime.motion.settings import MORE_THAN_NOISE
-from runtime.wording import numbered, quantity
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -28,13 +27,8 @@ LEVELS = (MORE_THAN_NOISE, 2 * MORE_THAN_NOISE)
 """Residuals, in noise floors, above which a mark changes its colour."""
 _POINTER = 0.3
 """Drawn length of a last link that has none, relative to the arm's reach, so that its rotation is visible."""
-_TURNED = 80
-"""Arc of a spring at the largest torque of spring or motor, per cent of a turn."""
-_DIGITS, _MOST_DECIMALS = 4, 6
-"""Digits of the largest value of a reading; most decimals."""
 _AXES = 0.18
-"""Part of how far the arm is seen to reach; length of the base's axes, and by how much a plate is longer than what is
-pressed of it."""
+"""Part of how far the arm is seen to reach; length of the base's axes."""
 
 
 @dataclass(frozen=True)
@@ -54,35 +48,12 @@ class JointMarks:
 
 
 @dataclass(frozen=True)
-class JointReadings:
-    """Values of every joint at the frames for the table beside the picture (n, F), with units; NaN where unknown."""
-
-    name: str
-    values: Array
-    units: Sequence[str]
-
-
-@dataclass(frozen=True)
-class SpringTorque:
-    """Torque of a spring on its joint (1-based) at the frames (F,), positive forwards.
-
-    motor   largest torque of the motor, which sets the scale of the arc
-    """
-
-    joint: int
-    torque: Array
-    motor: float
-
-
-@dataclass(frozen=True)
 class ArmMotion:
     """A motion of an arm, recorded or planned.
 
     t         (F,) s, of the frames
     courses   one or two: a second is drawn over the first, which is then dashed
     marks     none, one or two: the first is a joint's ring, the second or the same its disc
-    readings  figures of the joints, beside the picture
-    surface   base y of a plate that is not touched, m; the last course's tip presses it down. None: there is none
     goes_on   its end is its beginning
     """
 
@@ -90,9 +61,6 @@ class ArmMotion:
     t: Array
     courses: tuple[Course, ...]
     marks: tuple[JointMarks, ...] = ()
-    springs: tuple[SpringTorque, ...] = ()
-    readings: tuple[JointReadings, ...] = ()
-    surface: float | None = None
     goes_on: bool = False
 
 
@@ -127,51 +95,22 @@ class _Picture:
         """Indices of the corners with a joint."""
         return [k for k, (_, joint) in enumerate(self.corners[-1]) if joint]
 
-    @property
-    def tip(self) -> Array:
-        """Position (3, F) of the tip in the last course."""
-        return self.paths[-1][-1]
-
-    @property
-    def shadow(self) -> Array:
-        """Projection (3, F) of the tip on the base's plane."""
-        return self.tip * np.array([[1.0], [1.0], [0.0]])
-
-    @cached_property
-    def aside(self) -> float:
-        """A visible length that is small beside the arm, m."""
-        return _AXES * (max(float(np.abs(place).max()) for path in self.paths for place in path) or 1.0)
-
     @cached_property
     def axes(self) -> Array:
         """Ends of the base's axes, a column each."""
-        return self.aside * np.eye(3)[:, : 3 if self.motion.model.spatial else 2]
-
-    @cached_property
-    def plate(self) -> Array | None:
-        """Left and right end of the untouched plate, and its lowest point, a column each."""
-        if self.motion.surface is None:
-            return None
-        return _plate(self.motion.surface, self.tip, self.aside)
+        reach = max(float(np.abs(place).max()) for path in self.paths for place in path) or 1.0
+        return _AXES * reach * np.eye(3)[:, : 3 if self.motion.model.spatial else 2]
 
     @cached_property
     def board(self) -> DrawingBoard:
         shown = [p for path in self.paths for p in path]
         view = in_space(np.concatenate(shown, axis=1)) if self.motion.model.spatial else IN_THE_PLANE
-        shown += [self.shadow] if self.motion.model.spatial else []
-        return fitted(view, [*shown, self.axes, *([] if self.plate is None else [self.plate])])
+        return fitted(view, [*shown, self.axes])
 
     @cached_property
     def bodies(self) -> list[Whole]:
         """Corners on the drawing (F, corners, 2), for each course."""
         return [self.board.points(np.stack(path, axis=1)).transpose(2, 1, 0) for path in self.paths]
-
-    @cached_property
-    def feet(self) -> Whole:
-        """The tip's projection on the drawing (F, 2), which shows its distance; empty for a planar arm."""
-        if not self.motion.model.spatial:
-            return np.empty((0, 2), dtype=np.int64)
-        return self.board.points(self.shadow).T
 
     def page(self, what: str) -> dict[str, Any]:
         motion = self.motion
@@ -192,13 +131,8 @@ class _Picture:
             ],
             "joints": [self._joint(j) for j in range(motion.model.n)],
             "marks": [m.name for m in motion.marks],
-            "readings": [r.name for r in motion.readings],
             "rests": any(bool(np.isnan(m.ratio).any()) for m in motion.marks),
             "limits": [f"{level:g}" for level in LEVELS],
-            "springs": [self._spring(s) for s in motion.springs],
-            "plate": self._plate_page(),
-            "end": self.bodies[-1][0, -1].tolist(),
-            "foot": self.feet[0].tolist() if self.motion.model.spatial else None,
             "seconds": f"{motion.t[-1] - motion.t[0]:.3g}",
             "last": len(motion.t) - 1,
             "data": self.data(),
@@ -215,10 +149,6 @@ class _Picture:
             "joints": self.joints,
             "marks": [_tenths(m.ratio) for m in motion.marks],
             "levels": [_levels(m.ratio) for m in motion.marks],
-            "readings": [[_column(r, j) for j in range(motion.model.n)] for r in motion.readings],
-            "springs": [_arcs(s) for s in motion.springs],
-            "plate": self._plate_heights(),
-            "feet": self.feet.tolist(),
         }
         return Markup(json.dumps(document, separators=(",", ":"), allow_nan=False))
 
@@ -226,27 +156,7 @@ class _Picture:
         info = self.motion.model.joints[joint]
         x, y = self.bodies[-1][0, self.joints[joint]].tolist()
         level = [_levels(m.ratio)[0][joint] for m in self.motion.marks]
-        called = numbered(joint + 1, info.name)
-        return {"called": called, "slides": info.type == "prismatic", "x": x, "y": y, "levels": level}
-
-    def _spring(self, spring: SpringTorque) -> dict[str, Any]:
-        joint = self._joint(spring.joint - 1)
-        most = quantity(float(np.abs(spring.torque).max()), self.motion.model.joints[spring.joint - 1].force_unit, 3)
-        return {**joint, "joint": spring.joint - 1, "most": most, "arc": _arcs(spring)[0]}
-
-    def _plate_page(self) -> dict[str, Any] | None:
-        if self.plate is None:
-            return None
-        (left, untouched), (right, _), _ = self.board.points(self.plate).T.tolist()
-        return {"left": left, "right": right, "untouched": untouched}
-
-    def _plate_heights(self) -> list[int]:
-        """Height of the plate at every frame: untouched, or where the tip presses it; empty without a plate."""
-        if self.motion.surface is None:
-            return []
-        held = np.array([self.tip[0], np.minimum(self.tip[1], self.motion.surface), self.tip[2]])
-        found: list[int] = self.board.points(held)[1].tolist()
-        return found
+        return {"slides": info.type == "prismatic", "x": x, "y": y, "levels": level}
 
 
 # --- places ---
@@ -279,13 +189,6 @@ def _reach(model: Model) -> float:
     return max([float(np.linalg.norm(home)), *(float(np.linalg.norm(p)) for p in model.places)]) or 1.0
 
 
-def _plate(surface: float, tip: Array, beyond: float) -> Array:
-    """Both ends of a plate below the path of the tip, and its lowest point: (3, 3), a column each."""
-    near = tip[0, tip[1] <= surface] if np.any(tip[1] <= surface) else tip[0]
-    low, high = float(near.min()) - beyond, float(near.max()) + beyond
-    return np.array([[low, high, low], [surface, surface, min(surface, float(tip[1].min()))], [0.0, 0.0, 0.0]])
-
-
 # --- numbers of the frames ---
 
 
@@ -300,22 +203,6 @@ def _levels(ratio: Array) -> list[str]:
     """A text for every frame with a digit for every joint: 0 unknown, 1 noise, 2 and 3 above it."""
     level = np.where(np.isnan(ratio), 0, 1 + sum((ratio > limit).astype(int) for limit in LEVELS))
     return ["".join(map(str, row)) for row in level.T]
-
-
-def _column(readings: JointReadings, joint: int) -> dict[str, Any]:
-    """Values (F,) of a joint as integers in units of the last digit shown; null where unknown."""
-    values = readings.values[joint]
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
-    digits = int(np.clip(_DIGITS - 1 - np.floor(np.log10(largest)), 0, _MOST_DECIMALS)) if largest else 0
-    shown = [None if np.isnan(x) else round(float(x) * 10**digits) for x in values]
-    return {"unit": readings.units[joint], "digits": digits, "values": shown}
-
-
-def _arcs(spring: SpringTorque) -> list[int]:
-    """Arcs (F,) in per cent of a turn, counter-clockwise where the spring pushes forward."""
-    most = max(float(np.abs(spring.torque).max()), spring.motor) or 1.0
-    found: list[int] = np.rint(_TURNED * spring.torque / most).astype(int).tolist()
-    return found
 
 
 def _text(points: Whole) -> str:

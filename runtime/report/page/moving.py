@@ -12,21 +12,16 @@ from numpy.typing import NDArray
 from runtime.diagnosis.steps import Step
 from runtime.execution.execute import Execution
 from runtime.execution.trial import RUN_IN, Trial
-from runtime.identification.regressors import Signals
 from runtime.model.loader import Model
-from runtime.model.terms import SURFACE, given
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
-from runtime.planning.evaluate import Effort, at_times, mounted
-from runtime.planning.scenario import is_spring
+from runtime.planning.evaluate import Effort, at_times
 from runtime.planning.trajectory import Trajectory
 from runtime.report.page.arm_motion import (
     MOST_FRAMES,
     ArmMotion,
     Course,
     JointMarks,
-    JointReadings,
-    SpringTorque,
     frames,
     picture,
 )
@@ -70,38 +65,12 @@ def of_result(summary: ResultSummary) -> dict[str, Any] | None:
 
 def _motion(step: Step, shown: Rows, t: Array, marks: tuple[JointMarks, ...]) -> ArmMotion:
     motion, model = step.fit.motion, step.fit.model
-    known = step.fit.prediction.values
     courses = [Course("measured", motion.rows("q", _clock(motion))[:, shown])]
-    readings = _torques(step, shown)
     piece, samples = _samples(motion, shown)
     if (rows := piece.sensors.q_desired) is not None:
         demanded = rows[:, samples]
         courses.insert(0, Course("demanded", np.where(np.isnan(demanded), courses[0].q, demanded)))
-        units = [joint.position_unit for joint in model.joints]
-        readings = (*readings, JointReadings("tracking error", courses[-1].q - demanded, units))
-    return ArmMotion(
-        model=model,
-        t=t,
-        courses=tuple(courses),
-        marks=marks,
-        springs=_springs(step, shown),
-        readings=readings,
-        surface=None if model.spatial else given(model.library, known, SURFACE),
-    )
-
-
-def _torques(step: Step, shown: Rows) -> tuple[JointReadings, ...]:
-    """Measured and predicted torque in the band; NaN at standstill, where dry friction is indeterminate."""
-    found = step.fit
-    measured = np.full((found.motion.n, len(shown)), np.nan)
-    predicted = measured.copy()
-    for i in range(found.motion.n):
-        at = found.motion.nearest_rows(i, _clock(found.motion))[shown]
-        use = found.motion.moving(i)[at]
-        measured[i, use] = found.motion.recorded(i, found.skew)[at][use]
-        predicted[i, use] = measured[i, use] - found.residual[i][at][use]
-    units = [joint.force_unit for joint in found.model.joints]
-    return JointReadings("torque measured", measured, units), JointReadings("torque predicted", predicted, units)
+    return ArmMotion(model=model, t=t, courses=tuple(courses), marks=marks)
 
 
 def _clock(motion: Motion) -> int:
@@ -115,22 +84,6 @@ def _samples(motion: Motion, shown: Rows) -> tuple[Piece, Rows]:
     number = int(of[shown[0]])
     piece = motion.pieces[number]
     return piece, piece.centres[shown - int(np.argmax(of == number))]
-
-
-def _springs(step: Step, shown: Rows) -> tuple[SpringTorque, ...]:
-    """Torques of the springs beside the joints, as fitted."""
-    found = step.fit
-    model = found.model
-    piece, samples = _samples(found.motion, shown)
-    signals = Signals(model, piece, found.prediction)
-    springs = [t for t in found.prediction.values if t.joint is not None and is_spring(model.library[t.effect])]
-    return tuple(
-        SpringTorque(
-            t.joint, -signals.torque(t, t.joint - 1)[samples], float(np.abs(piece.tau[t.joint - 1, samples]).max())
-        )
-        for t in springs
-        if t.joint is not None
-    )
 
 
 def _largest_residual(step: Step) -> Rows:
@@ -196,11 +149,6 @@ def planned(model: Model, trajectory: Trajectory) -> dict[str, Any]:
         model=model,
         t=t,
         courses=(Course("planned", seen.motion.q),),
-        springs=tuple(
-            SpringTorque(joint, seen.spring[joint - 1], float(np.abs(seen.tau[joint - 1]).max()))
-            for joint in sorted(trajectory.springs)
-        ),
-        surface=None if model.spatial else given(model.library, mounted(model, trajectory), SURFACE),
         goes_on=trajectory.periodic,
     )
     kind = "repeated" if trajectory.periodic else "from rest to rest"
@@ -285,11 +233,6 @@ class ExecutedCycles:
             t=self.t,
             courses=(Course("planned", self.planned.motion.q), Course("executed", trial.q[:, at])),
             marks=marks,
-            springs=tuple(
-                SpringTorque(joint, torque, float(np.abs(tau[joint - 1]).max()))
-                for joint, torque in self._springs.items()
-            ),
-            surface=None if plan.model.spatial else given(plan.model.library, plan.terms, SURFACE),
             goes_on=plan.trajectory.periodic and bool(self.whole),
         )
 

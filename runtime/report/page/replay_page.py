@@ -15,7 +15,7 @@ from runtime.plain_json import plain
 from runtime.replay.elsewhere import MujocoReplay
 from runtime.replay.replay import Replay
 from runtime.report import origin, replays
-from runtime.report.page.arm_motion import ArmMotion, Course, JointReadings, frames, picture
+from runtime.report.page.arm_motion import ArmMotion, Course, frames, picture
 from runtime.report.page.html import ReportPage, add_figures, part
 from runtime.report.page.moving import LONGEST
 from runtime.report.page.page_figures import drawn
@@ -127,10 +127,5 @@ def moving_arm(found: Sequence[Replay], seconds: ReplayedSeconds) -> dict[str, A
 
 def _moving(found: Sequence[Replay], seconds: ReplayedSeconds) -> ArmMotion:
     model = found[-1].model
-    units = [joint.position_unit for joint in model.joints]
-    names = ["off"] if len(seconds.models) == 1 else ["off before", "off after"]
-    names += [f"{name}, in MuJoCo" for name in names] if seconds.elsewhere else []
-    drawn = (*seconds.models, *seconds.elsewhere)
-    readings = [JointReadings(name, q - seconds.recorded, units) for name, q in zip(names, drawn, strict=True)]
     courses = (Course("recorded", seconds.recorded), Course("replayed", seconds.models[-1]))
-    return ArmMotion(model=model, t=seconds.t, courses=courses, readings=tuple(readings))
+    return ArmMotion(model=model, t=seconds.t, courses=courses)
