@@ -138,3 +138,19 @@ def tape(function: SymbolicFunction) -> Tape:
     if id(function) not in _TAPES:
         _TAPES[id(function)] = function, Tape.of(function)
     return _TAPES[id(function)][1]
+
+
+def call(model: ArmModel, name: str, *vectors: Array) -> Array:
+    """A function in double precision at the model file's values, in its shape."""
+    function = model.function(name)
+    values = dict(zip(model.struct.symbols, model.struct.defaults, strict=True))
+    for argument, vector in zip(function.inputs, vectors, strict=True):
+        values |= dict(zip(argument.symbols, map(float, vector), strict=True))
+    found = tape(function).evaluate(values, {"const": float, "sin": math.sin, "cos": math.cos})
+    return np.array(found, dtype=float).reshape(function.outputs[0].shape)
+
+
+def state(n: int, seed: int) -> list[Array]:
+    """q, qd and qdd, each (n,)."""
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-2, 2, n) for _ in range(3)]

@@ -6,7 +6,6 @@ Source: Lynch & Park 2017, Modern Robotics, chapters 4 and 5.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,30 +15,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
-from spatial_arms import Array
+from spatial_arms import Array, call, state
 
 from symbolic.model import ArmModel
 from symbolic.model_file.arm import Arm, Frame
 from symbolic.rigid_body.spatial.kinematics import nominal_com
 
-FLOATS = {"const": float, "sin": math.sin, "cos": math.cos}
 TYPES = ("r", "p", "rp", "rr", "prr", "rrpr", "rrrrrr", "rrprrpr")
 
 
 def drawn(types: str, seed: int) -> tuple[Arm, ArmModel]:
     arm = spatial_arms.drawn(types, seed)
     return arm, spatial_arms.derived(arm)
-
-
-def call(types: str, seed: int, name: str, *vectors: Array) -> Array:
-    """A function in double precision at the model file's values, in its shape."""
-    model = drawn(types, seed)[1]
-    function = model.function(name)
-    values = dict(zip(model.struct.symbols, model.struct.defaults, strict=True))
-    for argument, vector in zip(function.inputs, vectors, strict=True):
-        values |= dict(zip(argument.symbols, map(float, vector), strict=True))
-    found = spatial_arms.tape(function).evaluate(values, FLOATS)
-    return np.array(found, float).reshape(function.outputs[0].shape)
 
 
 def standing(frame: Frame) -> Array:
@@ -105,11 +92,6 @@ def potential(arm: Arm, q: Array) -> float:
     return -float(sum(heights))
 
 
-def state(n: int, seed: int) -> list[Array]:
-    rng = np.random.default_rng(seed)
-    return [rng.uniform(-2, 2, n) for _ in range(3)]
-
-
 ARMS = [2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 3))]
 """Seeds of the arms; one arm of each of TYPES is derived a seed."""
 CASES = st.tuples(st.sampled_from(TYPES), st.integers(0, 1000))
@@ -121,15 +103,15 @@ CASES = st.tuples(st.sampled_from(TYPES), st.integers(0, 1000))
 @given(case=CASES)
 def test_tip_and_its_motion(seed: int, case: tuple[str, int]) -> None:
     types, drawing = case
-    arm, (q, qd, _) = drawn(types, seed)[0], state(len(types), drawing)
+    (arm, model), (q, qd, _) = drawn(types, seed), state(len(types), drawing)
     T = places(arm, q)[1]
-    assert_allclose(call(types, seed, "tip", q), T[:3, 3], atol=1e-11)
-    assert_allclose(call(types, seed, "tip_rotation", q), T[:3, :3], atol=1e-11)
+    assert_allclose(call(model, "tip", q), T[:3, 3], atol=1e-11)
+    assert_allclose(call(model, "tip_rotation", q), T[:3, :3], atol=1e-11)
     turns = [dT @ np.linalg.inv(T) for dT in slopes(lambda x: places(arm, x)[1], q)]
     moves = [(W @ T)[:3, 3] for W in turns]
     J = np.array([[*v, W[2, 1], W[0, 2], W[1, 0]] for v, W in zip(moves, turns, strict=True)]).T
-    assert_allclose(call(types, seed, "tip_jacobian", q), J, atol=1e-8)
-    assert_allclose(call(types, seed, "tip_rate", q, qd), J @ qd, atol=1e-7)
+    assert_allclose(call(model, "tip_jacobian", q), J, atol=1e-8)
+    assert_allclose(call(model, "tip_rate", q, qd), J @ qd, atol=1e-7)
 
 
 @pytest.mark.xdist_group("exponentials")
@@ -138,15 +120,15 @@ def test_tip_and_its_motion(seed: int, case: tuple[str, int]) -> None:
 @given(case=CASES)
 def test_inertia_and_gravity_are_those_of_the_energies(seed: int, case: tuple[str, int]) -> None:
     types, drawing = case
-    arm, (q, _, _) = drawn(types, seed)[0], state(len(types), drawing)
-    D, expected = call(types, seed, "inertia", q), inertia(arm, q)
+    (arm, model), (q, _, _) = drawn(types, seed), state(len(types), drawing)
+    D, expected = call(model, "inertia", q), inertia(arm, q)
     assert_allclose(D, expected, atol=1e-7 * np.abs(expected).max())
     assert np.array_equal(D, D.T)
     assert np.linalg.eigvalsh(D).min() > 0
     rotors = np.diag([joint.rotor_inertia for joint in arm.joints])
-    assert_allclose(call(types, seed, "link_inertia", q), D - rotors, atol=1e-12)
+    assert_allclose(call(model, "link_inertia", q), D - rotors, atol=1e-12)
     slope = [potential(arm, q + h) - potential(arm, q - h) for h in 1e-5 * np.eye(len(q))]
-    assert_allclose(call(types, seed, "gravity", q), np.array(slope) / 2e-5, atol=1e-6)
+    assert_allclose(call(model, "gravity", q), np.array(slope) / 2e-5, atol=1e-6)
 
 
 @pytest.mark.xdist_group("exponentials")
@@ -156,14 +138,14 @@ def test_inertia_and_gravity_are_those_of_the_energies(seed: int, case: tuple[st
 def test_dynamics_fit_together(seed: int, case: tuple[str, int]) -> None:
     """D qdd + C qd + g is the recursion's torque, forward dynamics its inverse, and power the rate of energy."""
     types, drawing = case
-    q, qd, qdd = state(len(types), drawing)
-    tau = call(types, seed, "inverse_dynamics", q, qd, qdd)
-    D, C, g = (call(types, seed, "inertia", q), call(types, seed, "coriolis", q, qd), call(types, seed, "gravity", q))
+    model, (q, qd, qdd) = drawn(types, seed)[1], state(len(types), drawing)
+    tau = call(model, "inverse_dynamics", q, qd, qdd)
+    D, C, g = (call(model, "inertia", q), call(model, "coriolis", q, qd), call(model, "gravity", q))
     assert_allclose(D @ qdd + C @ qd + g, tau, atol=1e-10 * np.abs(tau).max() + 1e-12)
-    found = call(types, seed, "forward_dynamics", q, qd, tau)
+    found = call(model, "forward_dynamics", q, qd, tau)
     assert_allclose(found, qdd, atol=1e-9 * np.linalg.cond(D))
     h = 1e-5
-    rate = (call(types, seed, "inertia", q + h * qd) - call(types, seed, "inertia", q - h * qd)) / (2 * h)
+    rate = (call(model, "inertia", q + h * qd) - call(model, "inertia", q - h * qd)) / (2 * h)
     skew = rate - 2 * C
     assert_allclose(skew, -skew.T, atol=1e-6 * (1 + np.abs(C).max()))
 
@@ -172,9 +154,8 @@ def test_dynamics_fit_together(seed: int, case: tuple[str, int]) -> None:
 @pytest.mark.parametrize("types", ["rr", "rrpr", "rrrrrr"])
 def test_tip_load_is_what_a_body_at_the_tip_asks(types: str) -> None:
     """A point mass at c of the tip's frame, added to the last link as a body of no size."""
-    seed, c, m = 2, np.array([0.1, -0.2, 0.3]), 1.7
-    arm = drawn(types, seed)[0]
-    q, qd, qdd = state(len(types), 5)
+    c, m = np.array([0.1, -0.2, 0.3]), 1.7
+    (arm, model), (q, qd, qdd) = drawn(types, 2), state(len(types), 5)
     at = (standing(arm.tip) @ [*c, 1.0])[:3]
     bare, last = arm.joints[:-1], arm.joints[-1]
     own = last.link
@@ -188,20 +169,20 @@ def test_tip_load_is_what_a_body_at_the_tip_asks(types: str) -> None:
     loaded = spatial_arms.torques(replace(arm, joints=(*bare, heavy)), q, qd, qdd)
     more = loaded - spatial_arms.torques(arm, q, qd, qdd)
     x, y, z = c
-    load = call(types, seed, "tip_load", q, qd, qdd)
+    load = call(model, "tip_load", q, qd, qdd)
     assert_allclose(m * load @ [1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], more, atol=1e-9)
 
 
 @pytest.mark.xdist_group("exponentials")
 @pytest.mark.parametrize("types", ["rp", "rrpr"])
 def test_moment_jacobian_is_the_slope_of_gravity(types: str) -> None:
-    arm, (q, _, _) = drawn(types, 2)[0], state(len(types), 4)
+    (arm, model), (q, _, _) = drawn(types, 2), state(len(types), 4)
 
     def moment(x: Array) -> Array:
         frames, _ = places(arm, x)
         return sum((j.link.mass or 0.0) * (T @ [*j.link.com, 1.0])[:3] for j, T in zip(arm.joints, frames, strict=True))
 
-    assert_allclose(call(types, 2, "moment_jacobian", q), np.array(slopes(moment, q)).T, atol=1e-7)
+    assert_allclose(call(model, "moment_jacobian", q), np.array(slopes(moment, q)).T, atol=1e-7)
 
 
 def test_masses_that_are_not_known_are_nominal() -> None:
