@@ -7,6 +7,7 @@ import random
 from typing import Any
 
 import numpy as np
+from scipy.linalg import expm
 
 from codegen.tape.tape import Tape
 from symbolic.functions import SymbolicFunction
@@ -75,6 +76,35 @@ def drawn(types: str, seed: int, general: float = 0.3, gravity: tuple[float, flo
     pull = gravity or rng.choice([(0.0, 0.0, -9.81), (0.0, 0.0, 0.0), (1.0, -2.0, -9.0), (0.0, -9.81, 0.0)])
     tip = Frame((length(), length(), length()), (angle(), angle(), angle()))
     return Arm(f"drawn_{types}_{seed}", pull, tuple(joints), tip=tip)
+
+
+def cross(u: Array) -> Array:
+    """(3, 3) of u x."""
+    return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
+
+
+def standing(frame: Frame) -> Array:
+    """(4, 4) by exponentials of roll, pitch and yaw."""
+    turns = [expm(angle * cross(np.eye(3)[k])) for k, angle in enumerate(frame.rpy)]
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turns[2] @ turns[1] @ turns[0], frame.xyz
+    return T
+
+
+def places(arm: Arm, q: Array) -> tuple[list[Array], Array]:
+    """(4, 4) of every joint's frame, and of the tip's, in the base: products of exponentials."""
+    home, moved, found = np.eye(4), np.eye(4), []
+    for joint, x in zip(arm.joints, q, strict=True):
+        home = home @ standing(joint.origin)
+        axis = home[:3, :3] @ (np.array(joint.axis) / np.linalg.norm(joint.axis))
+        twist = np.zeros((4, 4))
+        if joint.type == "revolute":
+            twist[:3, :3], twist[:3, 3] = cross(axis), -cross(axis) @ home[:3, 3]
+        else:
+            twist[:3, 3] = axis
+        moved = moved @ expm(twist * x)
+        found.append(moved @ home)
+    return found, moved @ home @ standing(arm.tip)
 
 
 def torques(arm: Arm, q: Array, qd: Array, qdd: Array) -> Array:

@@ -19,7 +19,6 @@ from runtime.model.loader import carried, joint_places, tip_place
 from runtime.report.page import arm_motion
 from runtime.report.page.arm_motion import ArmMotion, Course, JointMarks
 from symbolic.model_file import reader
-from symbolic.model_file.frames import rotation
 from tests import spatial_arms
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>'
@@ -63,27 +62,6 @@ def turned(q: float) -> np.ndarray:
     return np.array([[c, -s], [s, c]])
 
 
-def by_transforms(arm, q):
-    """Places of the joints, of what they move, and of the tip: the file's frames, one after the other."""
-    T, places = np.eye(4), []
-    for joint, x in zip(arm.joints, q, strict=True):
-        step = np.eye(4)
-        step[:3, :3], step[:3, 3] = rotation(joint.origin.rpy), joint.origin.xyz
-        T = T @ step
-        before, own = T[:3, 3], np.eye(4)
-        axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
-        if joint.type == "prismatic":
-            own[:3, 3] = x * axis
-        else:
-            K = np.cross(np.eye(3), axis)
-            own[:3, :3] = np.eye(3) + math.sin(x) * K + (1 - math.cos(x)) * K @ K
-        T = T @ own
-        places.append((before, T[:3, 3]))
-    step = np.eye(4)
-    step[:3, :3], step[:3, 3] = rotation(arm.tip.rpy), arm.tip.xyz
-    return places, (T @ step)[:3, 3]
-
-
 def test_places_of_a_planar_arm_are_those_of_its_links_one_after_the_other(sliding):
     q = np.random.default_rng(1).uniform(-1, 1, (3, 4))
     found, tip = joint_places(sliding, q), tip_place(sliding, q)
@@ -105,11 +83,12 @@ def test_places_in_space_are_those_of_the_files_frames(spatial):
     q = np.random.default_rng(2).uniform(-2, 2, (4, 5))
     found, tip = joint_places(model, q), tip_place(model, q)
     for k in range(5):
-        places, end = by_transforms(arm, q[:, k])
-        for (base, moved), (before, after) in zip(found, places, strict=True):
-            np.testing.assert_allclose(base[:, k], before, atol=1e-9)
-            np.testing.assert_allclose(moved[:, k], after, atol=1e-9)
-        np.testing.assert_allclose(tip[:, k], end, atol=1e-9)
+        frames, end = spatial_arms.places(arm, q[:, k])
+        carries = [np.eye(4), *frames[:-1]]
+        for (base, moved), joint, carrier, T in zip(found, arm.joints, carries, frames, strict=True):
+            np.testing.assert_allclose(base[:, k], (carrier @ [*joint.origin.xyz, 1.0])[:3], atol=1e-9)
+            np.testing.assert_allclose(moved[:, k], T[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(tip[:, k], end[:3, 3], atol=1e-9)
 
 
 def test_the_base_carries_nothing_away(spatial):
@@ -153,9 +132,10 @@ def test_an_arm_in_space_is_seen_at_one_scale(spatial):
     q = np.random.default_rng(5).uniform(-2, 2, (4, 30))
     page, data = moving(model, q)
     drawn = np.array(data["bodies"][0], dtype=float).reshape(30, -1, 2)
-    tips = np.array([by_transforms(arm, column)[1] for column in q.T])
+    chains = [spatial_arms.places(arm, column) for column in q.T]
+    tips = np.array([T[:3, 3] for _, T in chains])
     up = dict(page["axes"])["z"][1] - page["base"][1]
-    reach = np.abs(np.concatenate([np.stack([p for _, p in by_transforms(arm, c)[0]]) for c in q.T])).max()
+    reach = np.abs([T[:3, 3] for joints, _ in chains for T in joints]).max()
     whole = -up / (0.18 * max(reach, np.abs(tips).max())) / math.cos(math.radians(24.0))
     apart = np.linalg.norm(tips[:, None] - tips[None], axis=2)
     seen = np.linalg.norm(drawn[:, None, -1] - drawn[None, :, -1], axis=2)

@@ -14,11 +14,10 @@ import spatial_arms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.linalg import expm
-from spatial_arms import Array, call, state
+from spatial_arms import Array, call, places, standing, state
 
 from symbolic.model import ArmModel
-from symbolic.model_file.arm import Arm, Frame
+from symbolic.model_file.arm import Arm
 from symbolic.rigid_body.spatial.kinematics import nominal_com
 
 TYPES = ("r", "p", "rp", "rr", "prr", "rrpr", "rrrrrr", "rrprrpr")
@@ -27,34 +26,6 @@ TYPES = ("r", "p", "rp", "rr", "prr", "rrpr", "rrrrrr", "rrprrpr")
 def drawn(types: str, seed: int) -> tuple[Arm, ArmModel]:
     arm = spatial_arms.drawn(types, seed)
     return arm, spatial_arms.derived(arm)
-
-
-def standing(frame: Frame) -> Array:
-    """(4, 4) by exponentials of roll, pitch and yaw."""
-    turns = [expm(angle * cross(np.eye(3)[k])) for k, angle in enumerate(frame.rpy)]
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = turns[2] @ turns[1] @ turns[0], frame.xyz
-    return T
-
-
-def cross(u: Array) -> Array:
-    return np.array([[0, -u[2], u[1]], [u[2], 0, -u[0]], [-u[1], u[0], 0]])
-
-
-def places(arm: Arm, q: Array) -> tuple[list[Array], Array]:
-    """(4, 4) of every joint's frame, and of the tip's, in the base."""
-    home, moved, found = np.eye(4), np.eye(4), []
-    for joint, x in zip(arm.joints, q, strict=True):
-        home = home @ standing(joint.origin)
-        axis = home[:3, :3] @ (np.array(joint.axis) / np.linalg.norm(joint.axis))
-        twist = np.zeros((4, 4))
-        if joint.type == "revolute":
-            twist[:3, :3], twist[:3, 3] = cross(axis), -cross(axis) @ home[:3, 3]
-        else:
-            twist[:3, 3] = axis
-        moved = moved @ expm(twist * x)
-        found.append(moved @ home)
-    return found, moved @ home @ standing(arm.tip)
 
 
 def slopes(places_of: object, q: Array, h: float = 1e-6) -> list[Array]:

@@ -11,7 +11,6 @@ import spatial_arms
 from numpy.testing import assert_allclose
 
 from symbolic.functions import Turn
-from symbolic.model_file.arm import Arm, Frame
 from symbolic.model_file.frames import rotation
 from symbolic.rigid_body.spatial.base_parameters import merging
 from symbolic.rigid_body.spatial.geometry import Geometry, Placement, exact_rotation, exact_turn, geometry
@@ -26,27 +25,6 @@ def turned(rpy: Sequence[float]) -> Array:
 
 def floats(placement: Placement) -> tuple[Array, Array]:
     return np.array(placement.turn, dtype=float), np.array(placement.at, dtype=float)
-
-
-def by_the_file(arm: Arm, q: Array) -> list[tuple[Array, Array]]:
-    """Joint frames and tip as URDF defines them, Rodrigues' formula for the joints."""
-    R, p, frames = np.eye(3), np.zeros(3), []
-
-    def step(frame: Frame) -> None:
-        nonlocal R, p
-        p, R = p + R @ np.array(frame.xyz), R @ turned(frame.rpy)
-
-    for joint, x in zip(arm.joints, q, strict=True):
-        step(joint.origin)
-        a = np.array(joint.axis) / np.linalg.norm(joint.axis)
-        if joint.type == "revolute":
-            cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-            R = R @ (np.eye(3) + np.sin(x) * cross + (1 - np.cos(x)) * cross @ cross)
-        else:
-            p = p + R @ a * x
-        frames.append((R, p))
-    step(arm.tip)
-    return [*frames, (R, p)]
 
 
 def by_dh(g: Geometry, q: Array) -> list[tuple[Array, Array]]:
@@ -70,9 +48,10 @@ def test_frames_are_those_of_the_file(types: str) -> None:
     for seed in range(8):
         arm = spatial_arms.drawn(types, seed)
         q = np.random.default_rng(seed).uniform(-2, 2, len(types))
-        for (R, p), (S, s) in zip(by_the_file(arm, q), by_dh(geometry(arm), q), strict=True):
-            assert_allclose(R, S, atol=1e-11)
-            assert_allclose(p, s, atol=1e-11)
+        joints, tip = spatial_arms.places(arm, q)
+        for T, (R, p) in zip([*joints, tip], by_dh(geometry(arm), q), strict=True):
+            assert_allclose(T[:3, :3], R, atol=1e-11)
+            assert_allclose(T[:3, 3], p, atol=1e-11)
 
 
 @pytest.mark.parametrize("name", spatial_arms.TABLES)
