@@ -259,52 +259,6 @@ def test_bursts_in_silence_are_bursts() -> None:
     assert rows.tolist() == [10, 50]
 
 
-CELLS = st.one_of(
-    st.sampled_from(
-        ["0", "1e400", "nan", "-inf", "", " ", "1_0", "9" * 400, "1e-320", "0x10", '"', "'", "\x00", "é", "1,5"]
-    ),
-    st.floats().map(repr),
-    st.text(max_size=5),
-)
-HEADERS = st.sampled_from(
-    ["t,q1,tau1", "t;q1;tau1", "t q1 tau1", "# t,q1,tau1", "t [ms],q1 [deg],tau1 [A]", "", "1,2,3"]
-)
-
-
-@settings(max_examples=150, database=None)
-@given(HEADERS, st.lists(st.lists(CELLS, max_size=4), max_size=40), st.sampled_from("\n\r"), st.booleans())
-def test_a_text_is_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, header: str, rows: list[list[str]], end: str, allowed: bool
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "text.csv"
-    text = end.join([header, *(",".join(row) for row in rows * 10)])
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
-    with in_time():
-        said = ""
-        try:
-            recording.read(path, None, allow_gaps=allowed)
-        except RecordingError as error:
-            said = str(error)
-        assert "\n" not in said
-
-
-@settings(max_examples=100, database=None)
-@given(
-    st.sampled_from(
-        [b"\x93NUMPY", b"PK\x03\x04", b"\x89MCAP0\r\n", b"MATLAB 5.0", b"SQLite format 3\0", b"\x1f\x8b", b""]
-    ),
-    st.binary(max_size=400),
-)
-def test_bytes_are_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, start: bytes, rest: bytes
-) -> None:
-    path = tmp_path_factory.getbasetemp() / "bytes"
-    path.write_bytes(start + rest)
-    with in_time(), pytest.raises(RecordingError) as caught:
-        recording.read(path, None)
-    assert "\n" not in str(caught.value)
-
-
 def test_what_is_too_long_is_refused_before_it_is_understood(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def said(text: str) -> str:
         (tmp_path / "run.csv").write_text(text)
