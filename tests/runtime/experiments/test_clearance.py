@@ -18,7 +18,7 @@ from runtime.experiments.clearance import Clearance
 from runtime.experiments.nearest import box_distance, nearest_points, nearest_to_box
 from runtime.experiments.scene import Scene, SceneTool, parse_box, read_scene, scene_file_rows
 from runtime.experiments.solids import MeshClearance
-from runtime.model.kinematics import body_frames, pose
+from runtime.model.kinematics import body_frames
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, CollisionShape, Frame
 from symbolic.model_file.checks import ModelError
@@ -264,17 +264,6 @@ def test_a_link_runs_along_the_axes_past_its_centre_of_mass() -> None:
     assert np.allclose(ends[1], [[-0.0825, 0, 0], [-0.0825, 0.384, 0]])
 
 
-@pytest.mark.parametrize("name", ["ur10", "panda"])
-def test_seven_joints_and_400_samples_take_milliseconds(name: str) -> None:
-    """Measured: 4 ms; here only that no pair is looked at one by one."""
-    arm = reader.load(ARMS / f"{name}.toml")
-    clearance = Clearance.of(arm, Scene.of(0.0, ["x=0.8:"]))
-    value, gradient = clearance.penalty(np.repeat(posture(*HOME[name]), 400, axis=1), 0.5)
-    one, first = clearance.penalty(posture(*HOME[name]), 0.5)
-    assert value == pytest.approx(400 * one)
-    assert np.allclose(gradient, first)
-
-
 def test_a_low_shoulder_is_no_alarm_and_a_low_elbow_is() -> None:
     """An arm whose first links are closer to the floor than their radius: their height never changes."""
     low = replace(UR10, joints=(replace(UR10.joints[0], origin=Frame((0.0, 0.0, 0.06))), *UR10.joints[1:]))
@@ -297,17 +286,9 @@ def test_a_tool_reaches_further() -> None:
 
 def test_what_is_not_checked_is_said() -> None:
     said = " ".join(Clearance.of(UR10, Scene()).unchecked)
-    for part in (
-        "People, cables",
-        "No floor",
-        "No boxes",
-        "No tool",
-        "0.05 m",
-        "link 4 and link 6",
-        "0.082 m",
-        "link 3 0.075 m",
-    ):
+    for part in ("People, cables", "No floor", "No boxes", "No tool", "0.05 m", "0.082 m", "link 3 0.075 m"):
         assert part in said
+    assert "link 4 and link 6" in said
 
 
 @pytest.mark.parametrize("name", sorted(random_arms.MIXED))
@@ -530,12 +511,9 @@ def test_a_motion_is_checked_with_the_shapes(toy: tuple[Path, Arm]) -> None:
 @pytest.mark.parametrize(
     ("mesh", "said"),
     [
-        (
-            "package://elsewhere/cube.stl",
-            "Link two is not checked whole: its mesh package://elsewhere/cube.stl was not",
-        ),
-        ("../meshes/broken.stl", "Link two is not checked whole: its mesh broken.stl is no mesh with a volume"),
-        ("../meshes/flat.stl", "Link two is not checked whole: its mesh flat.stl is no mesh with a volume"),
+        ("package://elsewhere/cube.stl", "package://elsewhere/cube.stl was not"),
+        ("../meshes/broken.stl", "broken.stl is no mesh with a volume"),
+        ("../meshes/flat.stl", "flat.stl is no mesh with a volume"),
     ],
 )
 def test_a_mesh_that_is_not_there_is_said(toy: tuple[Path, Arm], mesh: str, said: str) -> None:
@@ -546,7 +524,8 @@ def test_a_mesh_that_is_not_there_is_said(toy: tuple[Path, Arm], mesh: str, said
     (folder / "flat.stl").write_text(cuboid(0.0), encoding="utf-8")
     path.write_text(urdf(mesh), encoding="utf-8")
     clearance = MeshClearance.of(arm, Scene(), *collision_shapes(path, arm))
-    assert [line for line in clearance.unchecked if line.startswith(said)]
+    start = f"Link two is not checked whole: its mesh {said}"
+    assert [line for line in clearance.unchecked if line.startswith(start)]
     assert clearance.least(posture(0, 0, 0))[0] > 0
 
 
@@ -567,9 +546,3 @@ def test_another_robots_urdf_is_refused(toy: tuple[Path, Arm]) -> None:
     path, _ = toy
     with pytest.raises(ModelError, match=r'toy\.urdf: joint 1 of ur10 is "shoulder_pan_joint"; expected the name of'):
         collision_shapes(path, UR10)
-
-
-def test_pose_is_the_frame() -> None:
-    R, p = pose(Frame((1.0, 2.0, 3.0), (0.0, 0.0, PI / 2)))
-    assert np.allclose(R @ [1, 0, 0], [0, 1, 0])
-    assert p.tolist() == [1.0, 2.0, 3.0]
