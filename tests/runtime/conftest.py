@@ -8,9 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from bench_arm import THERE_AND_BACK, trajectory
+from driven import rig
 
 from runtime.cli import output
 from runtime.cli.main import app
+from runtime.execution.trial import Trial
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.scenario import Scenario
@@ -53,6 +56,12 @@ def shared(cache: Path) -> Callable[[str, Model], Recording]:  # noqa: ARG001
         return read(path, RecordedArm(model.joints, model.spatial))
 
     return open_recording
+
+
+@pytest.fixture(scope="session")
+def clean(bench: Source, arm: Model) -> Trial:
+    """The bench's motion there and back on a board that nothing disturbs."""
+    return rig(arm, bench.compiled.controller(), trajectory(THERE_AND_BACK)).driven()
 
 
 @pytest.fixture

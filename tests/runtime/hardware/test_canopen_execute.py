@@ -6,7 +6,6 @@ import itertools
 import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -108,6 +107,7 @@ def _refuse(*_: object) -> None:
     raise PermissionError
 
 
+Bus = tuple[str, Drives]
 Executed = Callable[..., tuple[int, dict[str, Any]]]
 
 
@@ -137,12 +137,12 @@ def executed(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
     return run
 
 
-@contextmanager
-def drives(bench: Source, model: Model, folder: Path, **others: Any) -> Iterator[tuple[str, Drives]]:
+@pytest.fixture
+def drives(bench: Source, model: Model, folder: Path) -> Iterator[tuple[str, Drives]]:
     """A bus with the arm's drive on it, and how `--on` names it."""
     channel = f"execute-{next(_channels)}"
     motors = Motors(model, bench.compiled.controller(), folder / "motion.json")
-    with Drives(channel, [Drive(5, rated=RATED, position=motors.position[0], **others)], motors) as behind:
+    with Drives(channel, [Drive(5, rated=RATED, position=motors.position[0])], motors) as behind:
         yield f"canopen://{channel}?interface=virtual", behind
 
 
@@ -154,17 +154,17 @@ class Rounding(Braked):
 
 
 def test_it_does_what_the_simulation_does_but_for_the_rounding_of_torques(
-    executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    executed: Executed, drives: Bus, model: Model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here, there = tmp_path / "simulation.csv", tmp_path / "drives.csv"
     with monkeypatch.context() as patch:
         patch.setattr("runtime.execution.execute.SimulatedArm", Rounding)
         status, simulated = executed("simulation", "--trials", "1", "--noise", "0", "--out", str(here))
     assert status == 0
-    with drives(bench, model, folder) as (on, behind):
-        status, found = executed(on, "--arm", "--out", str(there))
-        assert (status, found.get("status")) == (0, "done"), found
-        assert (behind.drives[0].state, behind.drives[0].target) == (DISABLED, 0)
+    on, behind = drives
+    status, found = executed(on, "--arm", "--out", str(there))
+    assert (status, found.get("status")) == (0, "done"), found
+    assert (behind.drives[0].state, behind.drives[0].target) == (DISABLED, 0)
     one, other = (recording.read(path, RecordedArm(model.joints, model.spatial)) for path in (here, there))
     assert len(one.t) > 300
     # The same counts and torques in every period, to the last bit.
@@ -176,18 +176,18 @@ def test_it_does_what_the_simulation_does_but_for_the_rounding_of_torques(
     assert found["next"][0]["command"].startswith("tendon compare ")
 
 
-def test_a_drive_fails_in_motion(executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path) -> None:
+def test_a_drive_fails_in_motion(executed: Executed, drives: Bus, tmp_path: Path) -> None:
     out = tmp_path / "stopped.csv"
-    with drives(bench, model, folder) as (on, behind):
-        drive = behind.drives[0]
+    on, behind = drives
+    drive = behind.drives[0]
 
-        def fail(_: int) -> None:
-            if abs(drive.position) > 4000 and drive.state == ENABLED:
-                behind.fail(drive, 0x2310, 0x03)
+    def fail(_: int) -> None:
+        if abs(drive.position) > 4000 and drive.state == ENABLED:
+            behind.fail(drive, 0x2310, 0x03)
 
-        behind.before = fail
-        status, found = executed(on, "--arm", "--out", str(out))
-        assert drive.torque == 0.0
+    behind.before = fail
+    status, found = executed(on, "--arm", "--out", str(out))
+    assert drive.torque == 0.0
     assert (status, found["status"]) == (1, "stopped")
     assert found["trials"][0]["stop"]["name"] == "drive"
     assert (
@@ -201,62 +201,59 @@ def test_a_drive_fails_in_motion(executed: Executed, bench: Source, model: Model
 
 
 @pytest.mark.parametrize(("gap", "name"), [(0.009, None), (0.011, "watchdog")])
-def test_a_computer_that_stalls_in_motion(
-    executed: Executed, bench: Source, model: Model, folder: Path, gap: float, name: str | None
-) -> None:
+def test_a_computer_that_stalls_in_motion(executed: Executed, drives: Bus, gap: float, name: str | None) -> None:
     """10 ms between two control steps are let pass, more are a safe stop."""
     time = Time()
-    with drives(bench, model, folder) as (on, behind):
-        drive, stalled = behind.drives[0], []
+    on, behind = drives
+    drive, stalled = behind.drives[0], []
 
-        def busy(sync: int) -> None:
-            if abs(drive.position) > 4000 and not stalled:
-                stalled.append(sync)
-                time.t += gap
+    def busy(sync: int) -> None:
+        if abs(drive.position) > 4000 and not stalled:
+            stalled.append(sync)
+            time.t += gap
 
-        behind.before = busy
-        status, found = executed(on, "--arm", time=time)
-        assert (drive.state, drive.target) == (DISABLED, 0)
+    behind.before = busy
+    status, found = executed(on, "--arm", time=time)
+    assert (drive.state, drive.target) == (DISABLED, 0)
     assert stalled
     stop = found["trials"][0]["stop"]
     assert (status, stop and stop["name"]) == ((0, None) if name is None else (1, name))
     assert found["drives"]["overruns"] == 1
 
 
-def test_drives_are_switched_on_and_off_for_each_trial(
-    executed: Executed, bench: Source, model: Model, folder: Path
-) -> None:
-    with drives(bench, model, folder) as (on, behind):
-        status, found = executed(on, "--arm", "--trials", "2")
-        words = [word for kind, word, *_ in behind.drives[0].heard if kind == "word"]
+def test_drives_are_switched_on_and_off_for_each_trial(executed: Executed, drives: Bus) -> None:
+    on, behind = drives
+    status, found = executed(on, "--arm", "--trials", "2")
+    words = [word for kind, word, *_ in behind.drives[0].heard if kind == "word"]
     assert (status, len(found["trials"])) == (0, 2)
     changes = [word for word, before in zip(words, [None, *words], strict=False) if word != before]
-    assert changes == 2 * [
+    trial = [
         Controlword.SHUTDOWN,
         Controlword.SWITCH_ON,
         Controlword.ENABLE_OPERATION,
         Controlword.DISABLE_VOLTAGE,
     ]
+    assert changes == 2 * trial
 
 
 def test_a_drive_that_does_not_go_off_is_told_and_the_recording_kept(
-    executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path
+    executed: Executed, drives: Bus, model: Model, tmp_path: Path
 ) -> None:
     out = tmp_path / "run.csv"
-    with drives(bench, model, folder) as (on, behind):
-        drive = behind.drives[0]
-        obey = drive.obey
-        drive.obey = lambda word: None if word == 0 and drive.state == ENABLED else obey(word)  # type: ignore[method-assign]
-        status, found = executed(on, "--arm", "--out", str(out))
-        assert drive.torque == 0.0
+    on, behind = drives
+    drive = behind.drives[0]
+    obey = drive.obey
+    drive.obey = lambda word: None if word == 0 and drive.state == ENABLED else obey(word)  # type: ignore[method-assign]
+    status, found = executed(on, "--arm", "--out", str(out))
+    assert drive.torque == 0.0
     assert (status, found["status"]) == (1, "stopped")
     assert found["reason"].startswith("joint 1: the drive (node 5) did not report to be off; without this computer's")
     assert len(recording.read(out, RecordedArm(model.joints, model.spatial)).t) > 300
 
 
-def test_what_a_person_reads(executed: Executed, bench: Source, model: Model, folder: Path, tmp_path: Path) -> None:
-    with drives(bench, model, folder) as (on, _):
-        status, found = executed(on, "--arm", "--json", str(tmp_path / "figures.json"))
+def test_what_a_person_reads(executed: Executed, drives: Bus, tmp_path: Path) -> None:
+    on, _ = drives
+    status, found = executed(on, "--arm", "--json", str(tmp_path / "figures.json"))
     assert status == 0
     said = " ".join(found["text"].split())
     assert "there and back on canopen://execute-" in said
@@ -265,17 +262,15 @@ def test_what_a_person_reads(executed: Executed, bench: Source, model: Model, fo
     assert json.loads((tmp_path / "figures.json").read_text())["drives"]["real_time"] is False
 
 
-def test_nothing_moves_without_arm(executed: Executed, bench: Source, model: Model, folder: Path) -> None:
-    with drives(bench, model, folder) as (on, behind):
-        status, found = executed(on)
-        assert (status, found["status"]) == (1, "refused")
-        # Asked where it stands, and never told more than to be without power.
-        assert found["board"]["standing"][0]["position"] == pytest.approx(
-            found["board"]["standing"][0]["start"], abs=0.01
-        )
-        drive = behind.drives[0]
-        assert (drive.state, drive.target) == (DISABLED, 0)
-        assert {word for kind, word, *_ in drive.heard if kind == "word"} <= {Controlword.DISABLE_VOLTAGE}
+def test_nothing_moves_without_arm(executed: Executed, drives: Bus) -> None:
+    on, behind = drives
+    status, found = executed(on)
+    assert (status, found["status"]) == (1, "refused")
+    # Asked where it stands, and never told more than to be without power.
+    assert found["board"]["standing"][0]["position"] == pytest.approx(found["board"]["standing"][0]["start"], abs=0.01)
+    drive = behind.drives[0]
+    assert (drive.state, drive.target) == (DISABLED, 0)
+    assert {word for kind, word, *_ in drive.heard if kind == "word"} <= {Controlword.DISABLE_VOLTAGE}
 
 
 @pytest.mark.parametrize(

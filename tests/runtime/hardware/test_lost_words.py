@@ -24,11 +24,6 @@ def one(bench: Source, arm: Model) -> Rig:
     return rig(arm, bench.compiled.controller(), PLAN).prepared()
 
 
-@pytest.fixture(scope="module")
-def clean(bench: Source, arm: Model) -> Trial:
-    return rig(arm, bench.compiled.controller(), PLAN).driven()
-
-
 @dataclass
 class Losing:
     """Loses the messages that are chosen, and notes all."""

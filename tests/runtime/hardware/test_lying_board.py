@@ -70,11 +70,6 @@ def make(bench: Source, arm: Model) -> Iterator[Callable[..., Rig]]:
         one.session.close()
 
 
-@pytest.fixture(scope="module")
-def clean(bench: Source, arm: Model) -> Trial:
-    return rig(arm, bench.compiled.controller(), PLAN).driven()
-
-
 def lying(make: Callable[..., Rig], **changes: Change) -> Rig:
     """Honest until the period AT of its run."""
     one = make().prepared()

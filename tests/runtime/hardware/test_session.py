@@ -37,11 +37,6 @@ def one(bench: Source, arm: Model) -> Rig:
     return rig(arm, bench.compiled.controller(), PLAN)
 
 
-@pytest.fixture(scope="module")
-def clean(bench: Source, arm: Model) -> Trial:
-    return rig(arm, bench.compiled.controller(), PLAN).driven()
-
-
 # --- before a run ---
 
 
@@ -53,25 +48,18 @@ def test_the_board_says_who_it_is(one: Rig) -> None:
     }
 
 
-def session_of(one: Rig, **others: object) -> Session:
-    """With another idea of the protocol."""
-    return Session(one.link, Codec({**one.session.codec.document, **others}))
-
-
-def test_another_version_of_the_protocol_is_refused(one: Rig) -> None:
-    with pytest.raises(Refused, match="uses version 1 of the protocol, this host version 2; rebuild its firmware"):
-        session_of(one, version=2).identify()
-
-
-def test_another_layout_is_refused(one: Rig) -> None:
-    with pytest.raises(Refused, match="of another arm or another version"):
-        session_of(one, fingerprint=1).identify()
-
-
-def test_other_equations_are_refused(one: Rig) -> None:
-    """Gravity along another axis is the same layout."""
-    with pytest.raises(Refused, match="was generated from other equations or by another version of Tendon"):
-        session_of(one, build=one.session.codec.document["build"] ^ 1).identify()
+@pytest.mark.parametrize(
+    ("others", "said"),
+    [
+        ({"version": 2}, "uses version 1 of the protocol, this host version 2; rebuild its firmware"),
+        ({"fingerprint": 1}, "of another arm or another version"),
+        ({"build": 0}, "was generated from other equations or by another version of Tendon"),
+    ],
+)
+def test_a_board_of_something_else_is_refused(one: Rig, others: dict[str, int], said: str) -> None:
+    """Another protocol, another layout; gravity along another axis is the same layout and other equations."""
+    with pytest.raises(Refused, match=said):
+        Session(one.link, Codec({**one.session.codec.document, **others})).identify()
 
 
 def test_a_trajectory_that_is_too_long_is_refused(bench: Source, arm: Model) -> None:
