@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -406,24 +405,6 @@ def test_killed_in_the_middle_it_goes_on_to_the_same_table(folder: Path, run: Ru
     assert (status, document["found_finished"]) == (0, finished)
     assert once(diary)
     pd.testing.assert_frame_equal(table(folder / "killed.csv"), undisturbed, check_exact=True)
-
-
-@pytest.mark.xdist_group("undisturbed sweep")
-@pytest.mark.slow
-def test_a_worker_process_that_dies_loses_nothing(run: Run, folder: Path, undisturbed: pd.DataFrame) -> None:
-    diary = folder / "worker.csv.journal"
-    victims: list[int] = []
-
-    def strike() -> None:
-        victims.extend(p.pid for p in multiprocessing.active_children()[:1] if p.pid)
-        kill(victims[0])
-
-    thread = when(lambda: len(lines(diary)) >= 3, strike)
-    status, _ = run("worker.csv", *GRID, "--workers", "2")
-    thread.join()
-    assert (status, len(victims)) == (0, 1)
-    assert once(diary)
-    pd.testing.assert_frame_equal(table(folder / "worker.csv"), undisturbed, check_exact=True)
 
 
 class DeadlyJob(Job):
