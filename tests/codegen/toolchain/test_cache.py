@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import subprocess
 import sys
@@ -141,10 +140,3 @@ def test_a_full_disk_is_one_line(empty_cache: Path) -> None:  # noqa: ARG001
 
     with pytest.raises(BuildError, match=r"cannot write the cache .*: No space left on device; set TENDON_CACHE"):
         build.entry("full", fill)
-
-
-def test_loaded_code_is_checked_before_it_is_loaded(empty_cache: Path) -> None:  # noqa: ARG001
-    path = shared_library(ANSWER, "answer")
-    assert ctypes.CDLL(str(path)).answer() == 42
-    turned(path)
-    assert not build.is_whole(path.parent)
