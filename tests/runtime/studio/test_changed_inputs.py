@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from runtime.studio.inputs import GivenReading
 from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from tests.runtime.studio.conftest import EVIL, SPRING
-from tests.runtime.studio.waiting import done
+from tests.runtime.studio.waiting import chunks, done
 
 pytestmark = pytest.mark.xdist_group("studio")
 
@@ -33,13 +33,9 @@ def lab_log(recorded: Path, place: Path) -> Path:
     return place
 
 
-async def _chunks(content: bytes) -> AsyncIterator[bytes]:
-    yield content
-
-
 def sent(studio: Studio, path: Path, role: str = "fitted") -> None:
     """A file as a browser sends it."""
-    asyncio.run(studio.receive(role, path.name, _chunks(path.read_bytes())))
+    asyncio.run(studio.receive(role, path.name, chunks(path.read_bytes())))
 
 
 @pytest.fixture
@@ -210,17 +206,6 @@ def test_another_model_keeps_the_steps_and_takes_their_changes(copied: Studio, r
         ][k]
         copied.go_to(1)
         copied.session.change(replace(copied.state, history=History(copied.history.steps[:2], 1)))
-
-
-@pytest.mark.parametrize("content", ["no recording\n", "", "\0\1\2"])
-def test_what_is_no_recording_changes_nothing(copied: Studio, tmp_path: Path, content: str) -> None:
-    state = copied.state
-    given = sorted(p.name for p in (copied.session.folder / "given").iterdir())
-    (tmp_path / "nonsense.csv").write_text(content)
-    with pytest.raises(SessionError, match=r"^nonsense\.csv"):
-        sent(copied, tmp_path / "nonsense.csv")
-    assert copied.state == state
-    assert sorted(p.name for p in (copied.session.folder / "given").iterdir()) == given
 
 
 def test_the_demo_starts_fresh(new: Studio, recorded: Path, tmp_path: Path) -> None:

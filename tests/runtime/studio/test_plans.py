@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,7 +21,7 @@ from runtime.studio.session import SessionError, StudioSession
 from runtime.studio.studio import Studio
 from symbolic.model_file.arm import Limits
 from tests.runtime.planning.planning_cases import arm, there
-from tests.runtime.studio.waiting import done, failed
+from tests.runtime.studio.waiting import chunks, done, failed
 
 
 @pytest.fixture(scope="module")
@@ -84,12 +84,6 @@ def test_an_arm_of_the_toolkit_needs_no_model_and_a_foreign_one_does(made, tmp_p
     made.open_plans(tmp_path / "own.json")
     done(made)
     assert made.plans()[1].headline.startswith("scenario1 in 1.2 s")
-
-
-async def chunks(*content: bytes) -> AsyncIterator[bytes]:
-    for part in content:
-        yield part
-        await asyncio.sleep(0)  # others have their turn
 
 
 def test_files_that_arrive_together_or_during_a_task_are_taken_in_their_order(tmp_path, files):

@@ -21,6 +21,7 @@ from runtime.studio.session import FILE, SessionError, StudioSession, beginning,
 from runtime.studio.studio import Studio
 from runtime.studio.terminal import commands
 from tests import one_joint
+from tests.runtime.studio.waiting import chunks
 
 ERROR = JointError(joint=1, called="1 knee", unit="N m", rms=0.2, relative=0.06, floor=0.07, relative_floor=0.02)
 MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n")
@@ -275,11 +276,6 @@ def test_no_name_of_a_file_begins_a_line_of_a_script():
 # --- what a browser sends ---
 
 
-async def _chunks(*chunks: bytes) -> AsyncIterator[bytes]:
-    for chunk in chunks:
-        yield chunk
-
-
 @pytest.fixture
 def studio(session):
     made = Studio(session)
@@ -288,14 +284,14 @@ def studio(session):
 
 
 def test_a_model_that_is_sent_is_read_before_it_is_taken(studio):
-    asyncio.run(studio.receive("model", "<b>../arm.toml", _chunks(MODEL[:40].encode(), MODEL[40:].encode())))
+    asyncio.run(studio.receive("model", "<b>../arm.toml", chunks(MODEL[:40].encode(), MODEL[40:].encode())))
     given = studio.inputs.model
     assert studio.session.given(given).read_text() == MODEL
     assert (given.file, given.name) == ("arm.toml", "arm.toml")
     before = studio.inputs
     for wrong, why in [(b"\xff\xfe\x00", "arm-2.toml"), (b"name = 3", "arm-2.toml"), (b"", "arm-2.toml")]:
         with pytest.raises(SessionError, match=why):
-            asyncio.run(studio.receive("model", "arm.toml", _chunks(wrong)))
+            asyncio.run(studio.receive("model", "arm.toml", chunks(wrong)))
     assert studio.inputs == before
     assert {p.name for p in (studio.session.folder / "given").iterdir()} == {"arm.toml"}
 
@@ -303,7 +299,7 @@ def test_a_model_that_is_sent_is_read_before_it_is_taken(studio):
 def test_what_is_sent_is_bounded_and_leaves_nothing(studio, monkeypatch):
     monkeypatch.setattr(studios, "MOST_UPLOADED", 1000)
     with pytest.raises(SessionError, match=r'"run\.csv": is larger than'):
-        asyncio.run(studio.receive("fitted", "run.csv", _chunks(*[b"x" * 400] * 3)))
+        asyncio.run(studio.receive("fitted", "run.csv", chunks(*[b"x" * 400] * 3)))
 
     async def broken() -> AsyncIterator[bytes]:
         yield b"t,q1"
@@ -313,9 +309,9 @@ def test_what_is_sent_is_bounded_and_leaves_nothing(studio, monkeypatch):
         asyncio.run(studio.receive("fitted", "run.csv", broken()))
     assert list((studio.session.folder / "given").iterdir()) == []
     monkeypatch.setattr(studios, "MOST_RECORDINGS", 1)
-    asyncio.run(studio.receive("fitted", "run.csv", _chunks(LOG)))
+    asyncio.run(studio.receive("fitted", "run.csv", chunks(LOG)))
     with pytest.raises(SessionError, match="at most 1"):
-        asyncio.run(studio.receive("fitted", "run2.csv", _chunks(LOG)))
+        asyncio.run(studio.receive("fitted", "run2.csv", chunks(LOG)))
     assert [p.name for p in (studio.session.folder / "given").iterdir()] == ["run.csv"]
 
 
@@ -324,7 +320,7 @@ LOG = b"t,q1,tau1\n0,0,0\n"
 
 def test_files_of_one_name_stand_beside_each_other(studio):
     for held_out in (False, True):
-        asyncio.run(studio.receive("held_out" if held_out else "fitted", "run.csv", _chunks(LOG)))
+        asyncio.run(studio.receive("held_out" if held_out else "fitted", "run.csv", chunks(LOG)))
     assert [(r.given.file, r.given.name, r.held_out) for r in studio.inputs.recordings] == [
         ("run.csv", "run.csv", False),
         ("run-2.csv", "run.csv", True),

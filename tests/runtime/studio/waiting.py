@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 
 from runtime.studio.studio import Studio
 
 PATIENCE = 240.0
 """s after which a condition will not come true any more."""
+
+
+async def chunks(*content: bytes) -> AsyncIterator[bytes]:
+    """A file as it arrives."""
+    for part in content:
+        yield part
+        await asyncio.sleep(0)  # others have their turn
 
 
 def until(condition: Callable[[], object]) -> None:
