@@ -44,11 +44,6 @@ def tendon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Verb:
 # --- files ---
 
 
-def test_every_file_that_is_replaced_says_so(files: dict[str, str]) -> None:
-    unmarked = {path for path, text in files.items() if BANNER not in text[:200] and MARK not in text[:200]}
-    assert unmarked == {"protocol.json", "boards/own/board.c"}
-
-
 def test_writing_twice_changes_nothing(files: dict[str, str], tmp_path: Path) -> None:
     tree = FirmwareTree(files, tmp_path)
     assert len(tree.stale()) == len(files)
