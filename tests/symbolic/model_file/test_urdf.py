@@ -41,6 +41,11 @@ def joint(name: str, parent: str, child: str, kind: str = "revolute", inside: st
     return f'<joint name="{name}" type="{kind}">{ends}{place}{axis}{inside}</joint>'
 
 
+def transmission(name: str, joint: str, ratio: int) -> str:
+    motor = f'<actuator name="m"><mechanicalReduction>{ratio}</mechanicalReduction></actuator>'
+    return f'<transmission name="{name}"><joint name="{joint}"/>{motor}</transmission>'
+
+
 def robot(*parts: str, name: str = "two") -> str:
     return f'<?xml version="1.0"?>\n<robot name="{name}">\n' + "\n".join(parts) + "\n</robot>\n"
 
@@ -164,26 +169,18 @@ def test_gears_come_from_transmissions(tmp_path: Path) -> None:
 
 
 def test_transmissions_of_one_joint_that_differ_leave_its_gear_open(tmp_path: Path) -> None:
-    gear = (
-        '<transmission name="{name}"><joint name="j2"/><actuator name="m">'
-        "<mechanicalReduction>{ratio}</mechanicalReduction></actuator></transmission>"
-    )
-    first = gear.format(name="t", ratio=101)
-    made = read(tmp_path, robot(*TWO, first, gear.format(name="u", ratio=51)))
+    first = transmission("t", "j2", 101)
+    made = read(tmp_path, robot(*TWO, first, transmission("u", "j2", 51)))
     assert made.arm.joints[1].gear_ratio == 1.0
     differ = (
         "gear_ratio of joint 2: the file states different ones (101 of transmission t, 51 of transmission u): set to 1"
     )
     assert [note.startswith(differ) for note in made.notes if "joint 2" in note and "gear_ratio" in note] == [True]
-    assert read(tmp_path, robot(*TWO, first, gear.format(name="u", ratio=-101))).arm.joints[1].gear_ratio == 101.0
+    assert read(tmp_path, robot(*TWO, first, transmission("u", "j2", -101))).arm.joints[1].gear_ratio == 101.0
 
 
 def test_a_gear_of_nothing_is_said_and_not_taken(tmp_path: Path) -> None:
-    none = (
-        '<transmission name="t"><joint name="j1"/><actuator name="m">'
-        "<mechanicalReduction>0</mechanicalReduction></actuator></transmission>"
-    )
-    made = read(tmp_path, robot(*TWO, none))
+    made = read(tmp_path, robot(*TWO, transmission("t", "j1", 0)))
     assert made.arm.joints[0].gear_ratio == 1
     assert "joint 1: the gear of transmission t, which is 0: left out, hence unknown" in made.notes
 
