@@ -106,10 +106,7 @@ class Talk:
         """By a query; names for numbers."""
         assert self.say("query") == "done"
         found = self.report("state")
-        return found | {
-            "state": self.codec.names("states")[found["state"]],
-            "reason": self.reasons[found["reason"]],
-        }
+        return found | {"state": self.codec.names("states")[found["state"]], "reason": self.reasons[found["reason"]]}
 
     def step(self, counts: Sequence[int] | None = None, us: int = 1000, fault: int = 0) -> Step:
         """The next control period, where the encoders stand or at other `counts`."""

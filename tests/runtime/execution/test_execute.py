@@ -270,15 +270,9 @@ def test_a_safe_stop_exits_with_1_and_keeps_the_recording(here: Path, capsys: py
         (["--on", "simulation", "--hide", "stribek@1"], 'there is no effect "stribek"'),
         (["--on", "simulation", "--hide", "viscous@1:coefficient=1"], "bench already has this effect; change its"),
         (["--on", "simulation", "--set", "stribeck@1:torque=1"], "bench does not have this effect; add it"),
-        (
-            ["--on", "simulation", "--set", "viscous@1"],
-            "--set viscous@1: no value; write --set viscous@1:KEY=VALUE",
-        ),
+        (["--on", "simulation", "--set", "viscous@1"], "--set viscous@1: no value; write --set viscous@1:KEY=VALUE"),
         (["--on", "simulation", "--set", "viscous@1:coefficient=-1"], "expected a value from 0 to inf"),
-        (
-            ["--on", "simulation", "--hide", "torque_delay@1:time=-1e-3"],
-            "forward simulation cannot record a torque",
-        ),
+        (["--on", "simulation", "--hide", "torque_delay@1:time=-1e-3"], "forward simulation cannot record a torque"),
         (["--on", "simulation", "--out", "bench.toml"], "bench.toml: is read here; choose another name"),
         (["--on", "simulation", "--out", "no/run.csv"], "there is no directory no"),
     ],

@@ -227,12 +227,7 @@ def test_drives_are_switched_on_and_off_for_each_trial(executed: Executed, drive
     words = [word for kind, word, *_ in behind.drives[0].heard if kind == "word"]
     assert (status, len(found["trials"])) == (0, 2)
     changes = [word for word, before in zip(words, [None, *words], strict=False) if word != before]
-    trial = [
-        Controlword.SHUTDOWN,
-        Controlword.SWITCH_ON,
-        Controlword.ENABLE_OPERATION,
-        Controlword.DISABLE_VOLTAGE,
-    ]
+    trial = [Controlword.SHUTDOWN, Controlword.SWITCH_ON, Controlword.ENABLE_OPERATION, Controlword.DISABLE_VOLTAGE]
     assert changes == 2 * trial
 
 

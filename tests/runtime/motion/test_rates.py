@@ -78,10 +78,7 @@ def test_a_quiet_rate_is_used_and_widens_the_band(drive: Model, noisy: tuple[Rec
     ids=["difference", "backward", "smoothed", "filtered", "rpm", "degrees", "turned", "zero", "other"],
 )
 def test_any_other_is_left_alone(
-    drive: Model,
-    noisy: tuple[Recording, Array],
-    measured: Callable[[Array, Array], Array],
-    use: str,
+    drive: Model, noisy: tuple[Recording, Array], measured: Callable[[Array, Array], Array], use: str
 ) -> None:
     found = fitted(drive, noisy, measured(noisy[0].q[0], noisy[1]))
     plain = kept(identify, drive, [noisy[0]])

@@ -80,8 +80,7 @@ def test_angles(write, unit, factor):
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor"),
-    [("N m", 1), ("Nm", 1), ("N·m", 1), ("mNm", 1e-3), ("mN m", 1e-3), ("A", 2.0), ("mA", 2e-3)],
+    ("unit", "factor"), [("N m", 1), ("Nm", 1), ("N·m", 1), ("mNm", 1e-3), ("mN m", 1e-3), ("A", 2.0), ("mA", 2e-3)]
 )
 def test_torques_and_currents(write, unit, factor):
     r = read(write(text(f"t,q1,tau1 [{unit}]")), DRIVE)
@@ -346,10 +345,7 @@ def cell(line: int, column: int, value: str) -> str:
         (text("t,q1,tau1,run", [[*row, "0.5"] for row in rows()]), "run3.csv line 2: run is 0.5; expected a whole"),
         (text("t,q1,tau1,run [s]", [[*row, "0"] for row in rows()]), "line 1: run has the unit [s]; expected whole"),
         (text(table=[[r[0], "1", r[2]] for r in rows()]), "run3.csv: q1 is constant; nothing moves, so nothing can"),
-        (
-            text(table=[[r[0], r[1], "2"] for r in rows()]),
-            "run3.csv: tau1 is constant (2) while q1 moves; is it the",
-        ),
+        (text(table=[[r[0], r[1], "2"] for r in rows()]), "run3.csv: tau1 is constant (2) while q1 moves; is it the"),
         (gzip.compress(text().encode())[:-200], "run3.csv: the gzip file is cut off; copy it again"),
         (gzip.compress(text().encode())[:50] + b"xxxxxxxx" * 9, "run3.csv: the gzip file is damaged"),
         (text("t,q1,tau1 [\xb0]").encode("latin-1"), "run3.csv line 1: byte 0xb0 is not UTF-8; save the file"),

@@ -208,11 +208,7 @@ def test_the_cases_are_those_of_the_paper(swing: Any) -> None:
 
 def test_a_case_without_springs_is_not_repeated_for_each_of_them(swing: Any) -> None:
     jobs = jobs_of(swing, "stiffness=3000,5000", "offset@1=0", "case=A,B")
-    assert [tuple(j.columns.values()) for j in jobs] == [
-        (None, None, "A"),
-        (3000.0, 0.0, "B"),
-        (5000.0, 0.0, "B"),
-    ]
+    assert [tuple(j.columns.values()) for j in jobs] == [(None, None, "A"), (3000.0, 0.0, "B"), (5000.0, 0.0, "B")]
     assert jobs[1].scenario.springs[0].sought["stiffness"] == (3000.0, 3000.0)
     assert jobs[1].scenario.springs[0].sought["offset"] == (0.0, 0.0)
     assert jobs[1].scenario.springs[0].catalogue == ()
@@ -234,10 +230,7 @@ def test_a_key_says_what_decides_the_result(swing: Any) -> None:
 
 @pytest.mark.parametrize(
     ("over", "message"),
-    [
-        ("stiffness@2=5000", "it has springs at joint 1"),
-        ("plate.stiffness=600", "has no such effect at its contact"),
-    ],
+    [("stiffness@2=5000", "it has springs at joint 1"), ("plate.stiffness=600", "has no such effect at its contact")],
 )
 def test_what_the_scenario_has_not_cannot_vary(run: Run, folder: Path, capfd: Any, over: str, message: str) -> None:
     before = sorted(folder.iterdir())

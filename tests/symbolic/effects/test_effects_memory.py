@@ -23,11 +23,7 @@ def moving(rates: Sequence[float], level: float, dt: float = 1e-3) -> list[dict[
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    rates=st.lists(st.floats(-3, 3), min_size=1, max_size=40),
-    stiffness=st.floats(1, 1e6),
-    level=st.floats(0, 5),
-)
+@given(rates=st.lists(st.floats(-3, 3), min_size=1, max_size=40), stiffness=st.floats(1, 1e6), level=st.floats(0, 5))
 def test_bristle_stays_between_the_coulomb_levels(rates: list[float], stiffness: float, level: float) -> None:
     samples = moving(rates, level)
     for value, rate in zip(

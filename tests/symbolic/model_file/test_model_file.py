@@ -97,11 +97,7 @@ def test_the_message_of_the_design():
         ("mass = 2.0", f"mass = {'9' * 5000}", "arm.toml: not valid TOML: Exceeds the limit"),
         ("inertia = 0.05", "inertia = -1e-9", "link: inertia is -1e-09; expected a number in kg m^2 >= 0"),
         ("length = 0.3", "length = -0.3", "link: length is -0.3; expected a number in m >= 0"),
-        (
-            "com = [0.2, 0.01]",
-            "com = 0.2",
-            "link: com is 0.2; expected a list of 2 numbers in m: along, across",
-        ),
+        ("com = [0.2, 0.01]", "com = 0.2", "link: com is 0.2; expected a list of 2 numbers in m: along, across"),
         ("com = [0.2, 0.01]", "com = [0.2]", "link: com is a list of 1; expected a list of 2 numbers"),
         ("com = [0.2, 0.01]", 'com = [0.2, "x"]', 'link: com[1] is the text "x"; expected a number in m'),
         ("rotor_inertia = 0.1", "rotor_inertia = -0.1", "joint 1: rotor_inertia is -0.1; expected"),
@@ -145,17 +141,9 @@ def test_the_message_of_the_design():
         ("coefficient", "coeficient", 'viscous: unknown parameter "coeficient"; did you mean "coefficient"?'),
         ("coefficient = 1.5", "coefficient = true", "viscous: coefficient is the boolean true; expected a number"),
         ("coefficient = 1.5", "coefficient = -1", "viscous: coefficient is -1; expected a number in N m s/rad >= 0"),
-        (
-            "effects.viscous",
-            "effects.gravity",
-            'effect "gravity" acts on the whole arm; put it under [effects.grav',
-        ),
+        ("effects.viscous", "effects.gravity", 'effect "gravity" acts on the whole arm; put it under [effects.grav'),
         ("effects.viscous", "effects.plate", "acts at the end-effector; put it under [contact.effects.plate]"),
-        (
-            "[joint.effects.viscous]\ncoefficient = 1.5",
-            "[joint.effects]\nviscous = 1.5",
-            "viscous: found 1.5; exp",
-        ),
+        ("[joint.effects.viscous]\ncoefficient = 1.5", "[joint.effects]\nviscous = 1.5", "viscous: found 1.5; exp"),
         ("[joint.effects.viscous]\ncoefficient = 1.5", "[joint]\neffects = 1", "not valid TOML"),
         ("gravity = [0.0, -9.81]", "gravity = [0.0, -9.81]\n[effects.viscous]", "put it under [joint.effects.viscous]"),
         ("gravity = [0.0, -9.81]", "gravity = [0.0, -9.81]\ngravity = 1", "arm.toml line 3: not valid TOML"),
@@ -228,10 +216,7 @@ def test_every_joint_moves_something():
 
 
 def test_files_that_are_none(tmp_path):
-    cases = {
-        tmp_path / "absent.toml": "no such file",
-        tmp_path: "is a directory",
-    }
+    cases = {tmp_path / "absent.toml": "no such file", tmp_path: "is a directory"}
     latin = tmp_path / "latin.toml"
     latin.write_bytes(b"# fine\nname = '\xe9'\n")
     cases[latin] = "latin.toml line 2: byte 0xe9 is not UTF-8; save the file as UTF-8"
@@ -249,12 +234,7 @@ def test_files_that_are_none(tmp_path):
 
 
 VALUES = st.one_of(
-    st.floats(),
-    st.integers(),
-    st.booleans(),
-    st.text(max_size=8),
-    st.lists(st.floats(), max_size=3),
-    st.just({}),
+    st.floats(), st.integers(), st.booleans(), st.text(max_size=8), st.lists(st.floats(), max_size=3), st.just({})
 )
 
 

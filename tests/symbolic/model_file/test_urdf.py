@@ -353,11 +353,7 @@ def test_quarter_turns_are_exact_before_anything_is_computed_from_them(tmp_path:
         ((*TWO, link("c")), {}, ": 2 links have no parent: base, c; say where the arm begins: --base LINK"),
         (TWO, {"base": "bas"}, ': --base bas: no such link; did you mean "base"?'),
         (TWO, {"tip": "zzz"}, ": --tip zzz: no such link; it has base, a, b"),
-        (
-            TWO,
-            {"base": "b", "tip": "a"},
-            ': "a" is not a descendant of "b"; expected a --tip that is connected',
-        ),
+        (TWO, {"base": "b", "tip": "a"}, ': "a" is not a descendant of "b"; expected a --tip that is connected'),
         (TWO, {"locked": {"j3": 0.0}}, ": --lock j3: no such joint; it has j1, j2"),
         (
             TWO,
@@ -380,11 +376,7 @@ def test_quarter_turns_are_exact_before_anything_is_computed_from_them(tmp_path:
             {},
             ': joint "j2" is revolut (did you mean "revolute"?); an arm has revolute, continuous or prismatic joints',
         ),
-        (
-            (TWO[0].replace('iyy="0.02" ', ""), *TWO[1:]),
-            {},
-            ' line 3: <inertia> has no iyy; expected iyy="..."',
-        ),
+        ((TWO[0].replace('iyy="0.02" ', ""), *TWO[1:]), {}, ' line 3: <inertia> has no iyy; expected iyy="..."'),
         (
             (*TWO[:3], joint("j1", "base", "a", inside='<origin xyz="0 nan 0"/>'), TWO[4]),
             {},
