@@ -49,13 +49,8 @@ class WatchedNoise:
         used = ("arm_monitor_f32.c", "arm_monitor_f32.h", "tendon_math_f32.h")
         code = {path: files[path] for path in used} | {"watched_noise.c": DRIVER.read_text()}
         self._library = ctypes.CDLL(str(build.shared_library(code, "code")))
-        self._library.watch.argtypes = [
-            ctypes.c_char_p,
-            ctypes.c_char_p,
-            ctypes.c_size_t,
-            ctypes.c_void_p,
-            ctypes.c_void_p,
-        ]
+        pointer = ctypes.c_void_p
+        self._library.watch.argtypes = [ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t, *[pointer] * 4]
         self._config, self._state = ctypes.create_string_buffer(4096), ctypes.create_string_buffer(4096)
         self.restart()
 
@@ -67,14 +62,14 @@ class WatchedNoise:
         """Samples until the model does not hold; all of them if it does to the end. It goes on where it was."""
         loads = np.zeros_like(residual) if load is None else load
         own = (ctypes.c_void_p(x.ctypes.data) for x in (residual, loads))
-        return int(self._library.watch(self._config, self._state, len(residual), *own))
+        return int(self._library.watch(self._config, self._state, len(residual), *own, None, None))
 
     def said(self, residual: Float32, load: Float32, motion: Float32) -> NDArray[np.uint8]:
         """(2, N) verdict and signal after every sample; motion (N, 3): position, rate, acceleration."""
         found = np.zeros(len(residual), dtype=np.uint8)
         rows = [np.ascontiguousarray(x, dtype=np.float32) for x in (residual, load, motion)]
         own = (ctypes.c_void_p(x.ctypes.data) for x in (*rows, found))
-        self._library.follow(self._config, self._state, ctypes.c_size_t(len(found)), *own)
+        self._library.watch(self._config, self._state, len(found), *own)
         return np.stack([found % 4, found // 4])
 
     def alarms(self, hours: float, rng: np.random.Generator, rms: float = 1.0) -> int:
