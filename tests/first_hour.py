@@ -53,7 +53,7 @@ class Machine:
 
 def _drive(gravity: str, ratio: float, more: str = "", joints: str = "r") -> str:
     known = f"--gravity {gravity} --gear-ratio {ratio}{more}"
-    return f"init --no-questions --name machine --plane --joints {joints} --length 0.25 {known}"
+    return f"init --name machine --plane --joints {joints} --length 0.25 {known}"
 
 
 def _real(name: str, fitted: str, held_out: str) -> tuple[Path, Path]:

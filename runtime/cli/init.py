@@ -1,11 +1,10 @@
-"""The verb that makes a new model file: init. Options and answers have the same form."""
+"""The verb that makes a new model file: init."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from math import isfinite, nan
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +16,6 @@ from runtime.cli import schema as schemas
 from runtime.cli.controller import init_controller
 from runtime.cli.exchange import ROOT_TO_END, ChainOptions
 from runtime.cli.inputs import opened
-from runtime.cli.interview import OF_MOTORS, OF_NEW_ARM, OF_URDF, QUESTIONS, UNKNOWN, interview, is_planar
 from runtime.cli.options import EffectsFile, Json, with_settings
 from runtime.cli.output import emit
 from runtime.cli.places import READ, WRITTEN
@@ -27,23 +25,19 @@ from runtime.setting import Checked, Setting
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import effects_described
 from runtime.workspace.writing import check_writable
-from symbolic.model_file.arm import TORQUES, Arm
+from symbolic.model_file.arm import COMMAND, LINK_TORQUE, MOTOR_TORQUE, TORQUES, WEIGHTLESS, Arm
 from symbolic.model_file.fields import JointType
 from symbolic.model_file.keys import MAX_JOINTS
 from symbolic.model_file.model_text import Motor, NewJoint, new_text, with_motors, with_torque
 
 app = typer.Typer()
 
-_HELP = f"""From options and at most {len(OF_NEW_ARM)} questions, from a URDF, or as a copy.
+_HELP = """From options, from a URDF, or as a copy.
 
-Asks on the terminal for what no option states, or reads the answers from standard input, a line each. Enter takes the
-value in brackets; ? means unknown. Unknown keys are comments in the file, to be filled in."""
-
-
-def _answered(key: str) -> Setting:
-    """The option that answers a question."""
-    asked = QUESTIONS[key]
-    return Setting(f"{asked.text}. {asked.explained}".strip(), metavar="X,..." if key in OF_MOTORS else None)
+What no option states is a comment in the file with its unit, to be filled in. ? means unknown."""
+UNKNOWN = "?"
+OF_MOTORS: tuple[str, ...] = ("gear_ratio", "torque_constant", "rotor_inertia")
+_EACH = "One number for all joints, or one for each with commas between."
 
 
 @dataclass(frozen=True)
@@ -52,15 +46,50 @@ class ArmOptions(Checked):
 
     name: Annotated[str | None, Setting("Name of the arm, a C identifier.", metavar="NAME")] = None
     joints: Annotated[
-        str | None, Setting("Types of the joints from the base, revolute or prismatic.", metavar="r,p,...")
+        str | None,
+        Setting(
+            "Types of the joints from the base, revolute or prismatic; or the number of revolute ones.",
+            metavar="N|r,p,...",
+        ),
     ] = None
     gravity: Annotated[str | None, Setting("Gravity in base axes, m/s^2.", metavar="X,Y[,Z]")] = None
-    length: Annotated[str | None, _answered("length")] = None
+    length: Annotated[
+        str | None, Setting(f"Lengths of the links, m. From a joint's axis to the next one, or to the tip. {_EACH}")
+    ] = None
     mass: Annotated[str | None, Setting("Masses of the links, kg.", metavar="X,...")] = None
-    gear_ratio: Annotated[str | None, _answered("gear_ratio")] = None
-    torque_constant: Annotated[str | None, _answered("torque_constant")] = None
-    rotor_inertia: Annotated[str | None, _answered("rotor_inertia")] = None
-    torque: Annotated[str | None, _answered("torque")] = None
+    gear_ratio: Annotated[
+        str | None,
+        Setting(
+            f"Gear ratios, motor turns per turn of the joint or rad per metre. {UNKNOWN} counts as 1: recordings then "
+            f"hold what is behind the gear. {_EACH}",
+            metavar="X,...",
+        ),
+    ] = None
+    torque_constant: Annotated[
+        str | None,
+        Setting(
+            "Torque constants of the motors, N m/A. Of the motor alone, before the gear, as in its data sheet: Tendon "
+            f"multiplies by the gear ratio. Needed where recordings hold currents. {_EACH}",
+            metavar="X,...",
+        ),
+    ] = None
+    rotor_inertia: Annotated[
+        str | None,
+        Setting(
+            "Inertias of the motors' rotors, kg m^2. Of the rotor alone, before the gear, as in its data sheet (1 g "
+            "cm^2 = 1e-7 kg m^2): Tendon multiplies by the gear ratio squared. Motion tells it where it is unknown. "
+            f"{_EACH}",
+            metavar="X,...",
+        ),
+    ] = None
+    torque: Annotated[
+        str | None,
+        Setting(
+            f"What the recorded torques are: {', '.join(TORQUES)}. {MOTOR_TORQUE}: from the motor's current or torque, "
+            f"times the gear ratio; {LINK_TORQUE}: of a sensor behind the gear; {COMMAND}: what the controller asked "
+            f"for; {WEIGHTLESS}: the driver took gravity out. {UNKNOWN} counts as {MOTOR_TORQUE}."
+        ),
+    ] = None
 
 
 @app.command(help=_HELP, epilog="Example: tendon init --joints r,r,p --gear-ratio 100 --out my_arm.toml")
@@ -80,7 +109,7 @@ def init(
     ] = None,
     urdf: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Take joints and links from a URDF or MJCF, and ask for the motors."),
+        typer.Option(metavar="FILE", help="Take joints and links from a URDF or MJCF."),
         READ,
     ] = None,
     chain: ChainOptions = ROOT_TO_END,
@@ -96,9 +125,6 @@ def init(
     schema: Annotated[
         bool, typer.Option("--schema", help="Write the JSON schemas for editors beside the file.")
     ] = False,
-    questions: Annotated[
-        bool, typer.Option("--questions/--no-questions", help="Ask for what no option states.")
-    ] = True,
     controller: Annotated[
         Path | None,
         typer.Option(
@@ -131,8 +157,7 @@ def init(
     if controller is None and (write or new_gains):
         raise UsageError(f"--{'write' if write else 'new-gains'} needs --controller MODEL")
     stated = {key: value for key, value in asdict(options).items() if value is not None}
-    stated |= {} if space is None else {"space": "space" if space else "plane"}
-    of_new_arm = stated or chain != ROOT_TO_END or schema or like is not None or urdf is not None
+    of_new_arm = stated or space is not None or chain != ROOT_TO_END or schema or like is not None or urdf is not None
     if scenario is None and task != NO_TASK:
         raise UsageError("the options of a task need --scenario MODEL")
     if (controller or scenario) and of_new_arm:
@@ -143,16 +168,16 @@ def init(
     if controller and scenario:
         raise UsageError("--controller and --scenario are two steps; run one after the other")
     if scenario is not None:
-        init_scenario(scenario, out, task, questions=questions, effects=effects, json=json)
+        init_scenario(scenario, out, task, effects=effects, json=json)
         return
     if controller is not None:
         init_controller(controller, out, write, new_gains=new_gains, effects=effects, json=json)
         return
-    if like is not None and (urdf is not None or stated):
+    if like is not None and (urdf is not None or stated or space is not None):
         raise UsageError("--like copies a model as it is; leave out the other options, or --like")
     if urdf is None and chain != ROOT_TO_END:
         raise UsageError("--base, --tip and --lock need --urdf")
-    if urdf is not None and stated.keys() - set(OF_URDF):
+    if urdf is not None and (space is not None or stated.keys() - {*OF_MOTORS, "torque"}):
         raise UsageError("--urdf states joints and links; only options of motors and --torque can stand beside it")
     beside = _schemas(out) if schema else {}
     if out is not None:
@@ -160,27 +185,16 @@ def init(
     if like is not None:
         made = opened(like, effects).text
     else:
-        from symbolic.model_file import reader
         from symbolic.model_file.exchange import importing
 
         library = effects_described(effects, space=True)
-        called = importing.arm_name("arm" if out is None else out.stem, Path("arm"))
         if urdf is not None:
             arm = importing.imported(urdf, library, chain.base, chain.tip, locked=chain.locked(), friction=friction)
-            keys, text_of = OF_URDF, partial(_of_urdf, arm.text, arm.arm)
+            made = _of_urdf(arm.text, arm.arm, stated)
         else:
             assumed = [effect.name for effect in library.values() if effect.assumed and friction]
-            keys, text_of = OF_NEW_ARM, partial(_new_arm, called, assumed)
-
-        def check(stated: Mapping[str, str]) -> None:
-            trial = reader.parse(text_of({"length": "1", **stated}), "the new model file", library)
-            if out is None and (urdf is not None or "name" in stated):
-                _check_new(Path(f"{trial.name}.toml"))
-
-        if questions:
-            check({"joints": "r" * _most(stated), **stated})
-            stated = interview(keys, stated, called, check)
-        made = text_of(stated)
+            called = importing.arm_name("arm" if out is None else out.stem, Path("arm"))
+            made = _new_arm(called, assumed, stated, planar=space is False)
     _write(f"#:schema ./{schemas.MODEL}\n{made}" if schema else made, out, effects, beside, like=like, json=json)
 
 
@@ -198,24 +212,23 @@ def _check_new(path: Path) -> None:
         raise UsageError(f"{path}: already exists; choose another name")
 
 
-def _most(stated: Mapping[str, str]) -> int:
-    """The most numbers that an option states, one a joint."""
-    return max((stated[key].count(",") + 1 for key in (*OF_MOTORS, "length", "mass") if key in stated), default=1)
-
-
 def _of_urdf(text: str, arm: Arm, stated: Mapping[str, str]) -> str:
     """The text of an imported arm with what is stated of its motors. Raises UsageError."""
     return with_torque(with_motors(text, arm, _motors(stated, len(arm.joints))), _torque(stated))
 
 
-def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str]) -> str:
+def _new_arm(called: str, assumed: Sequence[str], stated: Mapping[str, str], *, planar: bool) -> str:
     """The text for a new arm; called: default name. Raises UsageError."""
     if "joints" not in stated:
-        raise UsageError(f"{QUESTIONS['joints'].text}: an answer is needed, or --joints")
+        raise UsageError(
+            "--joints is needed: their number, or their types from the base, such as r,r,p; or --urdf, or --like"
+        )
     letters = re.sub(r"[,\s]", "", stated["joints"].lower())
+    if letters in map(str, range(1, MAX_JOINTS + 1)):
+        letters = "r" * int(letters)
     if not 1 <= len(letters) <= MAX_JOINTS or letters.strip("rp"):
-        raise UsageError(f"--joints {stated['joints']}: expected 1 to {MAX_JOINTS} letters r or p")
-    planar, count = is_planar(stated), len(letters)
+        raise UsageError(f"--joints {stated['joints']}: expected 1 to {MAX_JOINTS} letters r or p, or their number")
+    count = len(letters)
     gravity = _numbers("gravity", stated.get("gravity", "0,0" if planar else "0,0,-9.81"), 2 if planar else 3)
     lengths = _each("length", stated, count)
     if planar and None in lengths[:-1]:

@@ -1,4 +1,4 @@
-"""`tendon init --scenario`: a task from point to point, asked for and written as a scenario for `tendon optimize`."""
+"""`tendon init --scenario`: a task from point to point, written as a scenario for `tendon optimize`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from runtime.cli.inputs import opened
-from runtime.cli.interview import OF_TASK, QUESTIONS, interview
 from runtime.cli.output import emit
 from runtime.documents.models import InitScenarioDocument
 from runtime.planning.settings import LONGEST_CYCLE, SHORTEST_CYCLE
@@ -20,6 +19,15 @@ if TYPE_CHECKING:
     from runtime.model.loader import Model
     from runtime.planning.new_scenario import PointToPoint
     from runtime.workspace.source import Source
+
+
+OF_TASK: Mapping[str, str] = {
+    "from": "where the motion begins, a position for each joint, rad or m, or tip=X,Y, m",
+    "to": "where it turns or ends, a position for each joint, rad or m, or tip=X,Y, m",
+    "duration": "the duration of the whole motion, s",
+    "springs": "joints that may have a parallel spring, such as 2,3, or none",
+}
+"""What a task needs, by option."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +46,7 @@ class TaskOptions(Checked):
 
     @property
     def stated(self) -> dict[str, str]:
-        """Answers by question."""
+        """What is stated, by option."""
         texts = {key.rstrip("_"): value for key, value in asdict(self).items()}
         return {key: texts[key] for key in OF_TASK if texts[key] is not None}
 
@@ -47,9 +55,9 @@ NO_TASK = TaskOptions()
 
 
 def init_scenario(
-    model: Path, out: Path | None, options: TaskOptions, *, questions: bool, effects: Path | None, json: str | None
+    model: Path, out: Path | None, options: TaskOptions, *, effects: Path | None, json: str | None
 ) -> None:
-    """Ask for what is not stated, and write the scenario. Raises UsageError, ModelError."""
+    """Write the scenario. Raises UsageError, ModelError."""
     from runtime import files
     from runtime.planning import new_scenario
     from runtime.report import models, terminal
@@ -62,14 +70,9 @@ def init_scenario(
         loaded = source.compiled.model()
     loaded.lump_values  # noqa: B018  raises if masses or rotors are unknown
 
-    def check(stated: Mapping[str, str]) -> None:
-        _Answers(source, loaded, path, options).checked(stated)
-
-    stated = options.stated
-    check(stated)
-    if questions:
-        stated = interview(OF_TASK, stated, "", check)
-    task = _Answers(source, loaded, path, options).task(stated, model)
+    begun, stated = _Begun(source, loaded, path, options), options.stated
+    begun.checked(stated)
+    task = begun.task(stated, model)
     text = new_scenario.scenario_text(loaded, task)
     _check(text, path, loaded)
     files.replace(path, text.encode())
@@ -96,8 +99,8 @@ def _check(text: str, path: Path, model: Model) -> None:
 
 
 @dataclass(frozen=True)
-class _Answers:
-    """What turns answers into a task."""
+class _Begun:
+    """What turns options into a task."""
 
     source: Source
     model: Model
@@ -105,7 +108,7 @@ class _Answers:
     options: TaskOptions
 
     def checked(self, stated: Mapping[str, str]) -> None:
-        """Each of the answers by itself. Raises UsageError, ModelError."""
+        """Each option by itself. Raises UsageError, ModelError."""
         from runtime.planning.new_scenario import point
 
         for key in ("from", "to"):
@@ -119,12 +122,12 @@ class _Answers:
             self._springs(stated["springs"])
 
     def task(self, stated: Mapping[str, str], model: Path) -> PointToPoint:
-        """The task of all answers. Raises UsageError."""
+        """The task of all options. Raises UsageError."""
         from runtime.planning.new_scenario import PointToPoint, point
 
-        for key in OF_TASK:
+        for key, needed in OF_TASK.items():
             if key not in stated:
-                raise UsageError(f"{QUESTIONS[key].text}: an answer is needed, or --{key}")
+                raise UsageError(f"--{key} is needed: {needed}")
         between = [point(self.model, f"via_{k}", text) for k, text in enumerate(self.options.via or (), 1)]
         points = (point(self.model, "start", stated["from"]), *between, point(self.model, "end", stated["to"]))
         named = str(model) if is_name(model) else os.path.relpath(model, self.path.parent)

@@ -1,8 +1,7 @@
-"""A model file begun from nothing: by answers, by options, out of a URDF; it loads, and nothing in it is invented."""
+"""A model file begun from nothing: by options, out of a URDF; it loads, and nothing in it is invented."""
 
 from __future__ import annotations
 
-import io
 import json
 import re
 import tomllib
@@ -25,21 +24,21 @@ Init = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Init:
-    """`tendon init` with these options, and these lines as its standard input."""
+    """`tendon init` with these options."""
     monkeypatch.chdir(tmp_path)
 
-    def called(*options: str, answers: tuple[str, ...] = ()) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in answers)))
+    def called(*options: str) -> tuple[int, str, str]:
         status = output.run(app, ["init", *options])
         return status, *capsys.readouterr()
 
     return called
 
 
-def test_answers_make_a_planar_arm(init: Init) -> None:
-    """Its questions in their order; the motors' values are carried to the joints' output."""
-    answers = ("r,p", "bench", "plane", "0.3, 0.25", "100, 500", "0.05, ?")
-    status, out, err = init("--out", "bench.toml", "--mass", "2,?", answers=(*answers, "command", "more", "than seven"))
+def test_options_make_a_planar_arm(init: Init) -> None:
+    """The motors' values are carried to the joints' output."""
+    options = ("--joints", "r,p", "--plane", "--gravity", "0,0", "--length", "0.3, 0.25", "--gear-ratio", "100, 500")
+    options += ("--torque-constant", "0.05, ?", "--torque", "command", "--mass", "2,?")
+    status, out, err = init("--out", "bench.toml", *options)
     assert (status, err) == (0, "")
     assert out.splitlines() == [
         "bench.toml: bench, 2 joints",
@@ -57,21 +56,20 @@ def test_answers_make_a_planar_arm(init: Init) -> None:
     assert all(set(j.effects) == {"coulomb_asymmetric", "viscous"} and not any(j.effects.values()) for j in arm.joints)
 
 
-def test_every_question_can_be_skipped(init: Init) -> None:
-    assert init("--out", "wrist.toml", "--json", "said.json", answers=("",) * 6)[0] == 0
+def test_a_number_of_joints_is_enough(init: Init) -> None:
+    assert init("--joints", "2", "--out", "wrist.toml", "--json", "said.json")[0] == 0
     arm = reader.load(Path("wrist.toml"))
     assert arm.space
-    assert (arm.name, arm.gravity, len(arm.joints)) == ("wrist", (0.0, 0.0, -9.81), 1)
+    assert (arm.name, arm.gravity, [j.type for j in arm.joints]) == ("wrist", (0.0, 0.0, -9.81), ["revolute"] * 2)
+    assert arm.joints[0].gear_ratio == 1.0
     said = json.loads(Path("said.json").read_text())
-    assert said["unknown"] == [["mass", "com", "inertia", "rotor_inertia"]]
-    assert init("--joints", "r,r", "--plane", "--out", "arm.toml", answers=("",) * 6)[0] == 0
-    assert reader.load(Path("arm.toml")).lengths == (1.0, 1.0)
+    assert said["unknown"] == [["mass", "com", "inertia", "rotor_inertia"]] * 2
 
 
 @pytest.mark.parametrize("options", [("--joints", "r,p", "--space"), ("--joints", "p,r", "--plane", "--length", "0.2")])
 def test_commented_keys_are_keys_of_the_model_file(init: Init, options: tuple[str, ...]) -> None:
     """Each can be filled in where it stands."""
-    assert init(*options, "--no-questions", "--out", "new.toml")[0] == 0
+    assert init(*options, "--out", "new.toml")[0] == 0
     text = Path("new.toml").read_text()
     values = {
         **dict.fromkeys(("mass", "rotor_inertia", "torque_constant", "speed", "torque"), "2.0"),
@@ -86,84 +84,7 @@ def test_commented_keys_are_keys_of_the_model_file(init: Init, options: tuple[st
     assert all((j.torque_constant, j.limits.position, j.limits.torque) == (2.0, (-1.0, 1.0), 2.0) for j in joints)
 
 
-class Terminal(io.StringIO):
-    """Lines typed on a terminal; `interrupted` is Ctrl-C."""
-
-    def isatty(self) -> bool:
-        return True
-
-    def readline(self, size: int | None = -1, /) -> str:
-        line = super().readline(-1 if size is None else size)
-        if line == "interrupted\n":
-            raise KeyboardInterrupt
-        return line
-
-
-def typed(monkeypatch: pytest.MonkeyPatch, *lines: str) -> None:
-    monkeypatch.setattr("sys.stdin", Terminal("".join(f"{line}\n" for line in lines)))
-
-
-def test_on_a_terminal_a_refused_answer_is_asked_for_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """At once, also where it is the reader of model files that refuses it, or a file of this name is there already."""
-    monkeypatch.chdir(tmp_path)
-    Path("one.toml").write_text("mine")
-    lines = ("r,x", "r,r", "two words", "one", "two", "moon", "plane", "?,0.2", "0.3,0.2", "-1", "100", "", "force")
-    typed(monkeypatch, *lines, "link")
-    assert output.run(app, ["init"]) == 0
-    asked = capsys.readouterr().err
-    questions = {"Name": 3, "Joints from": 2, "in one plane": 2, "Lengths": 2, "Gear": 2, "Torque": 1, "What the": 2}
-    assert {question: asked.count(question) for question in questions} == questions
-    assert "gear_ratio is -1" in asked
-    assert "one.toml: already exists; choose another name" in asked
-    assert "--torque force: expected one of motor, link, command, gravity_compensated" in asked
-    arm = reader.load(Path("two.toml"))
-    assert (arm.lengths, [joint.gear_ratio for joint in arm.joints]) == ((0.3, 0.2), [100.0] * 2)
-    assert arm.torque == "link"
-    assert Path("one.toml").read_text() == "mine"
-
-
-def test_a_question_says_its_unit_and_its_side_of_the_gear(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    typed(monkeypatch, *[""] * 4)
-    assert output.run(app, ["init", "--urdf", str(ROBOTS / "ur10_robot.urdf")]) == 0
-    asked = capsys.readouterr().err
-    for before, question in (
-        ("Of the motor alone, before the gear, as in its data sheet", "Torque constants of the motors, N m/A"),
-        ("1 g cm^2 = 1e-7 kg m^2", "Inertias of the motors' rotors, kg m^2"),
-        ("gravity_compensated: the driver took gravity out", "What the recorded torques are"),
-    ):
-        assert re.search(rf"{re.escape(before)}.*\n{re.escape(question)}", asked)
-
-
-def test_no_answer_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Those before a refused one, or before Ctrl-C, are named as the options that state them."""
-    monkeypatch.chdir(tmp_path)
-    kept = "Answered before it: --joints r,r --name two --plane"
-    typed(monkeypatch, "r,r", "two", "plane", "interrupted")
-    assert output.run(app, ["init"]) == output.INTERRUPTED
-    assert kept in capsys.readouterr().err
-    monkeypatch.setattr("sys.stdin", io.StringIO("r,r\ntwo\nplane\nlong\n"))
-    assert output.run(app, ["init"]) == output.BAD_INPUT
-    assert capsys.readouterr().err.strip().endswith(kept)
-    assert list(tmp_path.iterdir()) == []
-    assert output.run(app, ["init", *kept.partition(": ")[2].split(), "--no-questions", "--length", "1"]) == 0
-
-
-@pytest.mark.parametrize("options", [("--gear-ratio", "fast"), ("--torque", "force"), ("--name", "for")])
-def test_an_option_is_refused_before_the_first_question(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], options: tuple[str, str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    typed(monkeypatch, "r")
-    assert output.run(app, ["init", *options]) == output.BAD_INPUT
-    assert "Joints from" not in capsys.readouterr().err
-
-
-def test_options_ask_nothing_that_they_say(init: Init) -> None:
+def test_one_number_is_for_all_joints_and_friction_can_be_left_out(init: Init) -> None:
     options = ("--joints", "r,r", "--plane", "--gear-ratio", "100,80", "--length", "0.3,0.2", "--mass", "2,?")
     status, out, err = init(*options, "--torque-constant", "0.05", "--name", "two", "--no-friction")
     assert (status, err) == (0, "")
@@ -174,28 +95,21 @@ def test_options_ask_nothing_that_they_say(init: Init) -> None:
     assert all(not j.effects for j in arm.joints)
 
 
-def test_without_questions_nothing_is_read(init: Init) -> None:
-    assert init("--joints", "r", "--space", "--no-questions", "--out", "one.toml", answers=("50",) * 20)[0] == 0
-    assert reader.load(Path("one.toml")).joints[0].gear_ratio == 1.0
-    status, _, err = init("--no-questions", answers=("arm", "r"))
-    assert (status, err.count("\n")) == (2, 1)
-    assert "an answer is needed" in err
-
-
 def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Init) -> None:
     """It places the tip alone; what moves the next joint is needed."""
-    assert init("--joints", "r", "--plane", "--no-questions", "--out", "motor.toml")[0] == 0
-    assert init("--joints", "r,r", "--plane", "--length", "0.3,?", "--no-questions", "--out", "two.toml")[0] == 0
+    assert init("--joints", "r", "--plane", "--out", "motor.toml")[0] == 0
+    assert init("--joints", "r,r", "--plane", "--length", "0.3,?", "--out", "two.toml")[0] == 0
     assert reader.load(Path("two.toml")).lengths == (0.3, 0.0)
     assert reader.load(Path("motor.toml")).lengths == (0.0,)
-    status, _, err = init("--joints", "r,r", "--plane", "--length", "?,0.2", "--no-questions", "--out", "no.toml")
+    status, _, err = init("--joints", "r,r", "--plane", "--length", "?,0.2", "--out", "no.toml")
     assert status == 2
     assert err.startswith("Joint 1: the length of a planar link cannot be left out")
 
 
-def test_a_urdf_is_asked_for_its_motors_alone(init: Init) -> None:
-    motors = ("101,101,?,?,?,?", "0.1", "6e-5,6e-5,?,?,?,?", "gravity_compensated")
-    status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), "--out", "mine.toml", answers=motors)
+def test_a_urdf_takes_what_is_stated_of_its_motors(init: Init) -> None:
+    motors = ("--gear-ratio", "101,101,?,?,?,?", "--torque-constant", "0.1", "--rotor-inertia", "6e-5,6e-5,?,?,?,?")
+    motors += ("--torque", "gravity_compensated", "--out", "mine.toml")
+    status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), *motors)
     assert status == 0
     assert out.startswith("mine.toml: ur10, 6 joints")
     arm = reader.load(Path("mine.toml"))
@@ -222,27 +136,26 @@ def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> 
 
 
 @pytest.mark.parametrize(
-    ("options", "answers", "expected"),
+    ("options", "expected"),
     [
-        ((), (), "--joints x: expected 1 to 7 letters r or p"),
-        (("--joints", "r,x"), (), "expected 1 to 7 letters r or p"),
-        (("--joints", "r,r", "--plane"), (), "the length of a planar link cannot be left out"),
-        (("--joints", "rr", "--gear-ratio", "1,2,3"), (), "3 numbers; expected one for all joints, or 2, one each"),
-        (("--joints", "r", "--gear-ratio", "fast"), (), "--gear-ratio fast: expected a number"),
-        (("--joints", "r", "--space", "--gravity", "0,0"), (), "--gravity 0,0: 2 numbers; expected 3 numbers"),
-        (("--joints", "r", "--space"), ("fast",), "--gear-ratio fast: expected a number, or ? where it is unknown"),
-        (("--joints", "r", "--name", "for", "--no-questions"), (), "is a word of C, C++ or Python"),
-        (("--joints", "r", "--space", "--mass", "-1"), (), "mass is -1; expected a number in kg >= 0"),
-        (("--tip", "hand", "--joints", "r"), (), "--base, --tip and --lock need --urdf"),
-        (("--like", "drive", "--joints", "r"), (), "--like copies a model as it is"),
-        (("--urdf", "absent.urdf"), (), "absent.urdf"),
-        (("--urdf", "absent.urdf", "--length", "1"), (), "only options of motors and --torque can stand beside it"),
+        ((), "--joints is needed"),
+        (("--joints", "8"), "expected 1 to 7 letters r or p"),
+        (("--joints", "r,x"), "expected 1 to 7 letters r or p"),
+        (("--joints", "r,r", "--plane"), "the length of a planar link cannot be left out"),
+        (("--joints", "rr", "--gear-ratio", "1,2,3"), "3 numbers; expected one for all joints, or 2, one each"),
+        (("--joints", "r", "--gear-ratio", "fast"), "--gear-ratio fast: expected a number"),
+        (("--joints", "r", "--space", "--gravity", "0,0"), "--gravity 0,0: 2 numbers; expected 3 numbers"),
+        (("--joints", "r", "--torque", "force"), "--torque force: expected one of motor, link, command"),
+        (("--joints", "r", "--name", "for"), "is a word of C, C++ or Python"),
+        (("--joints", "r", "--space", "--mass", "-1"), "mass is -1; expected a number in kg >= 0"),
+        (("--tip", "hand", "--joints", "r"), "--base, --tip and --lock need --urdf"),
+        (("--like", "drive", "--joints", "r"), "--like copies a model as it is"),
+        (("--urdf", "absent.urdf"), "absent.urdf"),
+        (("--urdf", "absent.urdf", "--length", "1"), "only options of motors and --torque can stand beside it"),
     ],
 )
-def test_what_is_no_answer_is_refused_in_one_line(
-    init: Init, tmp_path: Path, options: tuple[str, ...], answers: tuple[str, ...], expected: str
-) -> None:
-    status, out, err = init(*options, answers=("x", *answers))  # "x" is the name of the arm where that is asked
+def test_mistakes_are_refused_in_one_line(init: Init, tmp_path: Path, options: tuple[str, ...], expected: str) -> None:
+    status, out, err = init(*options)
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert expected in err
     assert list(tmp_path.iterdir()) == []

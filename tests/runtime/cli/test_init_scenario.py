@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import tomllib
 from collections.abc import Callable
@@ -19,19 +18,12 @@ Tendon = Callable[..., tuple[int, str, str]]
 SWING = ("--from", "0,0,0,0", "--to", "0,0,0,-1.5707963", "--duration", "1.2")
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
 @pytest.fixture
 def tendon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tendon:
-    """`tendon` with these arguments, and these lines as its standard input, of a terminal if asked for."""
+    """`tendon` with these arguments."""
     monkeypatch.chdir(tmp_path)
 
-    def called(*arguments: str, answers: tuple[str, ...] = (), terminal: bool = False) -> tuple[int, str, str]:
-        text = "".join(f"{line}\n" for line in answers)
-        monkeypatch.setattr("sys.stdin", Terminal(text) if terminal else io.StringIO(text))
+    def called(*arguments: str) -> tuple[int, str, str]:
         return output.run(app, list(arguments)), *capsys.readouterr()
 
     return called
@@ -115,24 +107,10 @@ def test_friction_without_values_is_left_out_of_the_plan(tendon: Tendon) -> None
     assert tomllib.loads(Path("task.toml").read_text())["friction"] is False
 
 
-def test_answers_on_a_terminal_are_asked_again_until_they_fit(tendon: Tendon) -> None:
-    answers = ("0,0", "0,0,0,0", "tip=9,9", "0,0,0,-1.57", "soon", "1.2", "7", "4")
-    status, _, err = tendon("init", "--scenario", "vishard4", answers=answers, terminal=True)
-    assert status == 0
-    for message in (
-        "expected 4 numbers, a position for each joint",
-        "the tip comes no nearer than",
-        "expected the duration",
-        "there is no joint 7",
-    ):
-        assert message in err
-    assert tomllib.loads(Path("task.toml").read_text())["spring"][0]["joint"] == 4
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--from", "0,0,0,0"], "Where it turns: an answer is needed, or --to"),
+        (["--from", "0,0,0,0"], "--to is needed: where it turns or ends"),
         (["--from", "0,0,0", "--to", "0,0,0,1"], "expected 4 numbers, a position for each joint, rad or m; or tip=X,Y"),
         (["--from", "tip=0.1,0.2,0.3"], "expected 2 numbers, x and y of the tip, m"),
         (["--from", "nan,0,0,0"], "expected 4 numbers"),

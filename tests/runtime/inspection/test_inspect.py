@@ -211,7 +211,7 @@ def test_a_name_that_says_another_unit(tmp_path, capsys, field, unit):
 def test_degrees_where_no_inertia_is_stated(tmp_path, capsys):
     """Then no fit can tell; a joint that turns so far is asked about, unless its unit is stated."""
     arm = tmp_path / "arm.toml"
-    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm --no-questions"
+    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm"
     assert run(capsys, "init", *known.split(), "--out", arm)[0] == 0
     path = write(tmp_path / "run.csv", changed(q1=motion()["q1"] * DEGREES, qd1=None))
     assert 'turns; if it is in degrees, pass --map q1="q1 [deg]"' in run(capsys, "inspect", path, arm)[1]
@@ -223,7 +223,7 @@ def test_degrees_where_no_inertia_is_stated(tmp_path, capsys):
 def test_an_inertia_that_the_file_leaves_open_is_shown(tmp_path, capsys, scale):
     """By which a person tells newton metres from others, and the joint's from the motor's: no fit does."""
     arm = tmp_path / "arm.toml"
-    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm --no-questions"
+    known = "--plane --joints r --length 0.3 --gravity 0,0 --gear-ratio 100 --name arm"
     assert run(capsys, "init", *known.split(), "--out", arm)[0] == 0
     path = write(tmp_path / "run.csv", changed(tau1=motion()["tau1"] * scale, qd1=None))
     found = json.loads(run(capsys, "inspect", path, arm, "--json", "-")[1])
