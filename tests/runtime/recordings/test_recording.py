@@ -473,7 +473,7 @@ STARTS = [b"", b"\x93NUMPY", b"PK\x03\x04", b"\x89MCAP0\r\n", b"MATLAB 5.0", b"S
 """Of files that are read."""
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150, deadline=20_000, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(STARTS), st.binary(max_size=400), st.sampled_from([DRIVE, None]))
 @example(b"\x1f\x8b", b"", DRIVE)
 @example(b"t,q1,tau1\n", b'"' * 500_000, DRIVE)
@@ -484,7 +484,7 @@ def test_any_bytes_are_refused_in_one_line(write, start, rest, arm):
 
 @pytest.mark.parametrize("examples", [40, pytest.param(300, marks=pytest.mark.slow)])
 def test_any_change_is_a_recording_or_one_line(write, examples):
-    @settings(max_examples=examples, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @settings(max_examples=examples, deadline=20_000, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(st.data())
     def changed(data):
         check_changed(write, data)
@@ -502,7 +502,7 @@ def check_changed(write, data):
     path = write(text(data.draw(HEADERS), table).replace("\n", data.draw(st.sampled_from("\n\r"))))
     message = ""
     try:
-        r = read(path, DRIVE, allow_gaps=data.draw(st.booleans()))
+        r = read(path, data.draw(st.sampled_from([DRIVE, None])), allow_gaps=data.draw(st.booleans()))
     except RecordingError as error:
         message = str(error)
     else:
