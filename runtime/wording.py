@@ -34,7 +34,9 @@ def number(value: float | None, digits: int = 4) -> str:
         text = f"{value:.{max(0, digits - 1 - exponent)}f}"
         text = text.rstrip("0").rstrip(".") if "." in text else text
     else:
-        text = f"{value / 10**exponent:.{digits - 1}f}".rstrip("0").rstrip(".") + f"·10{_raised(exponent)}"
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+        text = f"{mantissa}·10{_raised(int(power))}"
     return text.replace("-", "−")
 
 

@@ -161,7 +161,8 @@ def test_torque_without_friction_is_all_noise_at_rest(drive: Model) -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_a_motion_of_less_than_a_second_leaves_something_that_is_said(drive: Model) -> None:
-    step = begin(drive, [read(recorded(1e-3 * K, 0), dt=1e-3)]).steps[0]
+    meant = recorded(1e-3 * K, 0)
+    step = begin(drive, [read({**meant, "tau1": meant["tau1"] + 5 * np.sin(K / 7)}, dt=1e-3)]).steps[0]
     assert step.fit.motion.row_rate(0) > len(step.fit.motion.row_piece(0))
     found = outside(step, 0)
     assert found is not None
