@@ -24,7 +24,7 @@ from runtime.documents.parts import IterationsEntry, SearchEnd
 from runtime.documents.replays import MotionErrorEntry, OutputErrorEntry, RefinedMotion, RefinedParameter
 from runtime.identification import grids
 from runtime.identification.estimate import Estimate
-from runtime.identification.fit import Fit, Inference, interval
+from runtime.identification.fit import SKEW, Fit, Inference, interval
 from runtime.identification.settings import SEPARABLE, TANGLED_SHARE
 from runtime.model.terms import Prediction, Term
 from runtime.progress import is_late, within
@@ -41,12 +41,10 @@ from runtime.replay.settings import (
     MOST_WINDOWS,
     SHOOTING,
     SHOOTING_STEP,
-    SKEW_ROUNDS,
+    SKEW_STEP,
     SKEW_TOLD,
-    SKEWS,
     SURE,
     TANGLED,
-    TRIAL_STEPS,
 )
 from runtime.setting import SearchSettings
 from runtime.simulation.equations import PlantEquations
@@ -56,7 +54,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sought:
-    """A parameter: a base inertial one (`lump`, 0-based), one of a term, or a coefficient of a joint's (0-based) drive.
+    """A parameter: a base inertial one (`lump`, 0-based), one of a term, a coefficient of a joint's (0-based) drive, or
+    the skew, samples by which the torque is taken later.
 
     size   by which a step in it is scaled     low, high   its bounds
     """
@@ -120,17 +119,16 @@ class OutputError:
 
 @dataclass(frozen=True, eq=False)
 class Shooting:
-    """A fit and the windows in which its model is simulated; skew: samples by which the torque is taken later."""
+    """A fit and the windows in which its model is simulated."""
 
     fit: Fit
     recordings: Sequence[Recording]
-    skew: float
 
     @cached_property
     def replay(self) -> Replay:
         """The fit's model along the recordings that were fitted."""
         fit = self.fit
-        return Replay(fit.model, fit.prediction, fit.motion, self.recordings, self.skew, longest_step=SHOOTING_STEP)
+        return Replay(fit.model, fit.prediction, fit.motion, self.recordings, fit.skew, longest_step=SHOOTING_STEP)
 
     @cached_property
     def windows(self) -> Windows:
@@ -143,7 +141,8 @@ class Shooting:
     @cached_property
     def sought(self) -> tuple[Sought, ...]:
         """The parameters that the fit told, and the unknown coefficients of the drives that it scaled. Where the torque
-        of a command is unknown, stated inertias give its scale, and stay."""
+        of a command is unknown, stated inertias give its scale, and stay. A command's delay looks like friction in the
+        torque: where the fit tells it badly, the motion tells them apart."""
         inference, library = self.fit.inference, self.fit.model.library
         found = []
         for k, (lump, told) in enumerate(zip(self.fit.model.lumps, inference.lumps, strict=True)):
@@ -162,6 +161,9 @@ class Shooting:
                 if gain.interval is not None:
                     size = max((gain.interval[1] - gain.interval[0]) / 2, 1e-3 * gain.value)
                     found.append(Sought(name, gain.value, size, 0.0, np.inf, joint=i))
+        low, high = inference.skew_interval or (-np.inf, np.inf)
+        if high - low > SKEW_TOLD and any(drives_of(self.recordings)):
+            found.append(Sought(SKEW, max(self.fit.skew, 0.0), SKEW_STEP, 0.0, np.inf))
         return tuple(found)
 
     @cached_property
@@ -195,10 +197,13 @@ class Shooting:
         """(W, S) recorded states."""
         return self.arm.starts(self.replay.tracks, self.windows)
 
-    @cached_property
-    def read(self) -> Array:
+    def skew(self, theta: Array) -> float:
+        """Samples by which the torque is taken later."""
+        return next((float(x) for x, of in zip(theta, self.sought, strict=True) if of.name == SKEW), self.fit.skew)
+
+    def read(self, theta: Array) -> Array:
         """What drives the windows."""
-        return self.arm.read(self.replay.tracks, self.windows)
+        return self.arm.read(replace(self.replay, skew=self.skew(theta)).tracks, self.windows)
 
     @cached_property
     def recorded(self) -> Array:
@@ -218,7 +223,7 @@ class Shooting:
 
     def error(self, theta: Array, off: Array) -> Array:
         """(W, K, n') of the joints that move."""
-        played = self.arm.play(self.started(off), self.read, theta)
+        played = self.arm.play(self.started(off), self.read(theta), theta)
         return np.asarray((played - self.recorded)[:, :, self.moving])
 
     def scale(self, at: tuple[Array, Array]) -> Array:
@@ -237,42 +242,12 @@ def _size(told: Estimate) -> float | None:
 
 
 def output_error(fit: Fit, recordings: Sequence[Recording], allowed: SearchSettings = SearchSettings()) -> OutputError:
-    """The parameters of a fit, refined on the recordings that were fitted. Raises PlantError, RecordingError.
-
-    Where the fit could not tell by how much the torque is late, the motion does: a command's delay looks like friction
-    in the torque.
-    """
-    shooting = Shooting(fit, recordings, fit.skew)
-    scale = shooting.scale(_begin(shooting))
-    low, high = fit.inference.skew_interval or (-np.inf, np.inf)
-    rounds = SKEW_ROUNDS if high - low > SKEW_TOLD and any(drives_of(recordings)) else 0
-    trials = rounds * len(SKEWS)
-    most = allowed.budget or trials * TRIAL_STEPS + GAUSS_NEWTON_STEPS
-    made, ends = 0, list[SearchEnd]()
-
-    def searched(late: float, usual: int, share: int) -> _Searched:
-        """With the torque so many samples later, and at most this share of what may be done."""
-        nonlocal made
-        found = _searched(Shooting(fit, recordings, late), scale, usual, min(usual, share))
-        made += found.steps
-        ends.append(found.ended)
-        return found
-
+    """The parameters of a fit, refined on the recordings that were fitted. Raises PlantError, RecordingError."""
+    shooting = Shooting(fit, recordings)
+    most = allowed.budget or GAUSS_NEWTON_STEPS
     with within(allowed.seconds):
-        skew, tried = fit.skew, np.array(SKEWS)
-        for _ in range(rounds):
-            # All lateness is tried alike.
-            costs = [searched(float(one), TRIAL_STEPS, most // (trials + 1)).cost for one in tried]
-            skew = _of_least_cost(tried, costs)
-            tried = skew + (np.array(SKEWS) - np.mean(SKEWS)) / 3
-        found = searched(skew, GAUSS_NEWTON_STEPS, most - made)
-    return _result(shooting, found, IterationsEntry.of(made, most, ends))
-
-
-def _of_least_cost(tried: Array, costs: Sequence[float]) -> float:
-    """Where a parabola through the costs is lowest."""
-    square, slope, _ = np.polyfit(tried, costs, 2)
-    return float(np.clip(-slope / (2 * square), tried[0], tried[-1]) if square > 0 else tried[np.argmin(costs)])
+        found = _searched(shooting, shooting.scale(_begin(shooting)), most)
+    return _result(found, IterationsEntry.of(found.steps, most, [found.ended]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,26 +268,26 @@ def _begin(shooting: Shooting) -> tuple[Array, Array]:
     return theta, np.zeros((len(shooting.start), 2 * shooting.fit.model.n))
 
 
-def _searched(shooting: Shooting, scale: Array, usual: int, most: int) -> _Searched:
-    """By at most so many steps; `usual` of them are all that the search is made for."""
+def _searched(shooting: Shooting, scale: Array, most: int) -> _Searched:
+    """By at most so many steps."""
     search = _Search(shooting, scale)
     theta, off = _begin(shooting)
     best, steps = search.cost(theta, off), 0
-    while steps < most and not is_late():
+    while steps < min(most, GAUSS_NEWTON_STEPS) and not is_late():
         stepped, steps = search.step(theta, off, best), steps + 1
         before = best
         if stepped is not None:
             theta, off, best = stepped
         if stepped is None or before - best < ENOUGH_FALL * best:
             return _Searched(search, theta, off, best, steps, "complete")
-    ended: SearchEnd = "complete" if steps == usual else "budget" if steps == most else "time"
+    ended: SearchEnd = "complete" if steps == GAUSS_NEWTON_STEPS else "budget" if steps == most else "time"
     return _Searched(search, theta, off, best, steps, ended)
 
 
-def _result(before: Shooting, found: _Searched, search: IterationsEntry) -> OutputError:
+def _result(found: _Searched, search: IterationsEntry) -> OutputError:
     """The parameters with their covariance, and the error of each joint's motion beside that of the fit."""
     after = found.search.shooting
-    errors = before.error(*_begin(before)), after.error(found.theta, found.off)
+    errors = after.error(*_begin(after)), after.error(found.theta, found.off)
     recorded = after.recorded[:, :, after.moving]
     moved = np.sqrt(np.mean((recorded - recorded[:, :1]) ** 2, axis=(0, 1)))
     seconds = after.windows.length * after.replay.tracks[0].dt
@@ -320,9 +295,10 @@ def _result(before: Shooting, found: _Searched, search: IterationsEntry) -> Outp
         joint: (_entry(errors[0][:, :, k], moved[k], seconds), _entry(errors[1][:, :, k], moved[k], seconds))
         for k, joint in enumerate(after.moving)
     }
-    better = found.cost < found.search.cost(*_begin(before))
+    better = found.cost < found.search.cost(*_begin(after))
     covariance = found.search.covariance(found.theta, found.off)
-    return OutputError(after.sought, found.theta, covariance, len(after.start), entries, better, after.skew, search)
+    skew = after.skew(found.theta)
+    return OutputError(after.sought, found.theta, covariance, len(after.start), entries, better, skew, search)
 
 
 def _entry(error: Array, moved: float, seconds: float) -> MotionErrorEntry:
@@ -392,10 +368,15 @@ class _Search:
         states = np.vstack([np.zeros((len(theta), size)), np.eye(2 * n, size)])
         parameters = np.vstack([np.diag(self.sizes), np.zeros((2 * n, len(theta)))])
         played, slopes = self.shooting.arm.slopes(
-            self.shooting.started(off), self.shooting.read, theta, states, parameters
+            self.shooting.started(off), self.shooting.read(theta), theta, states, parameters
         )
         moving = self.shooting.moving
-        error = ((played - self.shooting.recorded)[:, :, moving] / self.scale).reshape(len(off), -1)
+        off_by = (played - self.shooting.recorded)[:, :, moving]
+        for i, of in enumerate(self.shooting.sought):
+            if of.name == SKEW:  # of what is read, which no symbol stands for
+                later = self.shooting.error(theta + of.size * (np.arange(len(theta)) == i), off)
+                slopes[:, i, :, moving] = np.moveaxis(later - off_by, 2, 0)
+        error = (off_by / self.scale).reshape(len(off), -1)
         weighted = (slopes[:, :, :, moving] / self.scale).reshape(len(off), len(states), -1)
         k = len(theta)
         return [(w[:k], w[k:], e, o / self.doubt**2) for w, e, o in zip(weighted, error, off, strict=True)]
@@ -442,6 +423,8 @@ def refined(
         inference, told = found.inference(fit), [r.with_gains(found.told(recordings)) for r in recordings]
     entries = []
     for k, of in enumerate(found.sought):
+        if of.name == SKEW:
+            continue
         after = found.estimate(k, _told(fit, recordings, of))
         name = of.name if of.term is None else f"{of.term.name}: {of.name}"
         entries.append(

@@ -64,22 +64,15 @@ SHOOTING_STEP: Final = 1 / 2000
 GAUSS_NEWTON_STEPS: Final = 10
 """number; steps of the search at most; it begins at a fit, and three or four are the rule."""
 
-TRIAL_STEPS: Final = 2
-"""number; steps for each lateness of the torque that is tried; what they leave compares them; a choice."""
-
-ENOUGH_FALL: Final = 1e-3
-"""part of the cost; a step that lowers it by less is the last; a choice."""
+ENOUGH_FALL: Final = 1e-4
+"""part of the cost; a step that lowers it by less is the last: half of what one in 5,000 errors, alone, adds to it."""
 
 SKEW_TOLD: Final = 0.2
 """samples; width of an interval of the torque's lateness that a fit tells well enough: it moves a friction by a
 tenth of what a whole hold would; a choice."""
 
-SKEWS: Final = (0.0, 0.5, 1.0)
-"""samples; tried where a fit could not estimate by how much the torque is late: from none to a whole hold and a half; a
-parabola through the costs has the best."""
-
-SKEW_ROUNDS: Final = 3
-"""number of parabolas, each a third as wide about the least of the one before; a choice."""
+SKEW_STEP: Final = 0.1
+"""samples; by which steps in the torque's lateness are scaled and its derivative is taken; a choice."""
 
 SURE: Final = 1e-3
 """part of a parameter; the least size by which steps in it are scaled; a choice."""

@@ -59,6 +59,8 @@ def tracks(
 
     Torques are compared in the band of the motion; positions and rates are smoothed as little as the encoders allow.
     """
+    from scipy.interpolate import CubicSpline  # where it is used: it takes longer to load than a fit
+
     commands = _commands(model, motion, recordings)
     wide = prepare(recordings, _of_states(motion), model)
     readings = _on_grid(model, motion, recordings, [r.q for r in recordings])
@@ -76,7 +78,8 @@ def tracks(
                 row[joints] = _shared(x, piece, narrow)[joints]
         along = next(p for p in wide.pieces if _holds(p, narrow))
         rests = np.abs(qd) < np.where(_rubs(model, known), motion.standstill, 0.0)[:, None]
-        late = narrow.t - skew * narrow.dt
+        # A straight line between samples would take 1 % of a command of a tenth of their rate.
+        late = np.clip(narrow.t - skew * narrow.dt, narrow.t[0], narrow.t[-1])
         q_read = np.array([rows[k] for rows in readings])
         off = np.sqrt(np.mean((q_read - q) ** 2, axis=1))
         found.append(
@@ -89,7 +92,7 @@ def tracks(
                 q_read,
                 tau,
                 np.where(rests, 0.0, residual),
-                {key: np.interp(late, narrow.t, rows[k]) for key, rows in commands.items()},
+                {key: CubicSpline(narrow.t, rows[k])(late) for key, rows in commands.items()},
                 _shared(_states(model, known, along), along, narrow),
                 rests.mean(axis=1),
                 np.array([off, off * 2 * np.pi * wide.band.cutoffs]),
