@@ -116,8 +116,6 @@ def _claimed(folder: Path) -> int | None:
 
 
 def _is_moved_by_none(target: Path) -> bool:
-    """Whether the folder can be exchanged: it is not the working directory of this process and its shell, or above
-    it."""
     try:
         return not Path.cwd().is_relative_to(target)
     except OSError:

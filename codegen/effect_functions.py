@@ -29,7 +29,6 @@ def _inputs(effect: Effect, passes_time: bool) -> tuple[Argument, ...]:
 
 
 def _listed(quantities: Sequence[Parameter | State], what: str) -> tuple[str, str]:
-    """Units and names."""
     return ", ".join(q.unit.text() for q in quantities), ", ".join(q.name for q in quantities) or f"empty: no {what}"
 
 

@@ -56,7 +56,6 @@ def _joint(joint: Joint) -> dict[str, object]:
 
 
 def _lump(lump: Lump) -> dict[str, object]:
-    """A lump; for a spatial arm `parts` lists its terms: [joint, parameter of its body or "I", factor]."""
     said = {"name": lump.name, "unit": lump.unit, "meaning": lump.meaning, "joint": lump.joint, "value": lump.value}
     return said | ({"parts": [[j, own, float(f)] for j, own, f in lump.parts]} if lump.parts else {})
 

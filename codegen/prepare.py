@@ -55,7 +55,6 @@ def _digest(unused: tuple[str, ...]) -> str:
 
 
 def _fill(directory: Path, files: Mapping[str, str], level: str) -> None:
-    """Writes the files and `lib.so`, compiled at this level. Unchanged C is not compiled again."""
     _put(directory, files)
     compiled = {path: text for path, text in files.items() if path.endswith(_F64)}
     shutil.copyfile(build.shared_library(compiled, "code", level), directory / "lib.so")

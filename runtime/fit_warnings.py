@@ -71,7 +71,6 @@ def suspicions(
 
 
 def _alone(fit: Fit, motion: Motion) -> Fit:
-    """The structure of a fit, fitted to another motion."""
     return fit_motion(fit.model, fit.on(motion), {t: dict(v) for t, v in fit.shapes.items()}, start=fit)
 
 
@@ -203,19 +202,16 @@ class _Words:
         return [Suspicion(found.joint + 1, "gravity", said, cure, maps=(option,))]
 
     def _or_current(self, joint: int) -> str:
-        """How to read a torque without a unit as a current, where the motor is known."""
         name = f"tau{joint + 1}"
         if self.joints[joint].torque_constant is None or self.motion.units.get(name):
             return ""
         return f"; if it is a current, pass {map_option(self.motion.cells, name, name, unit='A')}"
 
     def _position(self, joint: int) -> str:
-        """The option that reads a joint's position as it should be."""
         source = f"q{self.reading.positions[joint] + 1}"
         return map_option(self.motion.cells, f"q{joint + 1}", source, unit="deg" if joint in self.degrees else "")
 
     def _torque(self, joint: int) -> str:
-        """The option that reads a joint's torque as it should be."""
         source, turned = f"tau{self.reading.torques[joint] + 1}", self.reading.signs[joint] < 0
         return map_option(self.motion.cells, f"tau{joint + 1}", source, self.unit.get(joint, ""), turned=turned)
 
@@ -237,7 +233,6 @@ class _Words:
         return 2 * float(np.median([self._factor(i) for i in sure])) < 1 / UNITS["mA"][1]
 
     def _factor(self, joint: int) -> float:
-        """Between what was fitted and what is stated, 1 or more."""
         ratio = self.wrong.factors[joint].fitted / self.wrong.factors[joint].stated
         return max(ratio, 1 / ratio)
 
@@ -246,7 +241,6 @@ class _Words:
         return self.wrong.factors[joint].alternatives
 
     def _alternatives(self, joint: int, kind: str) -> tuple[str, ...]:
-        """What else may be wrong in the place of a mistake with a joint's position."""
         if joint in self.wrong.alike:
             return (MOTOR,)
         factor = self.wrong.factors.get(joint)
@@ -292,14 +286,12 @@ class _Words:
                 return f"its torque moves {what} of the model file with {self._times(joint)} what they need, {values}"
 
     def _times(self, joint: int) -> str:
-        """What was fitted as a multiple or a part of what is stated."""
         factor = self.wrong.factors[joint]
         if factor.fitted > factor.stated:
             return f"{number(factor.fitted / factor.stated, 4)} times"
         return f"1/{number(factor.stated / factor.fitted, 3)} of"
 
     def _errors(self, joint: int) -> tuple[str, str]:
-        """Relative errors as recorded and put right, in percent."""
         assert self.wrong.errors is not None
         before, after = (f"{100 * errors[joint]:.3g}" for errors in self.wrong.errors)
         return before, after

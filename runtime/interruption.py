@@ -47,8 +47,6 @@ def listening() -> Iterator[Callable[[], int]]:
 
 
 def _let_go(streams: list[int]) -> None:
-    """Redirect streams of a closed terminal to nothing, so that writing to them raises no error that loses a
-    recording."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in streams:
         os.dup2(nowhere, stream)
@@ -100,7 +98,6 @@ def first_heard_by(listener: Callable[[], object]) -> Iterator[None]:
 
 
 def _own() -> Handler:
-    """The present handler of Ctrl-C."""
     found = signal.getsignal(signal.SIGINT)
     return found if callable(found) else lambda *_: None
 

@@ -113,7 +113,6 @@ def cores() -> int:
 
 
 def _left(began: float, done: int, parts: int) -> float:
-    """s; for the rest at the pace so far, and never more than there is."""
     now = time.monotonic()
     return min((now - began) / done * max(parts - done, 0), max(_until.get() - now, 0.0))
 

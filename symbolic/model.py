@@ -97,7 +97,6 @@ def _in_space(arm: Arm, no_rotors: bool) -> ArmModel:
 
 
 def _taken(lumps: tuple[Lump, ...], no_rotors: bool) -> tuple[tuple[Lump, ...], dict[str, float]]:
-    """The lumps, and the values by name of those whose open rotors are taken as 0."""
     links = {x.name: x.links for x in lumps if no_rotors and x.lacks and x.links is not None}
     return tuple(replace(x, value=links.get(x.name, x.value)) for x in lumps), links
 

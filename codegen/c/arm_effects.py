@@ -176,7 +176,6 @@ def _known(signal: Signal) -> bool:
 
 
 def _place(site: Site) -> str:
-    """The field of a site's memory."""
     return f"{site.effect.scope if site.joint is None else f'joint{site.joint}'}_{site.effect.name}"
 
 
@@ -281,7 +280,6 @@ class _Body:
         return "load"
 
     def _level(self, joint: int) -> str:
-        """The magnitude of a joint's dry friction."""
         dry = [s for s in self.of.sites if s.joint == joint + 1 and s.effect.dry]
         total = " + ".join(self.call(s, ef.torque(s.effect), joint) for s in dry) or self._literal(0)
         return f"tendon_abs_{self.precision.suffix}({total})"

@@ -248,7 +248,6 @@ class _AlongSamples:
         return [*self._arrays(own, "0"), *self._begun(), *_block(_EACH_SAMPLE, sample)]
 
     def _arrays(self, read: set[object], at: str) -> list[str]:
-        """Statements that declare the arrays of the signals that are read, at a joint."""
         names = [s.name for s in self.effect.signals if s.symbol in read]
         return [f"const {self.precision.kind} *restrict {name} = s[{at}].{name};" for name in names]
 

@@ -300,13 +300,11 @@ def _brought(found: Compensation) -> dict[sp.Symbol, str]:
 
 
 def _others(found: Compensation) -> dict[str, object]:
-    """Springs other than the usual one: by effect, the parameter in each field."""
     others = [spring for spring in found.springs if spring.joint == 1 and not spring.usual]
     fields = {s.effect.name: {n: p.name for n, (p, _) in zip(s.names, s.lumps, strict=True)} for s in others}
     return {"other_springs": fields} if fields else {}
 
 
 def _powers(spring: Spring, product: sp.Expr) -> dict[str, int]:
-    """A product of a spring's parameters as their powers."""
     powers = product.as_powers_dict()
     return {p.name: int(powers[p.symbol]) for p in spring.effect.parameters if p.symbol in powers}

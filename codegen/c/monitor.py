@@ -196,7 +196,6 @@ def _heated(effect: Effect, values: Mapping[str, float]) -> sp.Expr | None:
 
 
 def _zero(field: RecordField) -> str:
-    """The statement that sets a field of a joint to zero."""
     zero = "0.0f" if field.type == "float" else "0U"
     if field.count is None:
         return f"own->{field.name} = {zero};"

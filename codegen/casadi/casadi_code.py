@@ -104,7 +104,6 @@ def builder(function: SymbolicFunction, widths: bool = False, tape: Tape | None 
 
 
 def _has_names(argument: Argument) -> bool:
-    """Whether the elements have names of their own, in contrast to a value a joint."""
     return argument.name in ("parameters", "p", "x", "width") and bool(argument.symbols)
 
 
@@ -205,7 +204,6 @@ def _joint(joint: Joint) -> dict[str, object]:
 
 
 def _entry(data: Mapping[str, Any]) -> list[str]:
-    """A dictionary with one line per item, and per item of the last value."""
     *plain, (name, last) = data.items()
     rows = [f"{literal(k)}: {literal(v)}," for k, v in plain]
     return [*rows, f"{literal(name)}: {{", *(f"    {row}" for row in _rows(last)), "},"]

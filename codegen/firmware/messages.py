@@ -213,7 +213,6 @@ _COUNTERS: tuple[Row, ...] = (
 
 
 def _unit(text: str, types: Sequence[str]) -> str:
-    """The unit "a|b" for joints of these types: a, b or "a or b"."""
     units = [unit for unit, kind in zip(text.split("|"), ("revolute", "prismatic"), strict=False) if kind in types]
     return " or ".join(units) if "|" in text else text
 

@@ -294,7 +294,6 @@ class Ceilings:
 
 
 def _real(value: float) -> Ceiling:
-    """The nearest float, as a message carries it."""
     nearest: float = struct.unpack("<f", struct.pack("<f", min(max(value, -HIGHEST), HIGHEST)))[0]
     return Ceiling(nearest, float32(Fraction(nearest)))
 

@@ -188,7 +188,6 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _wire_bytes(message: Message) -> int:
-    """Most bytes of a message on the line, with stuffing and delimiter."""
     plain = sum(SIZES[kind] for _, kind in HEADER) + message.size + 4
     return plain + plain // 254 + 2
 

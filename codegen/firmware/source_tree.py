@@ -81,7 +81,6 @@ def machine_files(model: ArmModel, library: Mapping[str, Effect], equations: Map
 
 
 def _summed(controller: Controller) -> dict[str, object]:
-    """The holes of tendon_controller.h about the arm and its statistics."""
     name, control = controller.model.arm.name, controller.model.arm.controller
     minute = 0 if control is None else round(MINUTE * control.rate)
     return {"name": name, "NAME": name.upper(), "statistics": controller.statistics is not None, "minute": minute}

@@ -109,5 +109,4 @@ def _line(value: Argument | Output) -> str:
 
 
 def _values(struct: Struct) -> dict[str, str]:
-    """Values as Python writes them."""
     return {s.name: repr(x) for s, x in zip(struct.symbols, struct.defaults, strict=True)}

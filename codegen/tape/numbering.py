@@ -41,7 +41,6 @@ def lower(expr: Any, lowering: Lowering) -> sp.Expr:
 
 @functools.cache
 def _surrogates() -> dict[Any, sp.Expr]:
-    """The smooth surrogate of every primitive, in _X and _WIDTH."""
     plain = {kind: primitives.smooth(kind(_X, _WIDTH)) for kind in _PRIMITIVES}
     return {kind: e.replace(sp.Max, Larger).replace(sp.Min, Smaller) for kind, e in plain.items()}
 
@@ -347,14 +346,12 @@ class Numbering:
         return s * r, self.node("mul", i, j)
 
     def _switched(self, sign: int, switch: Node, factor: int) -> Ref:
-        """A product with step or ramp as a gate of the other factor, for a ramp times its argument."""
         (x,) = switch.args
         argument = (-1, self.nodes[x].args[0]) if self.nodes[x].op == "neg" else (1, x)
         value = (1, factor) if switch.op == "step" else self.mul(argument, (1, factor))
         return self._gated(x, (sign * value[0], value[1]))
 
     def _gated(self, x: int, value: Ref) -> Ref:
-        """`value` where x > 0, else 0."""
         return value if self.number(value) == 0 else (value[0], self.node("gate", x, value[1]))
 
     def div(self, a: Ref, b: Ref) -> Ref:

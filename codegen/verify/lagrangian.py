@@ -93,19 +93,16 @@ def deviation(arm: Arm, chain: ExactFileChain) -> float:
 
 
 def _rotation(rpy: Sequence[float]) -> Matrix:
-    """R = Rz(yaw) Ry(pitch) Rx(roll), by Rodrigues' formula."""
     x, y, z = (about(axis, angle) for axis, angle in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), rpy, strict=True))
     return product(z, product(y, x))
 
 
 def _axis(link: LinkFrame) -> Vector:
-    """The joint's axis in the file's joint frame."""
     c, s = link.offset.pair
     return scaled(link.sign, applied(transposed(link.body.turn), link.axis((c, -s))))
 
 
 def _start(link: LinkFrame) -> Placement:
-    """The link's pose in the previous frame at q = 0."""
     if isinstance(link.rest, int):
         return link.start
     return replace(link, offset=link.offset + link.rest).start
@@ -288,7 +285,6 @@ def contracted(a: Square, b: Square) -> int:
 
 
 def _inverse(T: Square) -> Square:
-    """The inverse of a homogeneous transform."""
     result = identity()
     result[:3, :3] = T[:3, :3].T
     result[:3, 3] = -(T[:3, :3].T @ T[:3, 3]) % PRIME
@@ -296,18 +292,15 @@ def _inverse(T: Square) -> Square:
 
 
 def _outer_sums(parts: Sequence[Square]) -> Sequence[Square]:
-    """Sums from every joint to the tip."""
     return [*itertools.accumulate(reversed(parts))][::-1]
 
 
 def _residues(placement: Placement) -> Square:
-    """A pose as a homogeneous transform."""
     rows = [[*row, p] for row, p in zip(placement.turn, placement.at, strict=True)]
     return np.array([[residue(x) for x in row] for row in [*rows, [0, 0, 0, 1]]], dtype=object)
 
 
 def _moved(Q: Square, position: Turn | int) -> Square:
-    """exp(Q q): Rodrigues' formula for a turn about a unit axis; for a slide, Q Q is 0."""
     if isinstance(position, Turn):
         return (identity() + Q * position.sin + times(Q, Q) * (1 - position.cos)) % PRIME
     return (identity() + Q * position) % PRIME

@@ -213,7 +213,6 @@ TRUTH: Mapping[str, Callable[[_State], list[int]]] = {
 
 
 def _unit_load(place: tuple[int, int]) -> Square:
-    """The symmetric pseudo-inertia with a 1 at one element and its mirror image."""
     return np.array([[int((i, j) in (place, place[::-1])) for j in range(4)] for i in range(4)], dtype=object)
 
 

@@ -27,7 +27,6 @@ DIGITS = 50
 
 
 def _power(base: Any, exponent: Any) -> Any:
-    """Generated code defines 0 to any power that is not a whole number as 0."""
     if base == 0 and exponent != int(exponent):
         return mpmath.mpf(0)
     return base**exponent
@@ -93,7 +92,6 @@ def _compute(expr: sp.Expr, known: dict[sp.Expr, Any]) -> Any:
 
 
 def _holds(condition: Any, known: dict[sp.Expr, Any]) -> bool:
-    """Whether a condition of primitives.exact holds."""
     if condition in (sp.true, True):
         return True
     left, right = (_value(a, known) for a in condition.args)

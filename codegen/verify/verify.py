@@ -124,7 +124,6 @@ class VerifyReport:
 
 
 def _finite(value: Any) -> Any:
-    """A value for JSON, which has no inf and nan."""
     return None if isinstance(value, float) and not isfinite(value) else value
 
 

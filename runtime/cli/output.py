@@ -95,7 +95,6 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
 
 
 def _came_of_ctrl_c(error: BaseException | None) -> bool:
-    """Whether Ctrl-C caused the error, possibly wrapped, as during an import of compiled code."""
     return error is not None and (
         isinstance(error, KeyboardInterrupt) or _came_of_ctrl_c(error.__cause__ or error.__context__)
     )

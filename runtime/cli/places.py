@@ -78,6 +78,5 @@ def check(known: Mapping[str, Role], given: Mapping[str, Any]) -> None:
 
 
 def _paths(value: Any) -> list[Path]:
-    """Paths of one option; standard output is none."""
     several = value if isinstance(value, list | tuple) else [value]
     return [Path(str(one)) for one in several if one is not None and str(one) != "-"]

@@ -230,7 +230,6 @@ def _computed_again(document: LoopDocument, provenance: Provenance, effects: Pat
 
 
 def _budget(search: SearchEntry) -> int:
-    """Refits after which a search ends as this one did, though time cut it."""
     return search.refits if search.ended == "time" else search.budget
 
 

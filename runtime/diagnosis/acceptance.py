@@ -121,8 +121,6 @@ def _has_size(step: Step, term: Term, values: Mapping[str, Estimate]) -> bool:
 
 
 def _at_a_bound(step: Step, term: Term) -> bool:
-    """Whether a parameter that sizes a term stopped at the bound of what is physical, or none of them is more than an
-    inertial parameter by another name."""
     values, sizes = step.fit.inference.values[term], _sizes(step, term)
     inertial = {lump.name for lump in step.fit.model.lumps}
     bound = any(values[p.name].value in p.bounds and values[p.name].value != p.neutral for p in sizes)
@@ -186,7 +184,6 @@ def _comes_back(before: Step, after: Step, term: Term) -> bool:
 
 
 def _with_shape(step: Step, term: Term, shape: Values) -> Step:
-    """A step with another shape of one of its terms, all that is linear refitted."""
     fit = step.fit
     shapes = {**fit.shapes, term: {**fit.shapes[term], **shape}}
     solved = fit.problem.solve(shapes, Skew(fit.skew))
@@ -278,7 +275,6 @@ def less_likely_cases(system: LinearSystem, terms: Sequence[Term], steps: Sequen
 
 
 def _special_cases(step: Step, terms: Sequence[Term], of: Term) -> list[int]:
-    """Which of some terms are special cases of a term of a step."""
     generalises = step.fit.model.library.effects[of.effect].generalises
     return [k for k, t in enumerate(terms) if t.effect in generalises and t.joint == of.joint]
 
@@ -366,7 +362,6 @@ def bristles(finding: Step) -> tuple[Term, ...]:
 
 
 def _levels(model: Model, term: Term) -> list[str]:
-    """Signals of a joint's dry friction that a term reads."""
     read = model.library.effects[term.effect].signals
     return [name for name in read if model.library.signal[name].needs == "friction"]
 

@@ -128,7 +128,6 @@ class FittedBase:
         return found
 
     def _next(self, term: Term) -> Term:
-        """The first of several of an effect at a joint that is not active."""
         while term in self.problem.layout.terms:
             term = replace(term, number=term.number + 1)
         return term
@@ -249,7 +248,6 @@ class FittedBase:
 
     @cached_property
     def _reread(self) -> Regressors:
-        """Regressors on the excerpt as the encoders might have read it another time."""
         if self.excerpt[0] is self.regressors:
             return self.regressors.perturbed
         reread = self.motion.perturbed.excerpt(self._excerpt_samples)[0]
@@ -411,7 +409,6 @@ class FittedBase:
 
 
 def _apart(one: Array, other: Array) -> Array:
-    """Their difference; of what is not finite in both there is none."""
     with np.errstate(invalid="ignore"):
         return one - other
 

@@ -345,7 +345,6 @@ def passes(fit: Fit, joint: int) -> float:
 
 
 def _by_a_rotor(e: Estimate) -> bool:
-    """Whether it is inseparable from a rotor that the model file leaves out: no other motion would change that."""
     return any(name.startswith(ROTOR) for name in e.with_others)
 
 

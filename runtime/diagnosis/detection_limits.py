@@ -261,8 +261,6 @@ def _along_its_own_motion(base: FittedBase, term: Term, shapes: Sequence[Values]
 
 
 def _between(seen: Callable[[Values], bool], unseen: Values, shape: Values, name: str) -> Values:
-    """The weakest shape that is seen between one that is not and one that is, to a fifth: users would call limits that
-    are nearer the same."""
     while max(shape[name], unseen[name]) > 1.2 * min(shape[name], unseen[name]):
         middle = {k: float(np.sqrt(shape[k] * unseen[k])) for k in shape}
         shape, unseen = (middle, unseen) if seen(middle) else (shape, middle)

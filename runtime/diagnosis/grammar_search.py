@@ -52,7 +52,6 @@ def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[in
 
 
 def _base(step: Step, model: Model) -> FittedBase:
-    """The step's fit as the base of the candidates of another library."""
     found = step.fit
     problem = Problem(model, found.motion, found.problem.layout.terms, prediction=found.prediction, ahead=found.ahead)
     problem.weights = found.problem.weights
@@ -65,7 +64,6 @@ def _at(term: Term, joint: int) -> bool:
 
 
 def _has_neighbours(model: Model, term: Term) -> bool:
-    """Whether the joints beside it are there whose motion the term reads."""
     return all(0 <= (term.joint or 1) - 1 + step < model.n for step in steps(model.library, term.effect))
 
 
@@ -80,7 +78,6 @@ def _rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> R
 
 
 def _nearly_best(ranking: Ranking) -> list[Candidate]:
-    """Those within reach of the best, the one with the fewest parameters first."""
     least = GUESS_REACH * ranking.candidates[0].delta_bic
     near = [c for c in ranking.candidates if c.passes and c.delta_bic >= least]
     return sorted(near, key=lambda c: (c.parameters, -c.delta_bic))

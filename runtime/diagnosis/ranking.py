@@ -217,14 +217,12 @@ class Weighing:
 
     @cached_property
     def _instead(self) -> tuple[LinearSystem, LinearSystem]:
-        """With the block in the place of what it generalises, plain and whitened."""
         base = self.beside.base
         white = base.without(self.beside.white, base.replaced(self.term))
         return self.plain_base.with_block(self.block), white.with_block(self._white_block)
 
     @cached_property
     def _added(self) -> tuple[LinearSystem, LinearSystem]:
-        """With the block beside all that the model has, plain and whitened."""
         if not self.beside.base.replaced(self.term):
             return self._instead
         return self.beside.system.with_block(self.block), self.beside.white.with_block(self._white_block)

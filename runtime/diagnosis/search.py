@@ -128,7 +128,6 @@ def best_single(trail: Trail) -> Step | None:
 
 
 def _moves_enough(trail: Trail, term: Term) -> bool:
-    """Whether the term's joint moves for long enough to say anything of it."""
     return seconds_moving(trail.motion, joints_of(trail.model, term)[0]) >= LEAST_MOVING_S
 
 
@@ -291,8 +290,6 @@ def _beside(base: FittedBase, first: Candidate) -> LinearSystem:
 
 
 def _least_gain(base: FittedBase, step: Step, pair: CandidatePair) -> float:
-    """Fall of the squared error on the excerpt below which no two such effects can each be large enough to be named
-    beside the other."""
     joints = [joints_of(base.model, term)[0] for term in pair.terms]
     return max(base.gain_of(i, TORQUE.limit * step.floors[i]) for i in joints)
 
@@ -326,5 +323,4 @@ def _both(trail: Trail, pair: CandidatePair, together: Step, near: Sequence[Cand
 
 
 def _in_place_of(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:
-    """What could stand for a term beside the other of its pair."""
     return tuple(t for p in near if beside in p.terms for t in p.terms if t not in (beside, term))

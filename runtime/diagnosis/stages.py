@@ -159,5 +159,4 @@ def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> 
 
 
 def _unrefuted(finding: Step) -> tuple[Term, ...]:
-    """The rivals of a finding that nothing refuted, and those that no likelihood sets apart from it."""
     return tuple(dict.fromkeys(t for t in (*finding.rivals, *bristles(finding)) if t not in finding.refuted))

@@ -132,6 +132,5 @@ def _evidence(system: LinearSystem, block: Block, rms: float, floor: float) -> E
 
 
 def _floor(base: FittedBase, joint: int) -> float:
-    """RMS of white noise of both encoders in the band, taken to be alike."""
     motion = base.motion
     return float(np.sqrt(2 * motion.band.position_density[joint] * motion.cutoff(joint)))

@@ -124,13 +124,11 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
 
 
 def _of_verb(verb: str, components: Any) -> tuple[str, str, str]:
-    """Verb, its documents with links, what the first one is."""
     names = [kind.__name__ for kind in documents(verb)]
     return f"`tendon {verb}`", " or ".join(map(_link, names)), _summary(components[names[0]])
 
 
 def _summary(component: Any) -> str:
-    """What an object is, in a few words."""
     return str(component.get("description", "")).partition(":")[0].rstrip(".")
 
 

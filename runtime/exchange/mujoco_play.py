@@ -121,7 +121,6 @@ class Played:
         return np.flatnonzero(self.model.tendon_plasticadr >= 0).tolist() if self.model.ntendon else []
 
     def _joint(self, tendon: int) -> int:
-        """The joint on which a yielding spring sits."""
         return self.motors.index(int(self.model.wrap_objid[self.model.tendon_adr[tendon]]))
 
     def _begin(self, tau: Array, q: Array, qd: Array, bent: Array | None, rests: Array | None) -> None:
@@ -194,7 +193,6 @@ class Played:
 
 
 def _direction(rate: float) -> float:
-    """-1, 0 at rest, or 1."""
     return float(np.sign(rate)) if abs(rate) > AT_REST else 0.0
 
 

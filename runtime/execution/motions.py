@@ -148,7 +148,6 @@ class PlayedMotion:
             )
 
     def _remedy(self, ratio: float) -> str:
-        """How to play it where it is too fast by a ratio."""
         return f"; or --speed {number(0.98 * self.speed / ratio, 2)}" if ratio < _MOST_SLOWED else ""
 
     def _check_ends(self, i: int, joint: JointInfo) -> None:
@@ -220,7 +219,6 @@ class PlayedMotion:
 
     @property
     def _period(self) -> float:
-        """Of the controller, s by the file's time; without one that of the samples."""
         rate = None if self.model.controller is None else self.model.controller["rate"]
         return self.speed / rate if rate else float(np.median(np.diff(self.file.t)))
 

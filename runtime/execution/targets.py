@@ -111,7 +111,6 @@ class Order:
 
     @property
     def _asked(self) -> ExecutionSettings:
-        """A motion's file is played once where nobody asks for more: it has repeats of its own."""
         return self.settings if self.played is None else replace(self.settings, trials=self.settings.trials or 1)
 
     def _simulated(self, settings: ExecutionSettings, board: Callable[[Path, str, int], Board]) -> Execution:
@@ -163,7 +162,6 @@ class Order:
         )
 
     def _look(self, line: ArmLine, on: str) -> BoardEntry:
-        """Where each joint stands by the board, or why that is unknown; nothing moves."""
         try:
             return BoardEntry(standing=real.standing(*self._connect(line, on)), text=None)
         except (LinkError, LinkLost, Fault) as error:

@@ -216,10 +216,8 @@ class Clearance:
 
 
 def _are_apart(capsules: Capsules, a: int, b: int) -> bool:
-    """Whether two capsules belong to links that are no neighbours."""
     return abs(int(capsules.body[a]) - int(capsules.body[b])) > 1
 
 
 def _columns(pairs: Iterable[tuple[int, int]]) -> Which:
-    """(2, P) of P pairs."""
     return np.array([*pairs], dtype=np.int64).reshape(-1, 2).T

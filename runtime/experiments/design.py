@@ -382,7 +382,6 @@ def _tried(
 
 
 def _told(repertoire: Repertoire, choice: PieceChoice) -> str:
-    """A choice in words."""
     return f"{choice.seconds:.0f} s of {', '.join(repertoire.names[k] for k in choice.numbers)}"
 
 

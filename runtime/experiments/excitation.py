@@ -64,7 +64,6 @@ class Climb:
 
 
 def _until_late(_: Array) -> None:
-    """SciPy ends a search whose callback raises StopIteration."""
     if is_late():
         raise StopIteration
 
@@ -110,7 +109,6 @@ class ExcitationSearch:
         return best, IterationsEntry.of(made, budget, [climb.ended for _, climb in found])
 
     def _ended(self, most: int, start: Array) -> tuple[float, Climb]:
-        """Information of the motion at which the search from this start ends, and the way there."""
         with one_thread():
             climb = self._climbed(start, most)
             x = self._within_limits(climb.x)
@@ -141,7 +139,6 @@ class ExcitationSearch:
         return Climb(x, made, IterationsEntry.of(made, most, ends).ended)
 
     def _within_limits(self, x: Array) -> Array:
-        """The motion made smaller until it keeps to every limit. The smallest is nearly at rest."""
         size = 1.0
         while self.beyond(x * size) > 1.0 and size > SMALLEST:
             size *= SMALLER_BY
@@ -155,7 +152,6 @@ class ExcitationSearch:
         return columns[0], columns[1], columns[2], self.torque[:, None]
 
     def _relative(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
-        """Each over its limit."""
         middle = np.array([[e.middle] for e in self.motion.envelopes])
         reach, speed, acceleration, _ = self._limits
         return (q - middle) / reach, qd / speed, qdd / acceleration

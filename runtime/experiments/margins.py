@@ -129,7 +129,6 @@ class KeptDistances:
 
 
 def _least_by_name(names: Sequence[str], values: Array, which: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Of the pairs in question, each name once, with its smallest value in m."""
     found: dict[str, float] = {}
     for k in np.flatnonzero(which).tolist():
         found[names[k]] = min(values[k], found.get(names[k], np.inf))

@@ -75,7 +75,6 @@ def legs(corners: ArrayLike, speeds: ArrayLike, soft: float = CORNER_S) -> Array
 
 
 def _faded(wave: Array, envelope: Envelope, ease: float) -> Array:
-    """From rest to rest, as large as range and speed allow."""
     fade = np.clip(np.minimum(np.arange(len(wave)), np.arange(len(wave))[::-1]) / RATE, 0, 1)
     wave = (wave - wave.mean()) * fade**3 * (10 - 15 * fade + 6 * fade**2)
     fastest = np.abs(np.gradient(wave, 1 / RATE)).max()
@@ -147,7 +146,6 @@ def _under_load(envelope: Envelope, rng: np.random.Generator, ease: float) -> Ar
 
 
 def _swelling(envelope: Envelope, rng: np.random.Generator, ease: float) -> Array:
-    """Oscillation that swells from a hundredth of its size: gentle changes of load, then hard ones."""
     t = np.arange(round(9.0 * RATE)) / RATE
     growth = np.geomspace(0.01, 1.0, len(t))
     return _faded(growth * np.sin(2 * np.pi * rng.uniform(1.8, 2.2) * t), envelope, ease)

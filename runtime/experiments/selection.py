@@ -140,7 +140,6 @@ class Repertoire:
 
 
 def _changes_with_time(bench: TrialArm) -> bool:
-    """Whether something that acts is seen at both ends of a motion only, as friction of a drive that warms up."""
     acting = {term.effect for term in bench.base} | {rival.term.effect for rival in bench.rivals}
     return any("time" in bench.model.library.needs[effect] for effect in acting)
 
@@ -166,7 +165,6 @@ def peaks(bench: TrialArm, path: Array) -> Array:
 
 
 def _peaks(bench: TrialArm, path: Array) -> Iterator[Array]:
-    """The rows of `peaks`, each computed when it is asked for: a rival with a memory takes long."""
     motion = along(bench.known, path)
     for rival in (None, *bench.rivals):
         yield np.abs(bench.record(motion, rival, None).tau).max(axis=1)

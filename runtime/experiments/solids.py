@@ -187,7 +187,6 @@ def _tool(coal: Any, arm: Arm, scene: Scene) -> list[_Solid]:
 
 
 def _surroundings(coal: Any, arm: Arm, scene: Scene) -> list[_Solid]:
-    """Floor and boxes, in the base frame."""
     found = [_Solid(box.name, 0, box.frame, coal.Box(*box.size)) for box in scene.boxes]
     if scene.floor is not None:
         found.append(_Solid("the floor", 0, Frame(), coal.Halfspace(upward(arm), scene.floor)))

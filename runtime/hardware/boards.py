@@ -282,7 +282,6 @@ class QemuBoard:
         return data
 
     def _waits(self, data: bytes) -> bool:
-        """Whether answers or the rest of a frame are missing after `data`."""
         if self._owed:
             self._owed -= {m.values["sequence"] for m in self._messages(data) if m.name == "ack"}
         return bool(self._owed) or (data != b"" and not data.endswith(DELIMITER))
@@ -379,6 +378,5 @@ _LIBC = ctypes.CDLL(None)
 
 
 def _die_with_parent() -> None:
-    """Called in the child before it becomes QEMU: on Linux, the emulator ends when its parent is killed."""
     if sys.platform == "linux":
         _LIBC.prctl(_DIE_WITH_PARENT, signal.SIGKILL)

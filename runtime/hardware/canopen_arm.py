@@ -275,7 +275,6 @@ class CanopenArm:
 
     @property
     def _powered(self) -> bool:
-        """Whether some drive may have power, because the last word it was sent is not disable voltage."""
         return any(word is not Controlword.DISABLE_VOLTAGE for word in self._sent)
 
     def figures(self, real_time: bool) -> DrivesEntry:
@@ -378,7 +377,6 @@ class CanopenArm:
         self._fail(f'{drive.name} could not be switched on within {SWITCHING:g} s: it is in "{state}"', drive)
 
     def _switch_off(self) -> list[CanDrive]:
-        """Switches off at zero torque; the drives that do not report that they are off."""
         return self._until(Controlword.DISABLE_VOLTAGE, _OFF, lambda drive: drive.state in POWERLESS)
 
     def _until(self, word: Controlword, seconds: float, done: Callable[[CanDrive], bool]) -> list[CanDrive]:

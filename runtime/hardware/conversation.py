@@ -139,12 +139,10 @@ class Conversation:
         return self._identity.values
 
     def _stop(self) -> None:
-        """Sends `stop`, which the board accepts in every state and with any number."""
         self._unanswered = self._frame("stop")
         self.link.write(self._unanswered[1])
 
     def _stay_alive(self) -> None:
-        """Sends `alive` when it is due."""
         if self.link.now() >= self._due:
             self._say("alive")
 

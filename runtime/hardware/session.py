@@ -388,7 +388,6 @@ class Session(Conversation):
 
     @property
     def _resting(self) -> bool:
-        """Whether its drives are off and stay off."""
         if self._state is None or self._state["enabled"]:
             return False
         return self._names["states"][self._state["state"]] in ("idle", "stopped")

@@ -173,7 +173,6 @@ def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Pr
 
 
 def _gives_way(model: Model, terms: Iterable[Term]) -> bool:
-    """Whether a transmission gives way, which delays, too: beside it a time cannot be measured by itself."""
     return any(model.library.effects[t.effect].gives_way for t in terms)
 
 

@@ -70,7 +70,6 @@ def _extent(regressors: Regressors, of: str, joints: tuple[int, ...]) -> tuple[f
 
 
 def _of_kind(info: EffectInfo, kind: ParameterKind, values: Values, default: float = nan) -> float:
-    """The value of the parameter of a kind; the default where the effect has none or it has no value."""
     parameter = info.of_kind(kind)
     return default if parameter is None else values.get(parameter.name, default)
 
@@ -266,7 +265,6 @@ class MotorAngle:
         return kept
 
     def _speed(self, part: float) -> float:
-        """The speed below which the motor goes a part of its way."""
         order = np.argsort(self.speed)
         way = np.cumsum(self.speed[order])
         return max(float(self.speed[order[np.searchsorted(way, part * way[-1])]]), 1e-300) if len(way) else 1e-300

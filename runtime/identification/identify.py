@@ -391,7 +391,5 @@ def _squares(problem: Problem, residual: Sequence[Array]) -> list[float]:
 
 
 def _plain(fit: Fit) -> list[float]:
-    """Per joint the weighted squared error of least squares without compensation, on the rows and with the shapes of
-    a fit."""
     system = fit.problem.system(fit.shapes, Skew(fit.skew)).without_noise()
     return _squares(fit.problem, system.residual(system.least(fit.problem.inertia_cuts)))

@@ -70,14 +70,12 @@ def _refined(
 def _least(
     problem: Problem, shapes: Mapping[Term, Values], skew: Skew, term: Term, choices: Sequence[Values]
 ) -> dict[Term, Values]:
-    """Shapes with the choice for a term that leaves the least error."""
     problem.foresee(term, choices, shapes)
     errors = problem.errors([{**shapes, term: shape} for shape in choices], skew)
     return {**shapes, term: choices[first_least(errors)]}
 
 
 def _clear(problem: Problem, one: Mapping[Term, Values], other: Mapping[Term, Values], skew: Skew) -> bool:
-    """Whether other shapes are clearly likelier than some."""
     rows = sum(int(problem.motion.moving(i).sum()) for i in range(problem.model.n))
     errors = problem.errors([one, other], skew)
     return bool(rows * np.log(errors[0] / max(errors[1], 1e-300)) > CLEARLY_LIKELIER)
@@ -136,7 +134,6 @@ def _moments(problem: Problem, term: Term) -> tuple[float, float, float]:
 
 
 def _positions(problem: Problem, term: Term) -> tuple[float, float, float]:
-    """Lowest and highest position of the term's joint, and how far it goes from sample to sample."""
     joint = joints_of(problem.model, term)[0]
     pieces = problem.motion.pieces_of(joint)
     low, high = min(float(p.q[joint].min()) for p in pieces), max(float(p.q[joint].max()) for p in pieces)
@@ -201,7 +198,6 @@ def gap_estimates(
 
 
 def _flanks(problem: Problem, own: Values, term: Term) -> list[Values]:
-    """The term's own shape with the flanks of the grid in the place of its own."""
     play = problem.model.library.effects[term.effect].of_kind("play")
     kept = {play.name: own[play.name]} if play else {}
     choices = ({**own, **c, **kept} for c in points(problem.regressors, term))

@@ -81,8 +81,6 @@ class LinearUnknowns:
 
 
 def _neutral(lump: LumpInfo) -> float:
-    """Of a base inertial parameter that the file leaves open: next to nothing for an inertia or a mass that moves with
-    its own joint, so that D is positive definite whatever the data tell; 0 for the others."""
     # Less than any joint moves, more than the rounding of D's eigenvalues.
     return 1e-6 if lump.name in (f"J{lump.joint}", f"M{lump.joint}") else 0.0
 
@@ -294,7 +292,6 @@ class Problem:
             yield _Part("gains", every, layout.gains, _gains, self.regressors)
 
     def _given(self, term: Term, shapes: Mapping[Term, Values]) -> Values:
-        """Signals of a term that are shape parameters of others: of these shapes, not of an earlier fit."""
         library = self.model.library
         names = (name for name in library.effects[term.effect].signals if library.signal[name].needs == "effect")
         values = {name: given(library, shapes, name) for name in names}
@@ -357,7 +354,6 @@ class Problem:
         return change(of, found)
 
     def _step(self, of: Nonlinear, value: float) -> float:
-        """Over which a derivative is taken: a part of the value, of a line's order of a period over the motion."""
         line = None if of.term is None else self.model.library.effects[of.term.effect].line
         if of.term is None or line is None or line.name != of.name:
             return DERIVATIVE_STEP * abs(value) or DERIVATIVE_STEP

@@ -202,7 +202,6 @@ class Trials:
 
 
 def _is_torque(torque: Array) -> bool:
-    """Whether it is more than what a filter leaves once the recorded torque has become zero."""
     return float(np.linalg.norm(torque)) > 1e-30
 
 

@@ -93,7 +93,6 @@ def doubtful_data(fit: Fit) -> WrongData:
 
 
 def _factors(fit: Fit, reading: Reading, lumps: Array, least: float) -> dict[int, Factor]:
-    """As `factors`, without inertias from which a rotor is missing: a torque at the link has none."""
     apart = factors(fit, reading, lumps, least)
     rotorless = rotorless_torques(fit) if apart else ()
     return {i: factor for i, factor in apart.items() if i not in rotorless}
@@ -197,12 +196,10 @@ class _Search:
         return float(np.mean(errors[self.able] ** 2))
 
     def _turned(self) -> Iterator[_Change]:
-        """The other sign of the torque of one joint, or of all."""
         for joints in _all_or_one(self.turnable):
             yield self.reading.turned(joints), joints, TURNED_FALLS_TO
 
     def _some_turned(self) -> Iterator[_Change]:
-        """The other sign of the torques of some joints, where there are few."""
         few = 7  # whose 127 combinations of signs take less than a second
         for count in range(2, len(self.turnable)) if len(self.turnable) <= few else ():
             for some in combinations(self.turnable, count):
@@ -216,7 +213,6 @@ class _Search:
                 yield self.reading.measured_in(MOTOR, joints), joints, TURNED_FALLS_TO
 
     def _exchanged(self) -> Iterator[_Change]:
-        """Two joints in each other's place."""
         doubtful = [i for i in self.able if self.before[i] > SUSPECTED_FROM]
         for (i, j), what in product(combinations(doubtful, 2), _EXCHANGES):
             yield self.reading.exchanged(i, j, what), (i, j), EXCHANGED_FALLS_TO

@@ -89,7 +89,6 @@ def alike(name: str, names: Sequence[str]) -> list[str]:
 
 
 def _of_joints(best: RecordedField, fields: Sequence[RecordedField]) -> list[str]:
-    """The names of the fields that are the same signal of other joints, in the order of their numbers."""
     stem, several = _family(best, fields)
     return [field.name for field in members(stem, fields)] if several else _alike(best.name, fields)
 

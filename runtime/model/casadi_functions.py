@@ -50,7 +50,6 @@ def evaluate(model: Model, name: str, struct: Any, coordinate: Callable[[str], A
 
 @cache
 def _slope(path: Path, arm: str, name: str, by: str) -> ca.Function:
-    """The derivative of a function of an arm by one of its inputs."""
     function = _function(path / f"{arm}_casadi.py", name)
     inputs = [ca.SX.sym(function.name_in(k), function.size_in(k)) for k in range(function.n_in())]
     place = function.name_in().index(by)

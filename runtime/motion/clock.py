@@ -125,7 +125,6 @@ def _stretch(samples: slice, places: Array | Counts) -> Stretch:
 
 
 def _even(t: Array, period: float) -> bool:
-    """Whether a sample lies near each place; a slow wander of the clock moves none."""
     even = np.linspace(t[0], t[-1], len(t))
     drift = abs((t[-1] - t[0]) / (len(t) - 1) - period) / period
     # An inertia is wrong by twice a drift at most; quartz clocks differ by a tenth of this and less.

@@ -318,7 +318,6 @@ class Motion:
 
 
 def _windows(piece: Piece, samples: int) -> list[slice]:
-    """At most eight windows, from rows of the band on; shorter than ten kernels, they would lose most of their rows."""
     factor, count, kernels = piece.low_pass.factor, 8, 10
     length = max(samples // count, kernels * (2 * piece.low_pass.half + 1))
     starts = np.linspace(0, max(0, len(piece.t) - length), max(1, min(count, samples // length))) // factor * factor
@@ -468,7 +467,6 @@ def _began(recording: Recording, first: int) -> float:
 
 
 def _smooth_temperature(x: Array, dt: float) -> Array:
-    """Moving mean over a second: gears warm slowly, sensors are coarse."""
     width = min(len(x), max(1, round(1 / dt)) | 1)
     return moving_mean(np.pad(x, width // 2, mode="edge"), width)
 

@@ -33,7 +33,6 @@ class RepeatedRows:
 
     @property
     def _taps(self) -> Rows:
-        """Four rows to either side: they interpolate up to four fifths of the rows' bandwidth."""
         return np.arange(-4, 5)
 
     @property

@@ -214,7 +214,6 @@ def _spring(model: Model, joint: int, q: Array, torque: float, stated: bool) -> 
 
 
 def _round(x: float) -> float:
-    """Two digits, so that nobody takes a bound for a result."""
     return float(f"{x:.2g}") if x > 0 else 1.0
 
 

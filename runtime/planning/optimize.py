@@ -61,12 +61,10 @@ _SCATTER = 0.15
 
 
 def _few(degree: int) -> int:
-    """Nodes per phase of the search."""
     return degree + 5
 
 
 def _many(degree: int) -> int:
-    """Nodes per phase of the result, which resolve the kinks of springs."""
     return 3 * degree + 20
 
 
@@ -208,7 +206,6 @@ class Planner:
         return sorted(self._each(coarse, lambda x: coarse.refine(x, _SOFT), sprung), key=self._rank)
 
     def _rank(self, attempt: Attempt) -> tuple[bool, float]:
-        """Sort key: feasible attempts by exact cost, with the kinks between nodes, then others by their violation."""
         if attempt.missed is not None:
             return True, attempt.missed.amount
         return False, objective(self.scenario, effort(self.model, self.trajectory(attempt.x)))
@@ -275,7 +272,6 @@ class Planner:
     # --- springs ---
 
     def _values(self, x: Array) -> list[dict[str, float]]:
-        """All parameters of each spring, SI."""
         springs, place = enumerate(self.fine.program.task.springs), self.fine.program.task.unknowns.spring
         return [{name: float(v) for name, v in s.values(x[place(k)]).items()} for k, s in springs]
 
@@ -375,7 +371,6 @@ def _relief(library: Library, bare: Effort, i: int, spring: SoughtSpring) -> lis
 
 
 def _neighbours(catalogue: Sequence[float], stiffness: float) -> tuple[float, ...]:
-    """The nearest sizes of a catalogue on either side of a stiffness."""
     below = [k for k in catalogue if k <= stiffness]
     above = [k for k in catalogue if k > stiffness]
     return (*([max(below)] if below else []), *([min(above)] if above else []))

@@ -117,7 +117,6 @@ class Program:
 
 
 def _entries(rows: NDArray[np.int64], columns: NDArray[np.int64], values: Array) -> tuple[Array, ...]:
-    """Row, column and value of each entry, of arrays that broadcast to one shape."""
     return tuple(a.ravel() for a in np.broadcast_arrays(rows, columns, values))
 
 

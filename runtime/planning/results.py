@@ -140,7 +140,6 @@ def _joint(model: Model, effort: Effort, ranges: Mapping[int, tuple[float, float
 
 
 def _spring(model: Model, spring: SoughtSpring, values: Values, free: float) -> SpringValues:
-    """Values, the optimal size before one was chosen, and the same in words."""
     kind = model.joints[spring.plan.joint - 1].type
     foreign = {} if spring.info.name == usual(model.library.effects) else {"effect": spring.info.name}
     unit, text = spring.size.unit.text(kind), _words(spring.sought, values, kind)
@@ -148,7 +147,6 @@ def _spring(model: Model, spring: SoughtSpring, values: Values, free: float) -> 
 
 
 def _words(parameters: Sequence[DescribedParameter], values: Values, kind: JointType) -> str:
-    """Parameters of a spring with their values."""
     return ", ".join(
         f"{p.name if p.says is None else p.says} {float(f'{values[p.name]:.4g}'):g} {p.unit.text(kind)}".strip()
         for p in parameters

@@ -138,7 +138,6 @@ class Task:
 
     @cached_property
     def _targets(self) -> dict[str, list[float]]:
-        """Parts of p: places and frames of the end-effector at the points."""
         points = self.scenario.points.items()
         places = {f"tip {name}": list(point.tip) for name, point in points if point.tip is not None}
         frames = {f"frame {name}": target_frame(point) for name, point in points}
@@ -167,14 +166,12 @@ class Task:
     # --- one instant, seen from one phase ---
 
     def _coordinates(self, phase: int, free: Sequence[ca.SX]) -> ca.SX:
-        """All n coordinates, from the free ones."""
         if self.scenario.phases[phase].kind == "contact":
             return ca.vertcat(self.p("plate x"), *free)
         given = dict(zip(self.unknowns.free[phase], free, strict=True))
         return ca.vertcat(*(given.get(i, ca.SX(q)) for i, q in enumerate(self.scenario.posture)))
 
     def _rates(self, phase: int, free: ca.SX) -> ca.SX:
-        """Rates of all n coordinates, from the free ones; the others stand still."""
         given = dict(zip(self.unknowns.free[phase], ca.vertsplit(free), strict=True))
         return ca.vertcat(*(given.get(i, ca.SX(0)) for i in range(self.model.n)))
 
@@ -219,7 +216,6 @@ class Task:
         return Expression.of(z, self.p.symbol, z, NONE, [])
 
     def _cost(self, at: PlanInstant) -> ca.SX:
-        """Cost per time, without the squares."""
         if self.scenario.objective.goal != "positive_work":
             return ca.SX(0)
         power = [at.torque[i] * at.qd[i] for i in self._counted]
@@ -277,7 +273,6 @@ class Task:
 
     @property
     def _kept_off(self) -> bool:
-        """Whether free phases stay above the plate, because others press it."""
         return any(plan.kind == "contact" for plan in self.scenario.phases)
 
     def _speeds(self, plan: PhasePlan, i: int) -> tuple[float, float]:

@@ -197,7 +197,6 @@ def arm_of(path: Path) -> str:
 
 @contextmanager
 def _reading(path: Path) -> Iterator[Place]:
-    """The place of the file in messages; a ModelError becomes a TrajectoryError."""
     try:
         yield Place(printable(str(path)))
     except ModelError as error:

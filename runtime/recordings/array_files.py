@@ -159,7 +159,6 @@ class ArrayContents:
 
 
 def _is_numeric(dtype: np.dtype[Any]) -> bool:
-    """Whether an array's entries are numbers or times."""
     return dtype.kind in "biufmM"
 
 
@@ -210,7 +209,6 @@ _MEANING = "torque"
 
 
 def _as_text(value: Any) -> str:
-    """A text of a file, also in an array of one entry; "" for anything else."""
     entry = value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
     return (
         entry.decode("utf-8", "replace") if isinstance(entry, bytes) else str(entry) if isinstance(entry, str) else ""

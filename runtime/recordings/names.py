@@ -155,7 +155,6 @@ def _spread(
 
 
 def _members(wanted: str, fields: Sequence[RecordedField]) -> tuple[list[RecordedField], str, str]:
-    """The fields with a common name in the order of their numbers, and the sign and unit that `--map` asks for."""
     sign = "-" if wanted.strip().startswith("-") else ""
     base = bare(wanted.strip().removeprefix("-"))
     unit = wanted.strip().removeprefix("-")[len(base) :].strip()
@@ -261,7 +260,6 @@ def _known_log(fields: Sequence[RecordedField]) -> KnownLog | None:
 
 
 def _last(name: str) -> str:
-    """The last part of a name: q[0] of state.q[0]."""
     return re.split(r"[./]", bare(name))[-1]
 
 
@@ -280,7 +278,6 @@ def _translated(fields: Sequence[RecordedField], log: KnownLog) -> tuple[str, ..
 
 
 def _last_parts(fields: Sequence[RecordedField]) -> tuple[str, ...]:
-    """arm.q1 as q1, where only one field ends so."""
     parts = [re.split(r"[./]", field.name.strip())[-1] for field in fields]
     counts = {part: parts.count(part) for part in set(parts) if _OURS.fullmatch(bare(part))}
     return tuple(part if counts.get(part) == 1 else field.name for part, field in zip(parts, fields, strict=True))

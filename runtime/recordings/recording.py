@@ -352,7 +352,6 @@ def _recorded_torque(recording: Recording) -> Array:
 
 
 def _units(command: str, position: Sequence[str]) -> list[str]:
-    """SI units of a drive's command at every joint; that of a ratio is empty."""
     kind = COMMANDS[command].kind
     if kind == "rate":
         return [f"{unit}/s" for unit in position]

@@ -104,7 +104,6 @@ def _mcap_batches(data: memoryview, log: _Log, refuse: Refusal) -> Iterator[Mess
 
 
 def _listed(data: memoryview, messages: list[tuple[int, int, int]], log: _Log) -> Iterator[MessageBatch]:
-    """Messages of each channel, given as (channel, place, length)."""
     for channel in dict.fromkeys(c for c, _, _ in messages):
         places = np.array([(start, size) for c, start, size in messages if c == channel])
         yield from _of_channel(np.frombuffer(data, np.uint8), channel, places[:, 0], lengths=places[:, 1], log=log)

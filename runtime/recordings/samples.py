@@ -380,8 +380,6 @@ def _failed(x: Array, pieces: NDArray[np.int64] | None, kind: str, own: Array | 
 
 
 def _suspected(x: Array) -> Iterator[tuple[float, bool]]:
-    """0, −1, and the commonest of the numbers that come again, and whether one may come for any time: the commonest is
-    where a joint rests."""
     yield from ((0.0, True), (-1.0, True))
     seen, counts = np.unique(x[:: max(len(x) // SCALE_SAMPLES, 1)], return_counts=True)
     if counts.max() > 1:

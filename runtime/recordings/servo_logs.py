@@ -111,7 +111,6 @@ def _note(
 
 
 def _words(name: str) -> str:
-    """A name in lower case, its words joined by _, without its unit."""
     unit = stated_unit(name)
     plain = name if unit is None else name.strip()[: -len(unit) - 2]
     spread = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", plain)

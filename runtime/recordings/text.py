@@ -102,7 +102,6 @@ def _bytes_of(path: Path, refuse: Refusal) -> Iterator[IO[bytes]]:
 
 
 def _in_utf_8(file: IO[bytes]) -> IO[bytes]:
-    """UTF-16, as Windows programs write it, in UTF-8; other texts as they are."""
     wide = file.read(len(_WIDE[0])) in _WIDE
     file.seek(0)
     return codecs.EncodedFile(file, "utf-8", "utf-16") if wide else file
@@ -298,7 +297,6 @@ def _stated_torque(path: Path, refuse: Refusal) -> str:
 
 
 def _is_nameless(line: str) -> bool:
-    """Whether a line consists of numbers only, so that it is a sample and not a header."""
     return all(_is_number(cell) for cell in re.split(r"[;\t ]+|,", line.strip()))
 
 

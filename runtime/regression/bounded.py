@@ -211,7 +211,6 @@ def _released(
 
 
 def _with_held(gram: Array, moment: Array, near: Array | None, theta: Array, held: Mask) -> Array:
-    """theta with its coefficients that are not held at their optimum."""
     free, answer = ~held, theta.copy()
     rest = moment[free] - gram[np.ix_(free, held)] @ theta[held]
     answer[free] = solve(gram[np.ix_(free, free)], rest, None if near is None else near[free])
@@ -259,7 +258,6 @@ def minimise(
 
 
 def _snapped(theta: Array, lower: Array, upper: Array) -> Array:
-    """Coefficients within the solver's accuracy of a bound, or beyond it, exactly on it."""
     near = 1e-8 * float(np.max(np.abs(theta), initial=0.0))
     theta = np.where(theta < lower + near, lower, theta)
     return np.where(theta > upper - near, upper, theta)

@@ -253,7 +253,6 @@ class LinearSystem:
 
     @cached_property
     def _torque(self) -> Array:
-        """(R,) the torque less what has no free coefficient."""
         found = np.zeros(self.gram.shape[1])
         found[0] = 1.0
         found[[b.start for b in self.blocks if b.key not in self.zero]] = -1.0
@@ -271,7 +270,6 @@ class LinearSystem:
 
     @cached_property
     def _rests(self) -> Alike:
-        """Every fold left out once."""
         core = None if self.base is None else self.base._rests
         grams = self._whole.grams - self._folds + np.diag(self._shrinkage)
         return Alike(grams, *self.bounds, ends=self._ends, core=core)
@@ -368,7 +366,6 @@ class LinearSystem:
         return self._combined(self._direction(theta))
 
     def _direction(self, theta: Array, torque: Array | None = None) -> Array:
-        """(R,) of the residual among all rows."""
         direction = (self._torque if torque is None else torque).copy()
         direction[self.unknown] -= theta
         return direction

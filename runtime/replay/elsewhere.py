@@ -56,7 +56,6 @@ class MujocoReplay(Replay):
         return PlayedWindows(windows, self.tracks[0].dt, cut["q"], played, np.full_like(played, np.nan))
 
     def _rests(self, windows: Windows) -> Array:
-        """(W, P) where yielding springs are slack where windows begin, by the recorded motion before."""
         return np.array([self._along[k][s] for k, s in windows.starts])
 
     @cached_property

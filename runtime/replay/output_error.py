@@ -263,7 +263,6 @@ class _Searched:
 
 
 def _begin(shooting: Shooting) -> tuple[Array, Array]:
-    """The fit's parameters, and starts as recorded."""
     theta = np.array([of.value for of in shooting.sought])
     return theta, np.zeros((len(shooting.start), 2 * shooting.fit.model.n))
 

@@ -156,7 +156,6 @@ class Replay:
         return self._arm([self._gains(joint.gains) if drive is None else Feedback(drive) for drive, joint in pairs])
 
     def _gains(self, gains: Gains | None) -> Feedback:
-        """A controller's answer acts as late as its recorded torque, since both are of the same instants."""
         late = self.skew * self.motion.pieces[0].dt
         return OPEN_LOOP if gains is None else Feedback(None, gains.kp, gains.kd, late)
 
@@ -190,7 +189,6 @@ class Replay:
         return windows if windows is not None and windows.starts else None
 
     def _under_torque(self, windows: Windows) -> PlayedWindows:
-        """Windows under the recorded torque."""
         return self._played(self.torqued, windows)
 
     def _played(self, arm: DrivenArm, windows: Windows) -> PlayedWindows:

@@ -123,7 +123,6 @@ def _of_states(motion: Motion) -> Band:
 
 
 def _holds(piece: Piece, narrow: Piece) -> bool:
-    """Whether a piece, smoothed in another band, is of the same stretch."""
     same = (piece.recording, piece.run) == (narrow.recording, narrow.run)
     return same and piece.t[0] <= narrow.t[0] + piece.dt / 2 and narrow.t[-1] <= piece.t[-1] + piece.dt / 2
 

@@ -102,7 +102,6 @@ def _plain(diagnosis: Diagnosis) -> DiagnosisBase:
 
 
 def _encoder_skew(step: Step) -> list[EncoderSkewEntry]:
-    """Of each joint with a link-side encoder, by how long that is read later than the motor's."""
     found = step.fit
     fits = (fit_twist(found, i) for i in range(found.model.n))
     return [f.skew.document().as_part_of(EncoderSkewEntry, joint=f.joint + 1) for f in fits if f is not None]

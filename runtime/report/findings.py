@@ -333,7 +333,6 @@ def in_place_of(other: RankedCandidate, finding: FindingEntry, context: Context)
 
 
 def _as_reason(why: str) -> str:
-    """A reason as a sentence of its own."""
     return sentence(why.removeprefix("is "))
 
 
@@ -405,7 +404,6 @@ def _side(limit: LimitEntry) -> tuple[str, float]:
 
 
 def _amount(value: float) -> str:
-    """Two digits; of a factor as many as distinguish it from 1, at which there is no effect."""
     return told_apart(value, 1.0) if number(value, 2) == "1" else number(value, 2)
 
 

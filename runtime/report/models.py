@@ -233,7 +233,6 @@ def generated_lines(document: GenerateDocument) -> list[str]:
 
 
 def _as_folder(directory: str) -> str:
-    """A folder for pip, which takes a name without a slash for a package of an index."""
     return shlex.quote(directory if "/" in directory else f"./{directory}")
 
 

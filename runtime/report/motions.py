@@ -101,7 +101,6 @@ def _gain(document: MotionDocument) -> list[str]:
 
 
 def _sizes(choice: Choice) -> list[Mapping[str, float]]:
-    """Sizes by joint of springs that can be bought; springs that are sized in different units stand apart."""
     return [by_joint for by_joint in choice.values() if isinstance(by_joint, dict)]
 
 

@@ -323,9 +323,10 @@ def _cut(diagnosis: Diagnosis) -> str:
     """Where a search was cut, and what follows from it."""
     search = diagnosis.search
     by = f"its time limit after {search.refits} of" if search.ended == "time" else "its budget of"
+    refits = "refit" if search.budget == 1 else "refits"
     larger = "--time-limit" if search.ended == "time" else "--budget"
     return (
-        f"the search was cut by {by} {search.budget} refits: nothing is said of joints without a finding; "
+        f"the search was cut by {by} {search.budget} {refits}: nothing is said of joints without a finding; "
         f"a larger {larger} goes on"
     )
 
@@ -500,13 +501,11 @@ def _order(term: Term, last: Step) -> str:
 
 
 def _first_in_file(last: Step) -> str:
-    """Parameters of the file that are grossly wrong, as the beginning of a sentence."""
     gross = [_in_file_and_data(w) for w in credibility.wrong_in_file(last.fit) if w.gross]
     return f"check the model file first: {'; '.join(gross)}; " if gross else ""
 
 
 def _also_in_file(last: Step) -> str:
-    """Parameters of the file that are wrong by less, as the end of a sentence."""
     wrong = [_in_file_and_data(w) for w in credibility.wrong_in_file(last.fit) if not w.gross]
     more = f", and {len(wrong) - _MOST_IN_FILE} more" if len(wrong) > _MOST_IN_FILE else ""
     return f"; the model file is a little off, too: {', '.join(wrong[:_MOST_IN_FILE])}{more}" if wrong else ""

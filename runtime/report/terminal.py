@@ -72,7 +72,6 @@ def _typed(text: str) -> str:
 
 
 def _wrapped(line: str, width: int) -> list[str]:
-    """A line in parts that fit a width, the later ones indented; no word is broken."""
     inside = line[: len(line) - len(line.lstrip())] + "  "
     return textwrap.wrap(line, width, subsequent_indent=inside, break_long_words=False, break_on_hyphens=False) or [""]
 
@@ -169,7 +168,6 @@ def _to_stderr(line: str) -> None:
 
 
 def _how_far(progress: Progress) -> str:
-    """The part of a piece of work that is done, and the time left."""
     share = min(progress.done / progress.parts, 1.0)
     done = f"{progress.what} {progress.done} of {progress.parts} ({share:.0%})"
     return f"{done}, {progress.left:.0f} s left" if progress.left >= 1 else done

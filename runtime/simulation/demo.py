@@ -75,7 +75,6 @@ def motion(rng: np.random.Generator, repeats: int) -> tuple[Array, Array]:
 
 
 def _leg(speed: float, seconds: float) -> Array:
-    """Rate of a leg at constant speed between two rests."""
     return np.concatenate([np.full(round(seconds / PERIOD), speed), np.zeros(100)])
 
 

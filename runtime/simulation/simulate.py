@@ -345,8 +345,6 @@ def _moderate(model: Model, piece: Piece, term: Term, stated: Values, others: St
 
 
 def _known_size(model: Model, term: Term, joint: int) -> float:
-    """Torque of which a term has the part SHARE, as the drive's largest torque tells it: of the model's own terms; 0
-    where it does not."""
     largest = model.joints[joint].torque_limit
     return 0.0 if largest is None or term not in structure(model) else OWN_FRICTION / SHARE * largest
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import shlex
+import sys
 from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
@@ -41,8 +43,14 @@ from runtime.studio.documents import (
 )
 from runtime.studio.history import JointError, PlacedEffect
 from runtime.studio.inputs import GivenRecording
-from runtime.studio.spoken import spoken
 from runtime.wording import numbered, unit
+
+
+def spoken(message: str) -> str:
+    """A message without what one would type: the page has controls for that."""
+    named = re.sub(r"--map (\w+):", r"\1:", message)
+    plain = re.sub(r" \([^()]*--[^()]*\)", "", named)
+    return "; ".join(part for part in plain.split("; ") if "--" not in part and sys.executable not in part)
 
 
 def columns(found: Sequence[FieldPreview]) -> list[ColumnOverview]:
@@ -252,7 +260,6 @@ def verdict(summary: ResultSummary) -> VerdictOverview:
 
 
 def _folded(section: Section) -> Section:
-    """A table is folded under its caption: the page of several joints is long enough."""
     if not isinstance(section, TableSection):
         return section
     return Group(section.caption or "Table", (replace(section, caption=""),), folded=True)

@@ -266,5 +266,4 @@ def document(path: Path, kind: type[T]) -> T | None:
 
 @lru_cache(maxsize=MOST_DOCUMENTS)
 def _read(path: Path, _changed: int, kind: Any) -> Any:
-    """Kept in memory for as long as the file is the same."""
     return read(path, kind)

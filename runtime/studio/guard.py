@@ -146,7 +146,6 @@ def _with_policy(send: Send) -> Send:
 
 
 def _restricted(start: Message, page: bytes) -> Message:
-    """The beginning of an answer with its policy; one that it has already is narrower and stays."""
     headers = MutableHeaders(raw=[*start["headers"]])
     headers.update(_ALWAYS)
     headers.setdefault("content-security-policy", policy(page))

@@ -259,7 +259,6 @@ class LoadedSession:
 
 
 def _on_rows_of(before: Trail, model: Model) -> Step:
-    """A model fitted to the rows of another one."""
     fit = fit_motion(model, before.motion, structure(model))
     held = None if before.held_out is None else errors_elsewhere(fit, before.held_out)
     return Step.of(fit, held_out=held)

@@ -186,7 +186,6 @@ def replayed(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
 
 
 def _typed(effect: PlacedEffect, values: Mapping[str, float]) -> str:
-    """As on a command line: EFFECT@JOINT:KEY=VALUE,..."""
     return str(effect) + (":" + ",".join(f"{name}={value!r}" for name, value in values.items()) if values else "")
 
 

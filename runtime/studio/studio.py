@@ -365,7 +365,6 @@ class Studio:
         return None if self._effects is None else str(self._effects)
 
     def _without_path(self, error: ValueError) -> str:
-        """A message about a given file, with its name alone."""
         return str(error).replace(f"{self.session.folder / 'given'}{os.sep}", "")
 
     def _give_model(self, file: GivenFile, like: str | None = None) -> None:
@@ -415,14 +414,12 @@ class Studio:
         self._take(replace(self.inputs, recordings=(*self.inputs.recordings, given)))
 
     def _take(self, inputs: Inputs) -> None:
-        """Other inputs. The steps stay."""
         self._check_idle()
         with self._lock:
             self.session.change(self.state.given(inputs))
         self._changed()
 
     def _restart(self, inputs: Inputs) -> None:
-        """Other inputs and no steps."""
         self._check_idle()
         with self._lock:
             self.session.restart(inputs)

@@ -58,7 +58,6 @@ def main(folder: str, effects: str | None = None) -> None:
 
 
 def _read(tasks: TextIO, lines: SimpleQueue[str]) -> None:
-    """Queue the tasks. Once the server has gone nobody needs the result of the current one."""
     for line in tasks:
         lines.put(line)
     os.killpg(0, signal.SIGKILL)

@@ -297,7 +297,6 @@ def claims2(rows: Sequence[Row]) -> list[ClaimEntry]:
 
 
 def _savings(cost: Mapping[tuple[float, str], float], T: float) -> list[float]:
-    """By the spring, without and with friction."""
     return [cost[T, bare] - cost[T, sprung] for bare, sprung in ("AB", "CD")]
 
 

@@ -47,7 +47,6 @@ def propose_controller(source: Source, new_gains: bool = False) -> ProposedContr
 
 
 def _rotors(source: Source) -> Iterator[ProposedValue]:
-    """Likely rotor inertias where the file leaves them out and states no base parameters instead."""
     for number in source.compiled.with_likely_numbers()[1]:
         if number.parameter == ROTOR and number.value is not None:
             yield ProposedValue(number.joint, (), ROTOR, number.value, f"assumed: {number.reason}")

@@ -45,7 +45,6 @@ def check_directory(target: Path) -> None:
 
 
 def _same(one: Path, other: Path) -> bool:
-    """Whether two paths are one file, also through links."""
     try:
         return one.samefile(other)
     except OSError:

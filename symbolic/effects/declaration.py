@@ -93,7 +93,6 @@ class LinearForm:
 
 
 def _without(law: sp.Expr, parameters: Iterable[Parameter]) -> sp.Expr:
-    """The law with parameters that only spatial arms have set to zero."""
     return sp.sympify(law).xreplace({p.symbol: sp.S.Zero for p in parameters if p.space})
 
 
@@ -244,7 +243,6 @@ def _unfit_roles(effect: Effect) -> Iterator[str]:
 
 
 def _symbols(effect: Effect) -> set[sp.Symbol]:
-    """All symbols of torque, steps and initial values."""
     return _union([effect.torque, *(s.step for s in effect.states), *(s.initial for s in effect.states)])
 
 
@@ -295,7 +293,6 @@ def mistake(effect: Effect) -> str | None:
 
 
 def _mistyped(value: Any, where: str) -> Iterator[str]:
-    """Errors in the types of a data class's fields, recursively."""
     for name, hint in field_types(value.__class__).items():
         if name not in _NOT_DECLARED:
             yield from _mistake(getattr(value, name), hint, f"{where}: {name}")
@@ -369,5 +366,4 @@ def _word(kind: Any) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A short description of a value."""
     return repr(value)[:40] if isinstance(value, str | int | float | bool | NoneType) else f"a {type(value).__name__}"

@@ -56,7 +56,6 @@ _WEIGHTLESS = sp.Rational(1, 10**9)
 
 
 def _moment(part: str) -> Parameter:
-    """Of first or second order of the payload's mass about the tip; a rigid body's second ones are its own."""
     bounds = (0.0, inf) if part in ("xx", "yy", "zz") else (-inf, inf)
     meaning = f"of the payload's mass by {' '.join(part)} in the tip's frame"
     return Parameter(f"moment_{part}", u.KILOGRAM * u.METRE ** len(part), meaning, bounds=bounds, space=True)

@@ -209,7 +209,6 @@ def _limit(number: int) -> sp.Expr:
 
 
 def _held(number: int) -> sp.Expr:
-    """Deflection of an element at this sample: it follows q within its limit, exactly for any path without a turn."""
     limit = _limit(number)
     free = state(f"element{number}") + Q - state("position")
     return free - ramp(free - limit, WIDTH_POSITION) + ramp(-free - limit, WIDTH_POSITION)

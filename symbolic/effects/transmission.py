@@ -52,7 +52,6 @@ _PLAIN = linear_step(
 
 
 def _stepped(*there: sp.Expr) -> sp.Matrix:
-    """Deflection and rate after the time h on the spring, from x and v; early, late: the force at h/3 and at h."""
     return _PLAIN.xreplace(dict(zip(_STEP, there, strict=True)))
 
 
@@ -60,7 +59,6 @@ _NEXT = _stepped(DT, _DEFLECTION, _RATE, LOAD + _SLOPE / 3, _AHEAD)
 
 
 def _missed(acceleration: sp.Expr) -> sp.Expr:
-    """The torque that a joint lacks because the own joint's link lags its motor by the deflection, to first order."""
     return -(COUPLING * acceleration + COUPLING_RATE * _RATE + COUPLING_SLOPE * _DEFLECTION)
 
 

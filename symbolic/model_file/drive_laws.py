@@ -176,27 +176,23 @@ def _per_volt(gains: Gains) -> float | None:
 
 
 def _back_emf(signals: Signals, gains: Gains) -> Any:
-    """The voltage that the motion induces; where its gain is unknown, its torque is a part of viscous friction."""
     constant = gains.get("back_emf", gains.get("torque_constant"))
     return constant * signals["qd"] if constant else 0
 
 
 def _bridge(signals: Signals, gains: Gains, ramp: Ramp) -> Any:
-    """Voltage on the motor: of the duty, what the dead time leaves."""
     duty, lost = signals["duty"], gains.get("dead_duty", 0.0)
     acting = ramp(duty - lost) - ramp(-duty - lost) if lost else duty
     return acting * signals["bus_voltage"]
 
 
 def _duty(volts: Any, signals: Signals, gains: Gains) -> Any:
-    """The duty at which a voltage is left for the winding."""
     acting = (volts + _back_emf(signals, gains)) / signals["bus_voltage"]
     # The sign as a quotient, which arrays and expressions share.
     return acting + gains.get("dead_duty", 0.0) * acting / (abs(acting) + (acting == 0))
 
 
 def _winding(volts: Callable[[Signals, Gains, Ramp], Any]) -> tuple[LawTerm, ...]:
-    """The term of a motor on a voltage; its inductance acts faster than the band of a recording."""
     return (
         LawTerm("torque_per_volt", ("N m/V", "N/V"), _per_volt, lambda s, g, ramp: volts(s, g, ramp) - _back_emf(s, g)),
     )

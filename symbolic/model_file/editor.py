@@ -273,7 +273,6 @@ def _no_longer_proposed(item: Any) -> None:
 
 
 def _rounded(value: float) -> float:
-    """Rounded for the file: more digits than a fit determines, few enough to read; tiny values are 0."""
     return 0.0 if abs(value) < SMALLEST else float(f"{float(value):.{DIGITS}g}")
 
 
@@ -317,7 +316,6 @@ Trivia = list[tuple[Any, Any]]
 
 
 def _tables(container: Any) -> Iterator[Any]:
-    """The document and all tables within it, in the order of the text."""
     yield container
     for _, item in _body(container):
         for table in item.body if isinstance(item, AoT) else [item] if isinstance(item, Table) else []:
@@ -333,7 +331,6 @@ def _body(container: Any) -> Any:
 
 
 def _content_end(body: Any) -> int:
-    """Where the keys of a table end and the tables within it begin."""
     return next((k for k, (_, item) in enumerate(body) if isinstance(item, Table | AoT)), len(body))
 
 

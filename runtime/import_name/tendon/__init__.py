@@ -22,7 +22,6 @@ from runtime.version import VERSION as __version__  # noqa: F401
 
 
 def _listed() -> dict[str, tuple[str, str]]:
-    """Public name -> module and name there, as __init__.pyi lists them for type checkers."""
     lines = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
     imports = [line for line in lines if isinstance(line, ast.ImportFrom)]
     found = {name.name: (str(line.module), name.name) for line in imports for name in line.names}

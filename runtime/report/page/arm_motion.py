@@ -200,7 +200,6 @@ def _tenths(ratio: Array) -> list[list[int]]:
 
 
 def _levels(ratio: Array) -> list[str]:
-    """A text for every frame with a digit for every joint: 0 unknown, 1 noise, 2 and 3 above it."""
     level = np.where(np.isnan(ratio), 0, 1 + sum((ratio > limit).astype(int) for limit in LEVELS))
     return ["".join(map(str, row)) for row in level.T]
 

@@ -113,7 +113,6 @@ def signal_scripts() -> Markup:
 
 
 def _style() -> dict[str, Markup]:
-    """Styles of the signals, which the report's style includes."""
     texts = {"colours": "colours.css", "signals_style": "signals.css"}
     return {name: Markup((STATIC / file).read_text(encoding="utf-8")) for name, file in texts.items()}
 

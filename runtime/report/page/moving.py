@@ -79,7 +79,6 @@ def _clock(motion: Motion) -> int:
 
 
 def _samples(motion: Motion, shown: Rows) -> tuple[Piece, Rows]:
-    """The piece that holds the rows, and their samples in it."""
     of = motion.row_piece(_clock(motion))
     number = int(of[shown[0]])
     piece = motion.pieces[number]

@@ -318,7 +318,6 @@ def running_clock(t: Array, piece: NDArray[np.integer[Any]]) -> tuple[Array, boo
 
 
 def _largest_change(trace: joint_plots.Trace) -> tuple[float, float, int]:
-    """Start, end and piece of the seconds in which the squared residual falls most, or is largest."""
     weight = (trace.tau - trace.before) ** 2
     if trace.after is not None:
         weight = weight - (trace.tau - trace.after) ** 2

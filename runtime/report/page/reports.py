@@ -212,7 +212,6 @@ def _names(summary: ResultSummary) -> Names:
 
 
 def _quiet(summary: ResultSummary) -> list[int]:
-    """Joints (from 1) that are folded away: nothing was found there, and the residual is noise."""
     joints = range(len(summary.first.joints))
     return [i + 1 for i in joints if len(joints) > 1 and summary.at_floor(i)]
 

@@ -226,7 +226,6 @@ def _stretch(ax: Axes, axis: PlotAxis) -> None:
 
 @FuncFormatter
 def _plain(value: float, _: object) -> str:
-    """Ticks as plain numbers."""
     return f"{value:g}".replace("-", "−")
 
 
@@ -434,7 +433,6 @@ def _running_rms(trace: Trace, residual: Array, bins: int = 90) -> tuple[Array, 
 
 
 def _curve(ax: Axes, trace: Trace, y: Array, **style: Any) -> None:
-    """A curve over time that breaks where rows are missing."""
     t, steps = trace.t, np.diff(trace.t)
     step = float(np.median(steps)) if len(steps) else 1.0
     breaks = np.flatnonzero((steps > 5 * step) | (steps < 0) | (np.diff(trace.piece) != 0)) + 1

@@ -127,7 +127,6 @@ def _note(ax: Axes, values: Array, text: str) -> None:
 
 
 def _widen(ax: Axes, part: float, above: bool) -> None:
-    """Extend the vertical scale on one side by a part of the panel's height; a negative part changes nothing."""
     low, high = ax.get_ylim()
     more = max(0.0, part) * (high - low)
     ax.set_ylim(low if above else low - more, high + more if above else high)

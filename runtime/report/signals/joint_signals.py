@@ -146,7 +146,6 @@ def of_recording(recording: Recording, joint: int) -> SignalSet:
 
 
 def _of_one(series: JointSeries) -> Colour:
-    """The colour of a model that is compared with no other: that of a fallen error where nothing is left."""
     return "after" if series.at_floor else "before"
 
 

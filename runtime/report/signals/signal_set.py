@@ -151,7 +151,6 @@ class Pyramid:
         return out
 
     def _level(self, samples: int, columns: int) -> _Level:
-        """The level with the longest blocks that has at least one a column."""
         enough = [level for level in self.levels if level.size * columns <= samples]
         return enough[-1] if enough else self.levels[0]
 
@@ -318,7 +317,6 @@ class SignalSet:
 
 
 def _packed(values: Array) -> dict[str, object]:
-    """Numbers as 16-bit integers between their ends, in base64."""
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
     steps = np.rint((values - low) * (65535 / ((high - low) or 1.0))).astype("<u2")
     return {"low": low, "high": high, "data": f"base64,{base64.b64encode(steps.tobytes()).decode()}"}

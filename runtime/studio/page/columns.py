@@ -47,8 +47,6 @@ def columns(view: PageView, given: GivenRecording, shown: RecordingOverview) -> 
 
 
 def _chosen(view: PageView, given: GivenRecording, shown: RecordingOverview) -> Choice:
-    """What is chosen in this tab; before that how the recording is read, and where it cannot be read what was asked
-    for and what is guessed."""
     asked = dict(entry.split("=", 1) for entry in given.reading.maps if "=" in entry)
     stated = {TORQUE: asked[TORQUE]} if TORQUE in asked else {}
     asked = {signal: column for signal, column in asked.items() if signal in shown.units}
@@ -137,7 +135,6 @@ class _Choosing:
         self._set({**others, signal: str(new)})
 
     def _measure(self, signal: str, unit: str) -> None:
-        """Another unit, also of the same signal of other joints that was in the same one."""
         before = self._of(signal).unit
         same = [s for s in self.chosen if _stem(s) == _stem(signal) and self._of(s).unit == before and s != TORQUE]
         cells = {s: self._of(s) for s in same if not unit or unit in self.shown.units[s]}
@@ -228,7 +225,6 @@ class _Choosing:
         return MappedColumn.of(self.chosen.get(signal, NONE))
 
     def _unit(self, cell: MappedColumn) -> str:
-        """The unit that is chosen, or that the file states; ""."""
         column = self.known.get(cell.name)
         return normal_unit(cell.unit or ("" if column is None else MappedColumn.of(column.name).unit))
 

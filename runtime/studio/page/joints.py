@@ -77,7 +77,6 @@ def navigation(view: PageView) -> None:
 
 
 def _spot(view: PageView, joint: JointError) -> None:
-    """The colour of a joint, as in the picture of the arm."""
     level = 2 if _is_unexplained(view, joint) else _against_floor(joint.floors)[0]
     put("span", classes="spot", data_level=level)
 

@@ -88,7 +88,6 @@ def sliders(view: PageView, effect: EffectOverview, prefix: str = "") -> None:
 
 
 def _said(entry: ParameterRange, value: float | None) -> str:
-    """A value that is tried, the fitted one and the range."""
     ends = f"{number(entry.low)} to {number(entry.high)} {entry.unit}".strip()
     return f"{entry.name}: {f'{number(value)} {entry.unit}'.strip()} (fitted {number(entry.value)}, range {ends})"
 

@@ -7,11 +7,11 @@ from functools import partial
 from msgspec.structs import replace
 
 from runtime.report.models import imported_arm
+from runtime.studio.describe import spoken
 from runtime.studio.documents import Cure, RecordingOverview
 from runtime.studio.inputs import GivenRecording
 from runtime.studio.page.columns import columns
 from runtime.studio.page.view import PageView, button, folded, put, report_sections, signals
-from runtime.studio.spoken import spoken
 from runtime.wording import number
 
 ARMS = ("drive", "vishard4", "emps", "ur10", "panda")

@@ -146,7 +146,6 @@ def exported(
 
 
 def _at_joints(name: str, library: Mapping[str, Effect]) -> bool:
-    """Whether an effect of the arm is one of every joint, with the same values."""
     return name in library and bool(library[name].alike_at_joints)
 
 

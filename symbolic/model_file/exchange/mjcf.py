@@ -390,7 +390,6 @@ def _drive(model: Any, k: int) -> tuple[tuple[tuple[str, float], ...], float | N
 
 
 def _is_passive(model: Any, a: int) -> bool:
-    """Whether an actuator has no control or no gain: it is friction, a spring or a ripple, and no motor."""
     controls = getattr(model, "actuator_ctrlnum", None)
     return not any(model.actuator_gainprm[a]) or (controls is not None and not controls[a])
 

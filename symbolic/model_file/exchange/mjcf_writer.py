@@ -130,7 +130,6 @@ class _Parts:
             self._clipped("brake", (0.0, 0.0, -2 * abs(difference)), ends)
 
     def _clipped(self, what: str, bias: tuple[float, float, float], ends: tuple[float, float], on: str = "") -> None:
-        """An actuator without control whose force is bias . (1, position, rate), kept between two ends."""
         place = {"tendon": on} if on else {"joint": self.name}
         name = f"{self.name}_{what}{len(self.passive) + 1}"
         law = {"gainprm": "0", "biastype": "affine", "biasprm": numbers(bias), "forcerange": numbers(ends)}
@@ -291,12 +290,10 @@ class _Parts:
 
 
 def _one(place: float) -> str:
-    """A spring's rest as the two ends of its dead band; two of exactly -1 would mean another thing."""
     return numbers((place, math.nextafter(place, math.inf) if place == -1 else place))
 
 
 def _beyond(side: float, place: float) -> str:
-    """The dead band of a spring that acts on one side of a place."""
     return numbers((-FAR, place) if side > 0 else (place, FAR))
 
 

@@ -86,7 +86,6 @@ def _numbers(tree: Tree, arm: Arm) -> dict[str, int]:
 
 
 def _chained(joints: Iterable[TreeJoint]) -> Frame:
-    """The pose of the last joint's frame before the first one, at position 0."""
     return reduce(composed, (joint.origin for joint in joints), Frame())
 
 

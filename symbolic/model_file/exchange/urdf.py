@@ -335,12 +335,10 @@ def _tag_end(data: bytes, start: int) -> int:
 
 
 def _end(data: bytes, node: XmlNode) -> int:
-    """The offset after an element."""
     return _tag_end(data, node.start if _is_empty(data, node) else node.close)
 
 
 def _is_empty(data: bytes, node: XmlNode) -> bool:
-    """Whether the element is a self-closing tag."""
     end = _tag_end(data, node.start)
     return data[end - 2 : end] == b"/>"
 

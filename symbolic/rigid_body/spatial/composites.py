@@ -241,7 +241,6 @@ def inertia(steps: Sequence[JointStep], wholes: Sequence[Moments], rotors: Seque
 
 
 def _momentum(step: JointStep, b: Moments) -> Wrench:
-    """Momentum and its moment at a unit rate of the joint."""
     if step.link.revolute:
         return (-b.y, b.x, 0), (-b.xz, -b.yz, b.spin)
     return _uniform(b, step.axis)
@@ -284,7 +283,6 @@ def turning(steps: Sequence[JointStep], rates: Sequence[Any]) -> list[Vector]:
 
 
 def _uniform(b: Moments, a: Vector) -> Wrench:
-    """Force and moment of a body in a uniform acceleration."""
     return scaled(b.m, a), cross(b.first, a)
 
 

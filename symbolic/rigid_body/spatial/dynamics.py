@@ -244,7 +244,6 @@ def _at_revolute(step: JointStep, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
 
 
 def _at_prismatic(step: JointStep, b: Moments, m: _Motion) -> tuple[Any, Wrench]:
-    """As _at_revolute, with the force along the slide."""
     field = cross(m.w, scaled(m.twice, step.axis))
     force = added(applied(m.U, b.first), scaled(b.m, m.a))
     return dot(step.axis, force), (scaled(b.m, field), cross(b.first, field))

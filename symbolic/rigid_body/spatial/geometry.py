@@ -434,7 +434,6 @@ def exact_rotation(R: Matrix) -> Matrix:
 
 
 def _scaled(elements: Sequence[float]) -> list[Fraction]:
-    """Scaled so that the largest element is ±1, and rounded to TURN_DIGITS."""
     largest = max(abs(e) for e in elements)
     return [Fraction(repr(round(e / largest, TURN_DIGITS))) for e in elements]
 

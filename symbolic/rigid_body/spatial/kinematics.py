@@ -143,7 +143,6 @@ def _from_base(geometry: Geometry, steps: Sequence[JointStep], recorder: Recorde
 
 
 def _turned_axes(step: JointStep, x: Vector, y: Vector, s: Any) -> tuple[Vector, Vector]:
-    """The x and y axes after a turn about z by the joint's angle, or back. s: its sine, or minus that."""
     c, _ = step.direction
     turned = added(scaled(c, x), scaled(s, y)), added(scaled(c, y), scaled(-s, x))
     x, y = (step.named([f"{name}{e}" for e in "xyz"], v) for name, v in zip("xy", turned, strict=True))

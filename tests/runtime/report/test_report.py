@@ -28,7 +28,7 @@ from runtime.diagnosis import credibility, detection_limits
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import BIC, EDGE, ERROR, LIKELIHOOD, SHARE, GateResult
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
-from runtime.diagnosis.steps import Errors, Step, Trail
+from runtime.diagnosis.steps import Errors, SearchWork, Step, Trail
 from runtime.diagnosis.verdict import Diagnosis, JointVerdict
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
@@ -198,15 +198,14 @@ def changed(diagnosis: Diagnosis, change: Callable[[Step], Step]) -> Diagnosis:
     return replace(diagnosis, found=diagnosis.found.to(last), searched=diagnosis.searched.to(last))
 
 
-@pytest.mark.parametrize("stopped", [False, True])
-def test_a_verdict_says_that_time_ended_its_search(improvement, unexplained, stopped):
+@pytest.mark.parametrize("ended", ["complete", "budget", "time"])
+def test_a_verdict_says_what_cut_its_search(improvement, unexplained, ended):
     """Wherever the verdict is read alone: at the prompt, on the page, in a notebook."""
     for made in (improvement.found, unexplained):
-        ended = replace(made, searched=replace(made.searched, stopped=stopped))
-        assert ("time ended the search before all was tried" in diagnosed.document(ended).reason) is stopped
-        assert ("no effect of the library explains" in diagnosed.document(ended).reason) is (
-            ended.verdict == "unexplained" and not stopped
-        )
+        cut = replace(made, searched=replace(made.searched, work=SearchWork(ended=ended)))
+        _, *second = diagnosed.document(cut).reason.split(". ")
+        said = [sentence for sentence in second if "The search was cut by its" in sentence]
+        assert [{"time": "time limit", "budget": "budget"}[ended] in x for x in said] == [True] * (ended != "complete")
 
 
 def test_page_needs_nothing_beside_it(page):
