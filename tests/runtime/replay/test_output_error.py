@@ -52,7 +52,6 @@ def test_the_motion_tells_gains_and_friction_that_the_torque_tells_wrong(tendon:
         name: [abs(by_name[name][when] / value - 1) for when in ("before", "after")] for name, value in truth.items()
     }
     assert all(after < before for before, after in off.values()), off
-    # Intervals know that the delay of the command is one of the unknowns.
     assert all(low < truth[name] < high for name in truth for low, high in [by_name[name]["interval"]]), by_name
     written = re.search(r"kp = ([\d.]+)\nkd", model.read_text())
     assert written is not None
