@@ -114,6 +114,10 @@ MORE_THAN_NOISE: Final = 1.5
 """noise floors; an error beyond is more than noise, for every verb and page; recordings in which nothing is missing, of
 fine and coarse encoders, even and uneven stamps: 1.0 to 1.25."""
 
+UNCERTAIN_INSTANTS: Final = 3.0
+"""noise floors; as MORE_THAN_NOISE, where stamps are uneven: the floor lacks what uncertain instants of reading add;
+development recordings with stamps of whole milliseconds."""
+
 RESOLVED: Final = 0.001
 """part of a joint's torque, RMS; nothing is named of an error below it; magnets weaken by a thousandth a kelvin, and a
 motor's torque with them; the quietest development recordings have twice as much noise."""
