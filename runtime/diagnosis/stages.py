@@ -78,7 +78,7 @@ def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: int = BUDGE
         shown.append(step)
         on_step(step)
 
-    work = SearchWork(budget, open=True)
+    work = SearchWork(budget)
     trail = follow(replace(trail, work=work), show)
     with suppress(CutShort):
         number, others = branches(trail) if work.goes_on() else (0, [])

@@ -180,7 +180,7 @@ class SearchWork:
     budget: int = BUDGET
     refits: int = 0
     ended: SearchEnd = "complete"
-    open: bool = False
+    open: bool = True
 
     def goes_on(self, refits: int = 0) -> bool:
         """Whether the search may go on, and fit so many structures more."""

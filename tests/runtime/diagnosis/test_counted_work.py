@@ -62,7 +62,7 @@ def test_a_search_that_is_cut_says_so_and_calls_nothing_clean(run: Run) -> None:
     assert run(8, 30, *DEMO, "--budget", "1") == (status, cut) == (1, cut)
     found = json.loads(cut)
     assert found["search"] == {"refits": 1, "budget": 1, "ended": "budget"}
-    assert found["reason"].split(". ")[1].startswith("The search was cut by its budget of 1 refits")
+    assert found["reason"].split(". ")[1].startswith("The search was cut by its budget of 1 refit:")
     assert [step["added"] for step in found["history"]] == [None, "stribeck@1"]
     assert found["history"][1]["held_out"] < found["history"][0]["held_out"]
     assert ([joint["verdict"] for joint in found["joints"]], found["would_have_seen"]) == (["refused"], [])

@@ -171,7 +171,7 @@ def test_where_a_search_is_cut_its_findings_are_named_and_nothing_is_clean() -> 
     assert (cut.verdict, sorted(v.why for v in cut.joints), cut.seen) == ("effect", ["cut", "found"], ())
     document = diagnosed.document(cut)
     assert (document.search.refits, document.search.budget, document.search.ended) == (1, 1, "budget")
-    said = "he search was cut by its budget of 1 refits"
+    said = "he search was cut by its budget of 1 refit"
     assert said in document.reason.split(". ")[1]
     assert [said in joint.reason for joint in document.joints] == [v.why == "cut" for v in cut.joints]
 
