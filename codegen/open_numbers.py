@@ -23,6 +23,8 @@ from symbolic.model_file.checks import ModelError, check_stated, open_lines
 
 POSES = 1000
 """Random poses at which D is looked at, within the joints' limits or half a turn (1 m) to both sides."""
+FARTHEST = 100.0
+"""rad or m; poses beyond are none of an arm, and rounding would decide of them."""
 LEAST_EIGENVALUE = 1e-12
 """Of D with a diagonal of 1, where it counts as positive definite: thousands of roundings."""
 
@@ -70,7 +72,7 @@ def _indefinite(model: ArmModel) -> str | None:
     rng, function, n = random.Random(0), model.function("inertia"), len(model.arm.joints)
     free = {"revolute": (-pi, pi), "prismatic": (-1.0, 1.0)}
     ranges = [joint.limits.position or free[joint.type] for joint in model.arm.joints]
-    poses = np.array([[rng.uniform(*ends) for ends in ranges] for _ in range(POSES)])
+    poses = np.array([[rng.uniform(*np.clip(ends, -FARTHEST, FARTHEST)) for ends in ranges] for _ in range(POSES)])
     values = dict(zip(model.struct.symbols, model.struct.defaults, strict=True))
     values |= dict(zip(function.inputs[0].symbols, poses.T, strict=True))
     elements = Tape.of(function).evaluate(values, {"const": float, "neg": np.negative, "sin": np.sin, "cos": np.cos})
