@@ -74,10 +74,10 @@ def _demanded(
     error, slope, total = np.zeros(len(t)), np.zeros(len(t)), 0.0
     for k, step in enumerate(np.diff(t, prepend=t[0])):
         if kd:
-            # The error decays towards tau / kp with the time constant kd / kp, here over a step of held torque.
+            # The error decays towards tau / kp with the time constant kd / kp; over a step the mean torque of its ends.
             part = -np.expm1(-kp / kd * step)
-            before = error[k - 1] if k else tau[0] / kp
-            error[k] = before + part * ((tau[k] - ki * total) / kp - before)
+            before, mean = (error[k - 1], (tau[k - 1] + tau[k]) / 2) if k else (tau[0] / kp, tau[0])
+            error[k] = before + part * ((mean - ki * total) / kp - before)
         else:
             error[k] = (tau[k] - ki * total) / (kp + ki * step)
         total += error[k] * step
