@@ -350,7 +350,9 @@ def test_cores_only_save_time(model: Model, monkeypatch: pytest.MonkeyPatch) -> 
     assert len(one.choices) == 2
 
 
-@pytest.mark.parametrize(("allowed", "ended"), [({"budget": 8}, "budget"), ({"time_limit": 0.1}, "time")])
+@pytest.mark.parametrize(
+    ("allowed", "ended"), [({"budget": 8}, "budget"), ({"time_limit": 0.1, "starts": 200}, "time")]
+)
 def test_a_search_that_is_cut_says_so(
     two: Model, allowed: dict[str, float], ended: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
