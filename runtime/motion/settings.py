@@ -116,7 +116,7 @@ fine and coarse encoders, even and uneven stamps: 1.0 to 1.25."""
 
 UNCERTAIN_INSTANTS: Final = 3.0
 """noise floors; as MORE_THAN_NOISE, where stamps are uneven: the floor lacks what uncertain instants of reading add;
-development recordings with stamps of whole milliseconds."""
+a choice, twice MORE_THAN_NOISE; an arm with stamps of whole milliseconds: 1.6."""
 
 RESOLVED: Final = 0.001
 """part of a joint's torque, RMS; nothing is named of an error below it; magnets weaken by a thousandth a kelvin, and a

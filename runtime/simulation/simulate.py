@@ -130,8 +130,7 @@ def simulate(
     """A recording at 1 kHz, and all effects in it with their values.
 
     motion   (n, N) positions at 1 kHz, or the result of `along`; None: the excitation of the settings
-    torque   what the recorded torques are, as the model file says it of its recordings; the law of a drive makes those
-             of the motor, as do drives of which nothing is said
+    torque   kind of the recorded torques, as the model file states it; None, and a drive with a law: the motor's torque
     Values that are not stated are chosen for `motion`, or for the excitation of the default seed, so that all seeds
     record the same arm. Raises SimulationError.
     """
