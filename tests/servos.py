@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -74,19 +75,22 @@ def _spring(hidden: str | None) -> Callable[[float, float], float]:
     return lambda q, _t: size * (q - 0.3)
 
 
-def servo(hidden: str | None, seed: int, most: float = np.inf) -> ServoLog:
+def servo(hidden: str | None, seed: int, most: float = np.inf, every: int = 1) -> ServoLog:
     """A position servo, told position and rate, that measures its rate; most: N m that it makes.
 
-    It closes its loop at every instant, on the joint's angle itself, and holds what it is told for a sample.
+    It closes its loop at every instant, on the joint's angle itself, and holds what it is told for a sample: that of
+    its log, which has one of so many periods.
     """
     opposing, load, parts = _friction(hidden), _spring(hidden), 8
-    h = demo.PERIOD / parts
+    h, steps, told = demo.PERIOD / parts, count(), 0.0
 
     def torque(want: Array, seen: Array, rate: Array) -> Array:
         return np.clip(KP * (want[0] - seen) + KD * (want[1] - rate), -most, most)
 
     def advance(state: demo.State, want: Array, time: float) -> None:
-        told = KP * want[0] + KD * want[1]
+        nonlocal told
+        if next(steps) % every == 0:
+            told = KP * want[0] + KD * want[1]
         for _ in range(parts):
             q, qd = state[0], state[1]
             # Of the middle of the step, to the second order: an answer half a step late would be another inertia.
@@ -99,7 +103,7 @@ def servo(hidden: str | None, seed: int, most: float = np.inf) -> ServoLog:
             new = 0.0 if qd * new < 0.0 else new
             state[:3] = [q + h / 2 * (qd + new), new, (new - qd) / h]
 
-    t, wanted, q, qd = _loop(seed, advance, lambda want, *_: want)
+    t, wanted, q, qd = (x[..., ::every] for x in _loop(seed, advance, lambda want, *_: want))
     columns = {
         "t [s]": t,
         "q1 [rad]": q,

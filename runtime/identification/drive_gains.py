@@ -29,6 +29,7 @@ from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_B
 from runtime.identification.stated_parts import stated_lumps
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure
+from runtime.motion.motion import Motion
 from runtime.recordings.driven import DrivenJoint, ToldGain
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.regression.bounded import bounded, inverse
@@ -139,9 +140,10 @@ def _scaled(gains: Mapping[str, ToldGain], by: float) -> dict[str, ToldGain]:
 @dataclass(frozen=True)
 class _Equation:
     """One joint's: y (M,) = θ · columns (K, M), the first `gains` of which are the drive's; noise (K, M): what the
-    encoders add to them; stretch (M,): of time, by number."""
+    encoders add to them; heard (M,): to y; stretch (M,): of time, by number."""
 
     y: Array
+    heard: Array
     columns: Array
     noise: Array
     lower: Array
@@ -163,7 +165,7 @@ class _Equation:
     def solved(self) -> tuple[Array, Array]:
         """θ (K,) and its covariance, with residuals that hang together within a stretch of time."""
         gram = self.columns @ self.columns.T - self.noise @ self.noise.T
-        theta = bounded(gram, self.columns @ self.y, self.lower, self.upper)
+        theta = bounded(gram, self.columns @ self.y - self.noise @ self.heard, self.lower, self.upper)
         scores = self.columns * (self.y - theta @ self.columns)
         each = np.array([scores[:, self.stretch == s].sum(axis=1) for s in np.unique(self.stretch)])
         over = inverse(gram)
@@ -190,23 +192,30 @@ def _of_joint(fit: Fit, again: Problem, i: int, joint: DrivenJoint) -> dict[str,
     """
     late = fit.skew + fit.problem.regressors.late(i)
     whole = fit.problem.regressors.whole(i)
-    columns = {name: fit.motion.torque_per_gain((i, name), late, whole) for name in joint.unknown}
-    known = fit.motion.torque_delayed(i, late, 0.0, whole) - sum(
-        joint.acting[name] * column for name, column in columns.items()
-    )
+
+    def given(motion: Motion) -> dict[str, Array]:
+        """Columns of the unknown gains, and "": the torque of those that are known."""
+        columns = {name: motion.torque_per_gain((i, name), late, whole) for name in joint.unknown}
+        made = sum(joint.acting[name] * column for name, column in columns.items())
+        return columns | {"": motion.torque_delayed(i, late, 0.0, whole) - made}
+
+    columns, noisy = given(fit.motion), given(again.motion)
+    noise = {name: noisy[name] - x for name, x in columns.items()}
     command = joint.command_gain
     others = [name for name in joint.unknown if name != command]
     asked = command if command in joint.unknown else ""
-    equation = _equation(fit, again, i, columns, known, asked, others)
+    equation = _equation(fit, again, i, (columns, noise), asked, others)
     alike = [name for k, name in enumerate(others) if equation.own(k) < TOLD_APART]
     if alike:
         others = [name for name in others if name not in alike]
-        equation = _equation(fit, again, i, columns, known, asked, others)
+        equation = _equation(fit, again, i, (columns, noise), asked, others)
     slope = fit.problem.regressors.skew(i, late) if fit.skew_free else fit.motion.slope(i)
-    wider = equation.beside(np.vstack([_lacking(fit, i), slope])[:, fit.motion.moving(i)])
+    use = fit.motion.moving(i)
+    late_too = equation.beside(slope[None, use])
+    wider = late_too.beside(_lacking(fit, i)[:, use])
     if all(wider.own(k) > TOLD_APART for k in range(wider.gains) if wider.columns[k].any()):
         equation = wider
-    found = _gains(fit, i, joint, equation, others, bool(asked))
+    found = _gains(fit, i, joint, (equation, late_too), others, bool(asked))
     return found | {name: ToldGain(name, 0.0, "", None, imitated=True) for name in alike}
 
 
@@ -230,26 +239,29 @@ def _equation(
     fit: Fit,
     again: Problem,
     i: int,
-    columns: Mapping[str, Array],
-    known: Array,
+    given: tuple[Mapping[str, Array], Mapping[str, Array]],
     command: str,
     others: Sequence[str],
 ) -> _Equation:
-    """A joint's (0-based) equation: over the command's coefficient, unless that is known ("")."""
+    """A joint's (0-based) equation: over the command's coefficient, unless that is known ("").
+
+    given: by gain and, of those that are known together, by "", (M,) the torque per unit; and the encoders' noise in it
+    """
     use, layout = fit.motion.moving(i), fit.problem.layout
     (x, fixed), (x_again, fixed_again) = (_undelayed(p, fit, i) for p in (fit.problem, again))
     stated, values = stated_lumps(fit.model)
     pinned, pinned_again = (values @ rows[: len(stated)] + f for rows, f in ((x, fixed), (x_again, fixed_again)))
     free = np.append(~stated, np.ones(len(x) - len(stated), dtype=bool)) & x.any(axis=1)
     free[layout.gains] = False  # they are asked for here
-    own = np.stack([*(-columns[name] for name in others), pinned - known])
-    noise = np.stack([*(np.zeros_like(known) for _ in others), pinned_again - pinned])
-    y = columns[command] if command else known - pinned
+    sides = zip(given, (pinned, pinned_again - pinned), strict=True)
+    own, noise = (np.stack([*(-part[name] for name in others), rest - part[""]]) for part, rest in sides)
+    y, heard = (part[command] if command else -rows[-1] for part, rows in zip(given, (own, noise), strict=True))
     lower, upper = _one_sided(layout.lower[free]), _one_sided(layout.upper[free])
     count = len(own) if command else len(own) - 1
     blocks = fit.motion.row_piece(i) * 10**6 + (fit.motion.row_time(i) / SCORE_BLOCK_S).astype(int)
     return _Equation(
         y[use],
+        heard[use],
         np.vstack([own[:count], x[free]])[:, use],
         np.vstack([noise[:count], (x_again - x)[free]])[:, use],
         np.concatenate([np.zeros(count), lower]),
@@ -277,14 +289,15 @@ def _one_sided(bounds: Array) -> Array:
 
 
 def _gains(
-    fit: Fit, i: int, joint: DrivenJoint, equation: _Equation, others: Sequence[str], scaled: bool
+    fit: Fit, i: int, joint: DrivenJoint, by: tuple[_Equation, _Equation], others: Sequence[str], scaled: bool
 ) -> dict[str, ToldGain]:
-    theta, covariance = equation.solved()
-    spread, at = INTERVAL_SIGMAS * np.sqrt(np.maximum(np.diag(covariance), 0.0)), len(others)
+    """Gains by the first of two equations; no surer beside the command's than by the second, in which that is late."""
+    (theta, covariance), (_, late) = (equation.solved() for equation in by)
+    at = len(others)
+    spread, wide = (INTERVAL_SIGMAS * np.sqrt(np.maximum(np.diag(x), 0.0)) for x in (covariance, late))
     type_of = fit.model.joints[i].type
     units = {term.name: term.unit[type_of == "prismatic"] for term in joint.law.terms}
-    one = 1.0
-    sure = not scaled
+    one, sure = 1.0, not scaled
     found: dict[str, ToldGain] = {}
     if scaled:
         name = joint.command_gain
@@ -294,7 +307,7 @@ def _gains(
         ends = (1 / (part + half), 1 / (part - half)) if sure else None
         found[name] = ToldGain(name, one, units[name], ends)
     for k, name in enumerate(others):
-        half = one * float(spread[k])
+        half = one * float(max(spread[k], wide[k]))
         value = one * float(theta[k])
         ends = (max(value - half, 0.0), value + half) if sure else None
         found[name] = ToldGain(

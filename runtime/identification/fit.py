@@ -19,8 +19,10 @@ from runtime.identification.problem import DERIVATIVE_STEP, LATE, Nonlinear, Pro
 from runtime.identification.regressors import Ahead, Regressors
 from runtime.identification.settings import (
     INTERVAL_SIGMAS,
+    NOMINAL_SKEW,
     SCORE_BLOCK_S,
     SEPARABLE,
+    SKEWS_APART,
     SMOOTHING_BIAS,
     TANGLED_SHARE,
     WHITENED_BIAS,
@@ -219,12 +221,16 @@ def _uncertainty(fit: Fit) -> Uncertainty:
     covariance = np.diag(np.where(np.diag(bread) > 0, 0.0, np.inf))
     through = (along.T @ through_prediction(fit, system, at) @ along)[part]
     moved = np.linalg.solve(np.eye(len(there)) + inverted @ through, inverted)
+    names = _names(problem, system)
     covariance[part] = moved @ meat[part] @ moved.T
     other, soft = whitened_shift(fit, system, found, along)[there], 1.0
     if smoothed := smoothing_change(fit):
         shift, soft = moved @ (along.T @ system.products(at, smoothed))[there], WHITENED_BIAS
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
     covariance[part] += soft**2 * np.outer(other, other)
+    if fit.skew_free:
+        shift = _between_holds(fit, along[names.index(SKEW), there], moved)
+        covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
     endless = np.abs(along) @ np.isinf(np.diag(covariance)) > 0
     covariance = along @ np.where(np.isinf(covariance), 0.0, covariance) @ along.T
     covariance[endless, endless] = np.inf
@@ -235,7 +241,6 @@ def _uncertainty(fit: Fit) -> Uncertainty:
             covariance[part] += (INTERVAL_SIGMAS * np.trace(covariance[part]) / (2 * size**2)) ** 2 * np.outer(
                 bent, bent
             )
-    names = _names(problem, system)
     tangled = _tangled(names, along[:, there] @ vector[:, unseen])
     return Uncertainty(names, system, at, covariance, tangled, degrees=len(np.unique(each[0])) - 1)
 
@@ -441,6 +446,19 @@ def _torque_change(fit: Fit, terms: Sequence[Term], one: Regressors, other: Regr
             there, here = (r.columns(term, i, fit.shapes[term]) for r in (other, one))
             found[i] += theta @ (there - here)
     return found
+
+
+def _between_holds(fit: Fit, skew: Array, covariance: Array) -> Array:
+    """(F,) by which the unknowns move from a command's hold as it was found to that of half a row, if that is near.
+
+    Samples of an angle do not tell what lies between them: a turn's kink, a step of the command. Both may be as large
+    as what a stiff servo's motion tells of its hold; the truth lies between the two.
+
+    skew (F,): the skew along each unknown; covariance (F, F): with white rows of variance 1
+    """
+    apart, own = fit.skew - NOMINAL_SKEW, float(skew @ covariance @ skew)
+    near = fit.motion.commanded and abs(apart) < SKEWS_APART and own > 0
+    return apart * covariance @ skew / own if near else np.zeros(len(skew))
 
 
 def smoothing_change(fit: Fit) -> dict[int, Array]:

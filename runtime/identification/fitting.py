@@ -23,6 +23,7 @@ from runtime.identification.settings import (
     CLEARLY_LIKELIER,
     COMMAND_HOLD,
     HOLD,
+    INTERVAL_SIGMAS,
     LONGEST_DELAY,
     LONGEST_LAG,
     NOMINAL_SKEW,
@@ -218,7 +219,7 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
         joint for t in problem.layout.terms if effects[t.effect].gives_way for joint in joints_of(problem.model, t)[:1]
     }
     common = skew
-    commanded = all(problem.motion.feeds_back(i) for i in range(problem.model.n))
+    commanded = problem.motion.commanded
     hold = COMMAND_HOLD if commanded else HOLD
     # Noise in the torque that is shifted shortens the steps, to a third at least; beside what gives way they are long.
     for _ in range(8 if soft or commanded else 2):
@@ -230,6 +231,8 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
     seen = (spread > 0) & ~np.isin(np.arange(problem.model.n), list(soft))
     own, margin = (common.at + solved.shifts)[seen], SKEW_SIGMAS * spread[seen]
     low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
+    if commanded and seen.any() and np.all(np.abs(own - NOMINAL_SKEW) <= INTERVAL_SIGMAS * spread[seen]):
+        return replace(common, at=NOMINAL_SKEW), True
     if not seen.any() or (low - high < SKEWS_APART and low <= hold[1] and high >= hold[0]):
         return replace(common, at=float(np.clip(common.at, *hold))), True
     nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])

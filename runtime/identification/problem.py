@@ -380,14 +380,16 @@ class Problem:
         if key not in self._joints:
             motion, use = self.motion, self.motion.moving(joint)
             self._joints = {k: rows for k, rows in self._joints.items() if k[0] != joint}
+            tau = motion.torque(joint, at)
             self._joints[key] = JointRows(
-                motion.torque(joint, at),
+                tau,
                 use,
                 motion.row_piece(joint),
                 weight=key[2],
                 eliminated=motion.eliminated(joint),
                 unaffected=motion.unaffected(joint),
                 dependent=motion.dependent(joint, use),
+                noise=motion.perturbed.torque(joint, at) - tau if motion.feeds_back(joint) else None,
             )
         return self._joints[key]
 

@@ -161,7 +161,7 @@ class Motion:
     @cached_property
     def perturbed(self) -> Motion:
         """The motion with another realisation of the encoders' errors, always the same one."""
-        return self._viewed(lambda view: tuple(p.perturbed(self.band, seed) for seed, p in enumerate(view.pieces)))
+        return self._viewed(lambda v: tuple(p.perturbed(self.band, k, self.driven) for k, p in enumerate(v.pieces)))
 
     @cached_property
     def unsmoothed(self) -> Motion:
@@ -296,6 +296,11 @@ class Motion:
     def feeds_back(self, joint: int) -> bool:
         """Whether a law makes a part of a joint's torque (0-based) of its motion."""
         return any(p.at_once.size and p.at_once[joint].any() for p in self.pieces_of(joint))
+
+    @property
+    def commanded(self) -> bool:
+        """Whether every joint's torque follows from a command, to which it answers at once."""
+        return all(self.feeds_back(i) for i in range(self.n))
 
     def torque_delayed(self, joint: int, skew: float, time: float, whole: bool = False) -> Array:
         """(M,) measured torque in the band, `skew` samples and `time` s late, without unknown torques; whole: also what

@@ -17,6 +17,7 @@ from runtime.motion.clock import EvenGrid, Stretch, interpolated
 from runtime.motion.filters import differentiator, welch
 from runtime.motion.settings import FILTERED, FOLLOWS_RATE, LOWEST_CUTOFF, WHITE_BAND
 from runtime.recordings.recording import Recording
+from runtime.recordings.settings import RATE_SCALE
 
 Array = NDArray[np.float64]
 
@@ -156,7 +157,7 @@ def measured_rate(
     if left @ left > 0.5 * slow[0] @ slow[0]:
         return MeasuredRate(own, "unrelated")
     # Another unit would make every friction wrong by as much.
-    if not 1 / 1.05 < scale < 1.05:
+    if not 1 / RATE_SCALE < scale < RATE_SCALE:
         return MeasuredRate(own, "other unit")
     # Half the noise changes a cut-off by a sixth: less does not justify a second instrument.
     if own > 0.5 * of_position:

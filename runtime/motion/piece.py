@@ -14,6 +14,7 @@ from runtime.motion.clock import Stretch, interpolated
 from runtime.motion.filters import Differentiator, LowPass, Smoother
 from runtime.motion.rests import UnknownTorque, at_rest
 from runtime.motion.settings import MOST_DELAY, SLOW_MOTION
+from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording
 from symbolic.model_file.arm import MOTOR_TORQUE, Torque
 
@@ -153,8 +154,9 @@ class Piece:
     limited: Mask = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     without: tuple[UnknownTorque, ...] = ()
 
-    def perturbed(self, band: Band, seed: int) -> Piece:
-        """The piece with another realisation of the encoders' errors: other offsets of the steps, other noise.
+    def perturbed(self, band: Band, seed: int, driven: Sequence[DrivenJoint | None]) -> Piece:
+        """The piece with another realisation of the encoders' errors: other offsets of the steps, other noise, which
+        are in the torques, too, that drives make of their own angles.
 
         Errors of coarse steps are not white where the motion is slow, hence positions are rounded again.
         """
@@ -169,7 +171,24 @@ class Piece:
             rates[i], accelerations[i], _ = self.derive(of_rate)
         q, qd, qdd = self.q + error, self.qd + rates, self.qdd + accelerations
         own = np.array([smooth(row) for smooth, row in zip(self.wiener, qdd, strict=True)])
-        return replace(self, q=q, qd=qd, qdd=qdd, qdd_denoised=own, sensors=self.sensors.with_errors(error, of_encoder))
+        found = self._answering(driven, error, rates)
+        sensors = self.sensors.with_errors(error, of_encoder)
+        return replace(found, q=q, qd=qd, qdd=qdd, qdd_denoised=own, sensors=sensors)
+
+    def _answering(self, driven: Sequence[DrivenJoint | None], error: Array, rates: Array) -> Piece:
+        """With what drives make of errors (n, N) of angles and rates."""
+        tau, at_once, gains = self.tau.copy(), self.at_once.copy(), dict(self.gains)
+        for i, joint in enumerate(driven):
+            if joint is None:
+                continue
+            own_rate = rates[i] if i in self.rate_measured or not joint.rate_recorded else 0 * rates[i]
+            parts = joint.answer(error[i], own_rate, self.dt)
+            gains |= {gain: x + parts[gain[1]] for gain, x in self.gains.items() if gain[0] == i}
+            answer = joint.summed(parts)
+            tau[i] += answer
+            if at_once.size:
+                at_once[i] += answer
+        return replace(self, tau=tau, at_once=at_once, gains=gains)
 
     def _reading_error(self, q: Array, step: float, density: float, rng: np.random.Generator) -> Array:
         """(N + 2 half,) errors of another reading of q (N,), made at the places of the samples and interpolated as

@@ -3,6 +3,9 @@
 Signals that a law needs and a file lacks follow from others: rates from positions by differences, as a servo takes
 them itself, and the integral of its error from the start of each run. A command that acts later is read so much
 earlier.
+
+A servo's command steps once a row, and a rate read at the steps is the extreme of what they make of it: more than the
+mean over a row's time T by k_p T^2 / (12 I) of it, with inertia I. Hence a servo's rate is scaled to its positions.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.recordings.settings import RATE_SCALE
 from symbolic.model_file.arm import DescribedJoint
 from symbolic.model_file.drive_laws import COMMANDS, DELAY, INTEGRAL, LAWS, SATURATION, DriveLaw, parted
 
@@ -84,7 +88,7 @@ class DrivenJoint:
     @property
     def torque_at_once(self) -> Array:
         """(N,) the part of the torque of the acting coefficients that follows the motion at once."""
-        return self._sum(self.at_once)
+        return self.summed(self.at_once)
 
     @property
     def known(self) -> Array:
@@ -121,29 +125,31 @@ class DrivenJoint:
     @property
     def _asked(self) -> Array:
         """(N,) torque without the drive's limit."""
-        return self._sum(self.columns)
+        return self.summed(self.columns)
 
-    def _sum(self, columns: Mapping[str, Array]) -> Array:
+    def summed(self, columns: Mapping[str, Array]) -> Array:
+        """(N,) of columns (N,), by the acting coefficients."""
         parts = (c * columns[name] for name, c in self.acting.items() if c)
         return sum(parts, start=np.zeros(len(next(iter(columns.values())))))
 
+    def answer(self, q: Array, qd: Array, dt: float) -> dict[str, Array]:
+        """(N,) what errors of the angle and of its rate, (N,) at steps of dt, add to each coefficient's part."""
+        none = np.zeros_like(q)
+        errors = {**dict.fromkeys(self.signals, none), "q": q, "qd": qd, INTEGRAL: -np.cumsum(q) * dt}
+        parts = zip(self.law.terms, self.law.columns(errors, self.gains, _ramp), strict=True)
+        return {term.name: x + none for term, x in parts}
+
     def reread(self, error: Array, t: Array, run: NDArray[np.int64]) -> Array:
         """(N,) by how much an error (N,) of recorded positions changes the torque; t, run (N,) as in a Recording."""
-        moved = {**self.signals, "q": self.signals["q"] + error}
-        if not self.rate_recorded:
-            moved["qd"] = self.signals["qd"] + rate(error, t, _runs(run))
-        again = self.law.columns(moved, self.gains, _ramp)
-        names = [term.name for term in self.law.terms]
-        return np.asarray(
-            sum(self.acting[name] * (x - self.columns[name]) for name, x in zip(names, again, strict=True))
-        )
+        qd = np.zeros_like(error) if self.rate_recorded else rate(error, t, _runs(run))
+        return self.summed(self.answer(error, qd, 0.0))
 
     @property
     def scale(self) -> float:
         """Torque per unit of the command, on the average; 1 where it is unknown."""
         name = self.command_gain
         gain = self._stated[0] if self._stated[0] is not None else self._identified.get(name, 1.0)
-        if COMMANDS[self.law.command].kind == "position":
+        if self.law.closes_on_angle:
             return gain
         command = self.signals[self.law.command]
         power = float(command @ command)
@@ -209,6 +215,8 @@ def driven_joint(
     gains = joint.drive.gains if joint.drive is not None else {}
     supply = next((law.source(s, own, gains) or "" for s in law.instead if s not in own), "")
     none = dict.fromkeys({law.command, "qd_desired"} & own.keys(), np.zeros(len(t)))
+    if law.closes_on_angle and "qd" in own:
+        own = _scaled_rate(own, rate(own["q"], t, _runs(run)))
     return DrivenJoint(
         law,
         gains,
@@ -218,6 +226,15 @@ def driven_joint(
         prismatic=joint.type == "prismatic",
         rate_recorded="qd" in own,
     )
+
+
+def _scaled_rate(own: Mapping[str, Array], of_positions: Array) -> dict[str, Array]:
+    """A joint's signals (N,) with the measured rate times what makes it that of positions (N,); without it where it has
+    another unit."""
+    measured, others = own["qd"], {name: signal for name, signal in own.items() if name != "qd"}
+    power = float(measured @ measured)
+    scale = float(measured @ of_positions) / power if power else 0.0
+    return {**others, "qd": scale * measured} if 1 / RATE_SCALE < scale < RATE_SCALE else others
 
 
 def driven_notes(driven: Sequence[DrivenJoint | None]) -> list[str]:
@@ -281,12 +298,12 @@ def _complete(
             found[signal] = found[column] if column in found else np.full(len(t), gains[gain])
     if "qd" not in found:
         found["qd"] = rate(found["q"], t, runs)
-    if law.command == "q_desired" and "qd_desired" not in found:
+    if law.closes_on_angle and "qd_desired" not in found:
         found["qd_desired"] = rate(found["q_desired"], t, runs)
     if late := gains.get(DELAY, 0.0):
         for name in {law.command, "qd_desired"} & found.keys():
             found[name] = np.concatenate([np.interp(t[r] - late, t[r], found[name][r]) for r in runs])
-    if law.command == "q_desired":
+    if law.closes_on_angle:
         error = found["q_desired"] - found["q"]
         step = np.concatenate([np.append(0.0, np.diff(t[r])) for r in runs])
         found[INTEGRAL] = np.concatenate([np.cumsum((error * step)[r]) for r in runs])

@@ -313,6 +313,8 @@ def _recording(
         if joint is not None:
             check_command(i, q[i - 1], signals.get(f"q{i}_desired"), refuse)
             signals[f"tau{i}"] = joint.torque
+            if joint.rate_recorded:
+                signals[f"qd{i}"] = joint.signals["qd"]
     tau = rows("tau{}")
     assert tau is not None
     check_moving(q, tau, refuse)

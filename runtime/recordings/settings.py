@@ -21,6 +21,10 @@ MIN_SEGMENT: Final = 50
 GAP: Final = 3.0
 """ratio of a step to the median step; above it samples were lost, not only late; a choice."""
 
+RATE_SCALE: Final = 1.05
+"""ratio of a recorded rate to that of the positions; beyond it either way it has another unit, which would make every
+friction wrong by as much; a choice: no unit of rate is so near another."""
+
 ROUNDING: Final = 1e-6
 """part of a step; rounding errors of times and their differences; twelve printed digits."""
 

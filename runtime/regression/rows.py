@@ -28,10 +28,10 @@ Places = NDArray[np.intp]
 class JointRows:
     """The rows of one joint.
 
-    tau (M,) N m (N); use (M,): rows that count, at least some; piece (M,): the stretch of time of a row; weight: 1/σ;
-    eliminated (M, K): combinations of rows that were taken out; unaffected (M,): rows that none of them reaches, None:
-    all that count; dependent: how many rows follow from others; stretches: of the rows that count, in place of FOLDS
-    even ones.
+    tau (M,) N m (N); noise (M,): what a realisation of the encoders' noise adds to it, None where there is none; use
+    (M,): rows that count, at least some; piece (M,): the stretch of time of a row; weight: 1/σ; eliminated (M, K):
+    combinations of rows that were taken out; unaffected (M,): rows that none of them reaches, None: all that count;
+    dependent: how many rows follow from others; stretches: of the rows that count, in place of FOLDS even ones.
     """
 
     tau: Array
@@ -42,6 +42,7 @@ class JointRows:
     unaffected: Mask | None = None
     dependent: int = 0
     stretches: tuple[slice, ...] = ()
+    noise: Array | None = None
 
     @cached_property
     def at(self) -> Places:
@@ -67,6 +68,11 @@ class JointRows:
     def used(self, x: Array) -> Array:
         """Rows that count of x (..., M): (..., m)."""
         return np.ascontiguousarray(x if self.count == len(self.use) else np.take(x, self.at, axis=-1))
+
+    @property
+    def torque(self) -> Columns:
+        """The torque as one row."""
+        return Columns(self.tau[None], None if self.noise is None else self.noise[None])
 
     def spread(self, x: Array) -> Array:
         """x (..., m) over all rows (..., M), zero in those that do not count."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from runtime.model.batch import Batch
@@ -149,24 +150,38 @@ class DrivenArm:
         )
 
     def read(self, tracks: Sequence[Track], windows: Windows, without: float = 0.0) -> Array:
-        """(length + 3, W, r) what is read along every window, and one sample before and after it.
+        """(length, substeps, W, r) what is read in the middle of every step along every window.
 
         without   the part of the torque that the model does not explain that is taken out
         """
         each = []
         for i, feedback in enumerate(self.feedback):
             for name in feedback.reads:
-                rows = [np.pad(_row(track, i, name, without), 1, mode="edge") for track in tracks]
-                each.append([rows[k][s : s + windows.length + 3] for k, s in windows.starts])
-        return np.ascontiguousarray(np.array(each).transpose(2, 1, 0))
+                rows = [_row(track, i, name, without) for track in tracks]
+                held = [track.late if (i, name) in track.commands else None for track in tracks]
+                each.append([self._middles(rows[k], s, windows.length, held[k]) for k, s in windows.starts])
+        return np.ascontiguousarray(np.array(each).transpose(2, 3, 1, 0))
 
-    @property
-    def _weights(self) -> Array:
-        """(substeps, 4) of the samples around each step's middle: a cubic, as drives and controllers interpolate
-        smoothly or faster than they are recorded. Source: Catmull & Rom 1974."""
-        x = (np.arange(self.made.substeps) + 0.5) / self.made.substeps
-        ends = (-x + 2 * x**2 - x**3, 2 - 5 * x**2 + 3 * x**3, x + 4 * x**2 - 3 * x**3, -(x**2) + x**3)
-        return np.stack(ends, axis=1) / 2
+    def _middles(self, row: Array, start: int, length: int, held: float | None) -> Array:
+        """(length, substeps) of a row of samples (N,) from one on: a cubic of the four around, as a torque and a motion
+        go on smoothly between them; of a command, which is held from so many samples after its own, the mean over a
+        step. Source: Catmull & Rom 1974."""
+        substeps = self.made.substeps
+        whole = 0 if held is None else int(np.floor(held))
+        places = np.arange(start - 1 - whole, start + length + 2 - whole)
+        around = sliding_window_view(row[np.clip(places, 0, len(row) - 1)], 4)
+        x = (np.arange(substeps) + 0.5) / substeps
+        weights = (
+            (-x + 2 * x**2 - x**3) / 2,
+            1 - 2.5 * x**2 + 1.5 * x**3,
+            (x + 4 * x**2 - 3 * x**3) / 2,
+            (x**3 - x**2) / 2,
+        )
+        if held is not None:
+            # The part of a step that lies before the next command acts.
+            before = np.clip((held - whole - x) * substeps + 0.5, 0.0, 1.0)
+            weights = before, 1 - before, 0 * x, 0 * x
+        return np.asarray(around[:length] @ np.stack(weights))
 
     @cached_property
     def slope(self) -> ca.Function:
@@ -187,27 +202,26 @@ class DrivenArm:
         batch = Batch(self.slope, count * many)
         state, moved = np.repeat(start, many, axis=0), np.tile(toward, (count, 1))
         directions = np.tile(toward_free, (count, 1))
-        samples = len(read) - 2
-        positions, derivatives = np.empty((samples, count, n)), np.empty((samples, count * many, n))
+        positions, derivatives = np.empty((len(read) + 1, count, n)), np.empty((len(read) + 1, count * many, n))
         positions[0], derivatives[0] = start[:, :n], moved[:, :n]
         with np.errstate(all="ignore"):  # a motion that runs away
-            for k in range(1, samples):
-                for now in np.tensordot(self._weights, read[k - 1 : k + 3], axes=1):
+            for k, middles in enumerate(read, 1):
+                for now in middles:
                     after = batch(state, np.repeat(now, many, axis=0), free, moved, directions)
                     state[:], moved[:] = after[0][:, 0], after[1][:, 0]
                 positions[k], derivatives[k] = state[::many, :n], moved[:, :n]
-        return positions.transpose(1, 0, 2), derivatives.reshape(samples, count, many, n).transpose(1, 2, 0, 3)
+        return positions.transpose(1, 0, 2), derivatives.reshape(-1, count, many, n).transpose(1, 2, 0, 3)
 
     def play(self, start: Array, read: Array, free: Sequence[float] | Array = ()) -> Array:
-        """(W, length + 1, n) positions from states (W, S) under what is read (length + 3, W, r)."""
+        """(W, length + 1, n) positions from states (W, S) under what is read (length, substeps, W, r)."""
         count, n = len(start), self.model.n
         batch = Batch(self.step, count)
         state, own = start.copy(), np.array(free)
-        found = np.empty((len(read) - 2, count, n))
+        found = np.empty((len(read) + 1, count, n))
         found[0] = state[:, :n]
         with np.errstate(all="ignore"):  # a motion that runs away
-            for k in range(1, len(found)):
-                for now in np.tensordot(self._weights, read[k - 1 : k + 3], axes=1):
+            for k, middles in enumerate(read, 1):
+                for now in middles:
                     state[:] = batch(state, now, own)[0][:, 0]
                 found[k] = state[:, :n]
         return found.transpose(1, 0, 2)

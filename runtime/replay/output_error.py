@@ -25,7 +25,7 @@ from runtime.documents.replays import MotionErrorEntry, OutputErrorEntry, Refine
 from runtime.identification import grids
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import SKEW, Fit, Inference, interval
-from runtime.identification.settings import SEPARABLE, TANGLED_SHARE
+from runtime.identification.settings import NOMINAL_SKEW, SEPARABLE, TANGLED_SHARE
 from runtime.model.terms import Prediction, Term
 from runtime.progress import is_late, within
 from runtime.recordings.driven import ToldGain
@@ -142,7 +142,7 @@ class Shooting:
     def sought(self) -> tuple[Sought, ...]:
         """The parameters that the fit told, and the unknown coefficients of the drives that it scaled. Where the torque
         of a command is unknown, stated inertias give its scale, and stay. A command's delay looks like friction in the
-        torque: where the fit tells it badly, the motion tells them apart."""
+        torque: where the fit tells it badly, and a plain hold does not explain it, the motion tells them apart."""
         inference, library = self.fit.inference, self.fit.model.library
         found = []
         for k, (lump, told) in enumerate(zip(self.fit.model.lumps, inference.lumps, strict=True)):
@@ -162,7 +162,8 @@ class Shooting:
                     size = max((gain.interval[1] - gain.interval[0]) / 2, 1e-3 * gain.value)
                     found.append(Sought(name, gain.value, size, 0.0, np.inf, joint=i))
         low, high = inference.skew_interval or (-np.inf, np.inf)
-        if high - low > SKEW_TOLD and any(drives_of(self.recordings)):
+        plain = self.fit.motion.commanded and self.fit.skew == NOMINAL_SKEW
+        if high - low > SKEW_TOLD and any(drives_of(self.recordings)) and not plain:
             found.append(Sought(SKEW, max(self.fit.skew, 0.0), SKEW_STEP, 0.0, np.inf))
         return tuple(found)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.identification.regressors import Signals
+from runtime.identification.settings import NOMINAL_SKEW
 from runtime.model.loader import Model
 from runtime.model.terms import OF_DRIVE, Prediction, Term, joints_of
 from runtime.motion.band import Band
@@ -30,7 +31,8 @@ class Track:
     q, qd        (n, N) of the motors, smoothed     q_read  (n, N) as the encoders gave it
     tau          (n, N) the torque as it acts: recorded or of the drive's law, less that which a measured force makes
     residual     (n, N) of it in the band, what the model does not explain; zero where a joint rests
-    commands     (N,) what a drive's law reads, by joint (0-based) and signal
+    commands     (N,) what a drive's law reads, by joint (0-based) and signal, each held until the next
+    late         samples from a row of commands to the instant at which it acts
     states       (S, N) of effects along this motion, in the order of their terms
     resting      (n,) part of the samples at which a joint rests
     start_noise  (2, n) standard deviations of q and qd, from what the smoothing takes away
@@ -45,6 +47,7 @@ class Track:
     tau: Array
     residual: Array
     commands: Mapping[tuple[int, str], Array]
+    late: float
     states: Array
     resting: Array
     start_noise: Array
@@ -59,8 +62,6 @@ def tracks(
 
     Torques are compared in the band of the motion; positions and rates are smoothed as little as the encoders allow.
     """
-    from scipy.interpolate import CubicSpline  # where it is used: it takes longer to load than a fit
-
     commands = _commands(model, motion, recordings)
     wide = prepare(recordings, _of_states(motion), model)
     readings = _on_grid(model, motion, recordings, [r.q for r in recordings])
@@ -78,8 +79,6 @@ def tracks(
                 row[joints] = _shared(x, piece, narrow)[joints]
         along = next(p for p in wide.pieces if _holds(p, narrow))
         rests = np.abs(qd) < np.where(_rubs(model, known), motion.standstill, 0.0)[:, None]
-        # A straight line between samples would take 1 % of a command of a tenth of their rate.
-        late = np.clip(narrow.t - skew * narrow.dt, narrow.t[0], narrow.t[-1])
         q_read = np.array([rows[k] for rows in readings])
         off = np.sqrt(np.mean((q_read - q) ** 2, axis=1))
         found.append(
@@ -92,7 +91,8 @@ def tracks(
                 q_read,
                 tau,
                 np.where(rests, 0.0, residual),
-                {key: CubicSpline(narrow.t, rows[k])(late) for key, rows in commands.items()},
+                {key: rows[k] for key, rows in commands.items()},
+                skew - NOMINAL_SKEW,
                 _shared(_states(model, known, along), along, narrow),
                 rests.mean(axis=1),
                 np.array([off, off * 2 * np.pi * wide.band.cutoffs]),

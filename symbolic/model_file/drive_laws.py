@@ -98,6 +98,11 @@ class DriveLaw:
     inverse: Callable[[Any, Signals, Gains], Any]
     instead: Mapping[str, tuple[str, str]]
 
+    @property
+    def closes_on_angle(self) -> bool:
+        """Whether it is a servo, whose torque follows the error of the joint's position."""
+        return COMMANDS[self.command].kind == "position"
+
     def source(self, signal: str, there: Collection[str], gains: Gains) -> str | None:
         """The column, among those that are there, or the gain that is a signal of this law; None: neither."""
         column, gain = self.instead.get(signal, (signal, ""))

@@ -58,9 +58,11 @@ def test_rates_of_a_slow_logger_are_those_of_the_motion(tmp_path: Path) -> None:
 
 
 def test_a_measured_rate_and_a_demanded_one_are_used(tmp_path: Path) -> None:
-    rate, wanted = np.cos(T), np.cos(2 * T)
-    found = recorded(tmp_path, arm("position_servo", kp=7.0, kd=0.5), qd1=rate, q1_desired=WANTED, qd1_desired=wanted)
-    assert found.tau[0] == pytest.approx(7.0 * (WANTED - Q) + 0.5 * (wanted - rate), abs=1e-9)
+    """A servo's rate is scaled to its positions."""
+    rate, wanted = 1.3 * np.cos(1.3 * T), np.cos(2 * T)
+    drive = arm("position_servo", kp=7.0, kd=0.5)
+    found = recorded(tmp_path, drive, qd1=1.02 * rate, q1_desired=WANTED, qd1_desired=wanted)
+    assert found.tau[0] == pytest.approx(7.0 * (WANTED - Q) + 0.5 * (wanted - rate), abs=1e-6)
 
 
 def test_a_command_that_acts_later(tmp_path: Path) -> None:
