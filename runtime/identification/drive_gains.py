@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.identification.fit import Fit
+from runtime.identification.fit import Fit, quantile
 from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import prepared
 from runtime.identification.problem import Problem
@@ -163,14 +163,15 @@ class _Equation:
         )
 
     def solved(self) -> tuple[Array, Array]:
-        """θ (K,) and its covariance, with residuals that hang together within a stretch of time."""
+        """θ (K,) and half of its intervals (K,), with residuals that hang together within a stretch of time."""
         gram = self.columns @ self.columns.T - self.noise @ self.noise.T
         theta = bounded(gram, self.columns @ self.y - self.noise @ self.heard, self.lower, self.upper)
         scores = self.columns * (self.y - theta @ self.columns)
         each = np.array([scores[:, self.stretch == s].sum(axis=1) for s in np.unique(self.stretch)])
         over = inverse(gram)
         spare = max(1, len(each) - len(theta))
-        return theta, over @ (each.T @ each) @ over.T * len(each) / spare
+        variance = np.diag(over @ (each.T @ each) @ over.T) * len(each) / spare
+        return theta, quantile(len(each) - 1) * np.sqrt(np.maximum(variance, 0.0))
 
     def own(self, k: int) -> float:
         """Part of a column's size that no other column imitates."""
@@ -292,9 +293,8 @@ def _gains(
     fit: Fit, i: int, joint: DrivenJoint, by: tuple[_Equation, _Equation], others: Sequence[str], scaled: bool
 ) -> dict[str, ToldGain]:
     """Gains by the first of two equations; no surer beside the command's than by the second, in which that is late."""
-    (theta, covariance), (_, late) = (equation.solved() for equation in by)
+    (theta, spread), (_, wide) = (equation.solved() for equation in by)
     at = len(others)
-    spread, wide = (INTERVAL_SIGMAS * np.sqrt(np.maximum(np.diag(x), 0.0)) for x in (covariance, late))
     type_of = fit.model.joints[i].type
     units = {term.name: term.unit[type_of == "prismatic"] for term in joint.law.terms}
     one, sure = 1.0, not scaled
