@@ -72,6 +72,13 @@ def interrupts() -> Iterator[None]:
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, in which the test works."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 Run = Callable[..., tuple[int, str, str]]
 
 
@@ -85,6 +92,21 @@ def tendon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
         return status, *capsys.readouterr()
 
     return called
+
+
+Refused = Callable[..., str]
+
+
+@pytest.fixture
+def refused(tendon: Run) -> Refused:
+    """The one line that `tendon ARGUMENTS` says when it refuses them as bad input."""
+
+    def said(*arguments: object) -> str:
+        status, out, err = tendon(*arguments)
+        assert (status, out, err.count("\n")) == (2, "", 1)
+        return err
+
+    return said
 
 
 def recorded(hidden: str | None, seed: int, size: float | None = None) -> Recording:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,24 +17,18 @@ from runtime.cli import schema as schemas
 from runtime.cli.main import app
 from runtime.workspace.names import ARMS
 from symbolic.model_file import reader
+from tests.runtime.conftest import Refused, Run
 
 ROBOTS = Path(__file__).resolve().parents[2] / "robots"
-Init = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def init(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Init:
+def init(tendon: Run) -> Run:
     """`tendon init` with these options."""
-    monkeypatch.chdir(tmp_path)
-
-    def called(*options: str) -> tuple[int, str, str]:
-        status = output.run(app, ["init", *options])
-        return status, *capsys.readouterr()
-
-    return called
+    return partial(tendon, "init")
 
 
-def test_options_make_a_planar_arm(init: Init) -> None:
+def test_options_make_a_planar_arm(init: Run) -> None:
     """The motors' values are carried to the joints' output."""
     options = ("--joints", "r,p", "--plane", "--gravity", "0,0", "--length", "0.3, 0.25", "--gear-ratio", "100, 500")
     options += ("--torque-constant", "0.05, ?", "--torque", "command", "--mass", "2,?")
@@ -56,7 +50,7 @@ def test_options_make_a_planar_arm(init: Init) -> None:
     assert all(set(j.effects) == {"coulomb_asymmetric", "viscous"} and not any(j.effects.values()) for j in arm.joints)
 
 
-def test_a_number_of_joints_is_enough(init: Init) -> None:
+def test_a_number_of_joints_is_enough(init: Run) -> None:
     assert init("--joints", "2", "--out", "wrist.toml", "--json", "said.json")[0] == 0
     arm = reader.load(Path("wrist.toml"))
     assert arm.space
@@ -67,7 +61,7 @@ def test_a_number_of_joints_is_enough(init: Init) -> None:
 
 
 @pytest.mark.parametrize("options", [("--joints", "r,p", "--space"), ("--joints", "p,r", "--plane", "--length", "0.2")])
-def test_commented_keys_are_keys_of_the_model_file(init: Init, options: tuple[str, ...]) -> None:
+def test_commented_keys_are_keys_of_the_model_file(init: Run, options: tuple[str, ...]) -> None:
     """Each can be filled in where it stands."""
     assert init(*options, "--out", "new.toml")[0] == 0
     text = Path("new.toml").read_text()
@@ -84,7 +78,7 @@ def test_commented_keys_are_keys_of_the_model_file(init: Init, options: tuple[st
     assert all((j.torque_constant, j.limits.position, j.limits.torque) == (2.0, (-1.0, 1.0), 2.0) for j in joints)
 
 
-def test_one_number_is_for_all_joints_and_friction_can_be_left_out(init: Init) -> None:
+def test_one_number_is_for_all_joints_and_friction_can_be_left_out(init: Run) -> None:
     options = ("--joints", "r,r", "--plane", "--gear-ratio", "100,80", "--length", "0.3,0.2", "--mass", "2,?")
     status, out, err = init(*options, "--torque-constant", "0.05", "--name", "two", "--no-friction")
     assert (status, err) == (0, "")
@@ -95,7 +89,7 @@ def test_one_number_is_for_all_joints_and_friction_can_be_left_out(init: Init) -
     assert all(not j.effects for j in arm.joints)
 
 
-def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Init) -> None:
+def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Run) -> None:
     """It places the tip alone; what moves the next joint is needed."""
     assert init("--joints", "r", "--plane", "--out", "motor.toml")[0] == 0
     assert init("--joints", "r,r", "--plane", "--length", "0.3,?", "--out", "two.toml")[0] == 0
@@ -106,7 +100,7 @@ def test_the_last_link_of_an_arm_in_a_plane_may_have_no_length(init: Init) -> No
     assert err.startswith("Joint 1: the length of a planar link cannot be left out")
 
 
-def test_a_urdf_takes_what_is_stated_of_its_motors(init: Init) -> None:
+def test_a_urdf_takes_what_is_stated_of_its_motors(init: Run) -> None:
     motors = ("--gear-ratio", "101,101,?,?,?,?", "--torque-constant", "0.1", "--rotor-inertia", "6e-5,6e-5,?,?,?,?")
     motors += ("--torque", "gravity_compensated", "--out", "mine.toml")
     status, out, _ = init("--urdf", str(ROBOTS / "ur10_robot.urdf"), *motors)
@@ -130,7 +124,7 @@ def test_a_urdf_takes_what_is_stated_of_its_motors(init: Init) -> None:
         ("--joints", "r,p", "--space"),
     ],
 )
-def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> None:
+def test_what_is_begun_can_be_verified(init: Run, options: tuple[str, ...]) -> None:
     assert init(*options, "--out", "new.toml")[0] == 0
     assert output.run(app, ["verify", "new.toml", "--samples", "1"]) == 0
 
@@ -154,14 +148,14 @@ def test_what_is_begun_can_be_verified(init: Init, options: tuple[str, ...]) -> 
         (("--urdf", "absent.urdf", "--length", "1"), "only options of motors and --torque can stand beside it"),
     ],
 )
-def test_mistakes_are_refused_in_one_line(init: Init, tmp_path: Path, options: tuple[str, ...], expected: str) -> None:
-    status, out, err = init(*options)
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert expected in err
+def test_mistakes_are_refused_in_one_line(
+    refused: Refused, tmp_path: Path, options: tuple[str, ...], expected: str
+) -> None:
+    assert expected in refused("init", *options)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_nothing_is_overwritten(init: Init) -> None:
+def test_nothing_is_overwritten(init: Run) -> None:
     Path("arm.toml").write_text("mine")
     assert init("--joints", "r", "--space")[::2] == (2, "arm.toml: already exists; choose another name\n")
     Path(schemas.MODEL).write_text("mine")
@@ -172,7 +166,7 @@ def test_nothing_is_overwritten(init: Init) -> None:
     assert Path("arm.toml").read_text() == Path(schemas.MODEL).read_text() == "mine"
 
 
-def test_schemas_stand_beside_it_and_fit(init: Init) -> None:
+def test_schemas_stand_beside_it_and_fit(init: Run) -> None:
     assert init("--joints", "r,p", "--space", "--out", "new.toml", "--schema")[0] == 0
     text = Path("new.toml").read_text()
     assert text.startswith(f"#:schema ./{schemas.MODEL}\n")
@@ -187,7 +181,7 @@ def test_schemas_stand_beside_it_and_fit(init: Init) -> None:
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.sampled_from("rp"), min_size=1, max_size=7), st.booleans(), st.data())
 def test_whatever_is_known_the_file_says_it_and_no_more(
-    init: Init, kinds: list[str], space: bool, data: st.DataObject
+    init: Run, kinds: list[str], space: bool, data: st.DataObject
 ) -> None:
     gears = [data.draw(st.sampled_from(["1", "50"])) for _ in kinds]
     known = {

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable
 from itertools import pairwise
 from math import exp, pi
 from pathlib import Path
@@ -16,13 +15,11 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.model.loader import Model
 from runtime.workspace.source import Source
+from tests.runtime.conftest import Refused, Run
 from tests.variants import slow
 
-Tendon = Callable[..., tuple[int, str, str]]
 SLIDER = """<robot name="slider"><link name="world"/>
 <joint name="turn" type="continuous"><parent link="world"/><child link="a"/><axis xyz="0 0 1"/></joint>
 <link name="a"><inertial><origin xyz="0.2 0 0"/><mass value="6"/>
@@ -39,17 +36,7 @@ SLIDER = """<robot name="slider"><link name="world"/>
 ARMS = ("ur10", "panda", "slider")
 
 
-@pytest.fixture
-def tendon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Tendon:
-    monkeypatch.chdir(tmp_path)
-
-    def called(*arguments: str) -> tuple[int, str, str]:
-        return output.run(app, list(arguments)), *capsys.readouterr()
-
-    return called
-
-
-def begun(tendon: Tendon, arm: str) -> Path:
+def begun(tendon: Run, arm: str) -> Path:
     """The arm's file with a proposed controller."""
     if arm == "slider":
         Path("slider.urdf").write_text(SLIDER)
@@ -108,7 +95,7 @@ def stable(model: Model, q: np.ndarray, factor: float) -> float:
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_the_loop_is_stable_at_all_poses_and_for_half_and_one_and_a_half_times_the_inertia(
-    tendon: Tendon, arm: str
+    tendon: Run, arm: str
 ) -> None:
     model = Source.read(begun(tendon, arm), None).compiled.model()
     ranges = np.array([joint.position_limits or (-3.0, 3.0) for joint in model.joints])
@@ -122,7 +109,7 @@ def test_the_loop_is_stable_at_all_poses_and_for_half_and_one_and_a_half_times_t
 
 
 @pytest.mark.parametrize("arm", ["ur10", slow("panda"), "slider"])
-def test_an_arm_runs_with_what_was_proposed(tendon: Tendon, arm: str) -> None:
+def test_an_arm_runs_with_what_was_proposed(tendon: Run, arm: str) -> None:
     """Friction is not compensated before it is identified: each joint stays behind by its friction over kp."""
     source = Source.read(begun(tendon, arm), None)
     model = source.compiled.model()
@@ -146,7 +133,7 @@ def test_an_arm_runs_with_what_was_proposed(tendon: Tendon, arm: str) -> None:
 # --- the file ---
 
 
-def test_what_stands_in_the_file_stays_and_what_is_proposed_says_so(tendon: Tendon) -> None:
+def test_what_stands_in_the_file_stays_and_what_is_proposed_says_so(tendon: Run) -> None:
     Path("bare.urdf").write_text(SLIDER)
     tendon("import", "bare.urdf", "--out", "mine.toml")
     text = Path("mine.toml").read_text()
@@ -189,7 +176,7 @@ def test_what_stands_in_the_file_stays_and_what_is_proposed_says_so(tendon: Tend
     assert [j["controller"] for j in again["joint"]] == [j["controller"] for j in after["joint"]]
 
 
-def test_a_value_that_is_measured_is_not_called_proposed_any_more(tendon: Tendon) -> None:
+def test_a_value_that_is_measured_is_not_called_proposed_any_more(tendon: Run) -> None:
     edits = Source.read(begun(tendon, "slider"), None).edits
     name = next(iter(edits.arm.joints[0].effects))
     key = next(iter(edits.arm.joints[0].effects[name]))
@@ -199,7 +186,7 @@ def test_a_value_that_is_measured_is_not_called_proposed_any_more(tendon: Tendon
     assert "rotor_inertia = 0.75 # kg m^2" in lines
 
 
-def test_a_slow_drive_and_an_elastic_joint_get_slower_loops(tendon: Tendon) -> None:
+def test_a_slow_drive_and_an_elastic_joint_get_slower_loops(tendon: Run) -> None:
     begun(tendon, "slider")
     text = Path("bare.toml").read_text()
 
@@ -231,14 +218,13 @@ def test_a_slow_drive_and_an_elastic_joint_get_slower_loops(tendon: Tendon) -> N
         (["--controller", "missing.toml"], "no such file"),
     ],
 )
-def test_mistakes_are_one_line_and_write_nothing(tendon: Tendon, arguments: list[str], message: str) -> None:
+def test_mistakes_are_one_line_and_write_nothing(
+    tendon: Run, refused: Refused, arguments: list[str], message: str
+) -> None:
     Path("slider.urdf").write_text(SLIDER)
     tendon("import", "slider.urdf", "--out", "bare.toml")
     Path("weightless.toml").write_text(Path("bare.toml").read_text().replace("mass = 3.0", "# mass ="))
     Path("there.toml").write_text("as it was")
     before = {p.name: p.read_bytes() for p in Path().iterdir()}
-    status, out, err = tendon("init", *arguments)
-    assert (status, out) == (2, "")
-    assert message in err
-    assert err.count("\n") == 1
+    assert message in refused("init", *arguments)
     assert {p.name: p.read_bytes() for p in Path().iterdir()} == before

@@ -19,10 +19,10 @@ from runtime.cli.main import app
 from runtime.documents.provenance import now
 from runtime.version import VERSION
 from runtime.workspace.names import ARMS
+from tests.runtime.conftest import Refused, Run
 from tests.runtime.studio.browser import launched
 from tests.variants import slow
 
-Run = Callable[..., tuple[int, str, str]]
 SIMULATED = ("--hide", "stribeck@1:torque=0.6,speed=0.15", "--seconds", "12")
 IMPROVE = ("improve", "arm.toml", "run.csv.gz", "--held-out", "other.csv.gz")
 WRITTEN = ("--json", "result.json", "--report", "report")
@@ -40,14 +40,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             assert output.run(app, ["simulate", "arm.toml", "--out", name, "--seed", seed, *SIMULATED]) == 0
         assert output.run(app, [*IMPROVE, *WRITTEN]) == 0
     return folder
-
-
-@pytest.fixture
-def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder."""
-    assert made.is_dir()
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def result(folder: Path) -> dict[str, Any]:
@@ -74,14 +66,16 @@ def test_a_result_says_what_it_was_made_from(made: Path) -> None:
 
 
 @pytest.mark.parametrize("verb", ["compare", "identify", "diagnose"])
-def test_every_verb_of_a_fit_says_it(made: Path, here: Path, tendon: Run, verb: str) -> None:  # noqa: ARG001
+def test_every_verb_of_a_fit_says_it(made: Path, tendon: Run, verb: str) -> None:
     out = tendon(verb, made / "arm.toml", made / "run.csv.gz", "--json", "-")[1]
     said = json.loads(out)["provenance"]
     assert (said["verb"], said["recordings"][0]["path"]) == (verb, str(made / "run.csv.gz"))
     assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", said["date"])
 
 
-def test_every_verb_of_a_motion_says_it_and_how_it_is_made_again(made: Path, here: Path, tendon: Run) -> None:
+def test_every_verb_of_a_motion_says_it_and_how_it_is_made_again(
+    made: Path, here: Path, tendon: Run, refused: Refused
+) -> None:
     """With names and hashes of all that was read; report refuses in one line, with the command to run again."""
     (here / "arm.toml").write_text((made / "arm.toml").read_text())
     run, command = str(made / "run.csv.gz"), {}
@@ -104,11 +98,10 @@ def test_every_verb_of_a_motion_says_it_and_how_it_is_made_again(made: Path, her
         for file in files:
             assert file["sha256"] == hashlib.sha256(Path(file["path"]).read_bytes()).hexdigest()
         assert Path(said["model"]["path"]).read_text() == said["model_text"]
-        status, out, err = tendon("report", f"{verb}.json", "--out", "again")
-        assert (status, out, err.count("\n")) == (2, "", 1)
-        assert f"a result of {verb} is not made again from its JSON" in err
-        assert command[verb] in err
-        assert ("--report DIR" in err) == (verb in ("optimize", "execute"))
+        answer = refused("report", f"{verb}.json", "--out", "again")
+        assert f"a result of {verb} is not made again from its JSON" in answer
+        assert command[verb] in answer
+        assert ("--report DIR" in answer) == (verb in ("optimize", "execute"))
         assert not (here / "again").exists()
     assert tendon("inspect", run, "--json", "alone.json")[0] == 0
     alone = json.loads((here / "alone.json").read_text())["provenance"]
@@ -264,9 +257,7 @@ def test_a_file_of_effects_is_run_only_if_it_is_named(made: Path, here: Path, te
         ("\xff", "not what --json of compare"),
     ],
 )
-def test_what_is_no_result_is_refused_in_one_line(here: Path, tendon: Run, content: str, expected: str) -> None:
+def test_what_is_no_result_is_refused_in_one_line(here: Path, refused: Refused, content: str, expected: str) -> None:
     (here / "no.json").write_bytes(content.encode("latin-1"))
-    status, out, err = tendon("report", "no.json", "--out", "again")
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert expected in err
+    assert expected in refused("report", "no.json", "--out", "again")
     assert not (here / "again").exists()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,14 +17,7 @@ from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import read, write
 from symbolic.model_file.arm import TORQUES
 from tests import torque_mistakes as t
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+from tests.runtime.conftest import Run
 
 
 def test_a_torque_without_gravity_and_unit_may_be_a_current(tendon: Run, here: Path, arm: Path) -> None:

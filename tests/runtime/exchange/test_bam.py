@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ from runtime.model.terms import structure
 from runtime.simulation.plant import Plant
 from runtime.workspace.source import Source
 from tests import one_joint
+from tests.runtime.conftest import Run
 
-Run = Callable[..., tuple[int, str, str]]
 TABLES = """\
 [joint.effects.coulomb]
 torque = 1.5

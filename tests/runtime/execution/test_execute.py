@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bench_arm import BENCH, SPRING, THERE_AND_BACK, motion, trajectory
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.execution.execute import Execution, execute
 from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
@@ -19,6 +18,7 @@ from runtime.planning.trajectory import Trajectory
 from runtime.recordings import recording
 from runtime.simulation.simulate import parse_hidden
 from runtime.workspace.source import Source
+from tests.runtime.conftest import Refused, Run
 
 Executed = Callable[..., Execution]
 
@@ -166,32 +166,30 @@ def test_a_motion_that_is_no_number_stops_the_arm(executed: Executed) -> None:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bench.toml").write_text(BENCH)
-    trajectory(THERE_AND_BACK, springs={1: SPRING}).write(tmp_path / "plan.json")
-    return tmp_path
+def here(here: Path) -> Path:
+    (here / "bench.toml").write_text(BENCH)
+    trajectory(THERE_AND_BACK, springs={1: SPRING}).write(here / "plan.json")
+    return here
 
 
-def called(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    status = output.run(app, ["execute", *map(str, arguments)])
-    out, err = capsys.readouterr()
-    return status, out, err
+@pytest.fixture
+def called(here: Path, tendon: Run) -> Run:  # noqa: ARG001 - where the files are
+    """`tendon execute` of the bench and its plan."""
+    return partial(tendon, "execute", "bench.toml", "plan.json")
 
 
-def test_what_is_hidden_is_named_from_the_recording(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_hidden_is_named_from_the_recording(here: Path, tendon: Run) -> None:
     stations = [0.0, 0.6, -0.5, 0.8, -0.9, 1.0, -1.0, 0.9]
     slow = trajectory(motion(stations, [4.0, 3.0, 2.0, 1.4, 1.0, 0.9, 0.8, 0.7]))
     slow.write(here / "slow.json")
     hide = "stribeck@1:torque=0.6,speed=0.15"
     arguments = ("bench.toml", "slow.json", "--on", "simulation", "--hide", hide, "--trials", 1, "--cycles", 2)
-    status, out, _ = called(
-        capsys, *arguments, "--out", "run.csv.gz", "--model-out", "mounted.toml", "--json", "e.json"
-    )
+    written = ("--out", "run.csv.gz", "--model-out", "mounted.toml", "--json", "e.json")
+    status, out, _ = tendon("execute", *arguments, *written)
     assert status == 0
     assert "hidden: stribeck at joint 1: torque 0.6, speed 0.15" in out
     assert "  tendon diagnose mounted.toml run.csv.gz" in out
-    assert output.run(app, ["diagnose", "mounted.toml", "run.csv.gz", "--json", "d.json"]) == 0
+    assert tendon("diagnose", "mounted.toml", "run.csv.gz", "--json", "d.json")[0] == 0
     diagnosis = json.loads((here / "d.json").read_text())
     assert diagnosis["verdict"] == "effect"
     assert [(f["effect"], f["joint"]) for f in diagnosis["findings"]] == [("stribeck", 1)]
@@ -199,20 +197,20 @@ def test_what_is_hidden_is_named_from_the_recording(here: Path, capsys: pytest.C
     assert torque["value"] == pytest.approx(0.6, rel=0.15)
 
 
-def test_the_model_is_written_as_it_was_mounted(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_model_is_written_as_it_was_mounted(here: Path, called: Run) -> None:
     arguments = ("--on", "simulation", "--trials", 1, "--cycles", 1, "--model-out", "mounted.toml")
-    assert called(capsys, "bench.toml", "plan.json", *arguments)[0] == 0
+    assert called(*arguments)[0] == 0
     assert (here / "mounted.toml").read_text() == BENCH.replace("5900.0", "3000.0").replace("-1.2\n", "-0.5\n").replace(
         "pretension = 0.0", "pretension = 10.0"
     )
     trajectory(THERE_AND_BACK).write(here / "plan.json")
-    assert called(capsys, "bench.toml", "plan.json", *arguments)[0] == 0
+    assert called(*arguments)[0] == 0
     assert "parallel_spring" not in (here / "mounted.toml").read_text()
 
 
-def test_json_alone_and_the_recording_reads_back(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_alone_and_the_recording_reads_back(here: Path, called: Run) -> None:
     arguments = ("--on", "simulation", "--trials", 2, "--cycles", 1, "--out", "run.csv")
-    status, out, _ = called(capsys, "bench.toml", "plan.json", *arguments, "--json", "-")
+    status, out, _ = called(*arguments, "--json", "-")
     document = json.loads(out)
     assert (status, document["status"], document["on"]) == (0, "done", "simulation")
     assert document["recording"] == "run.csv"
@@ -221,23 +219,19 @@ def test_json_alone_and_the_recording_reads_back(here: Path, capsys: pytest.Capt
     assert back.q_desired is not None
 
 
-def test_joints_are_called_by_their_names(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_joints_are_called_by_their_names(here: Path, called: Run) -> None:
     (here / "bench.toml").write_text(BENCH.replace("[[joint]]", '[[joint]]\nname = "wrist"'))
     arguments = ("--on", "simulation", "--trials", 1, "--cycles", 1, "--report", "page", "--json", "made.json")
-    status, out, _ = called(capsys, "bench.toml", "plan.json", *arguments)
+    status, out, _ = called(*arguments)
     assert status == 0
     assert any(line.split()[:2] == ["1", "wrist"] for line in out.splitlines())
     assert json.loads((here / "made.json").read_text())["joints"][0]["name"] == "wrist"
     assert "1 wrist" in (here / "page" / "report.html").read_text()
 
 
-def test_a_plan_beyond_the_limits_is_refused_and_nothing_is_written(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_beyond_the_limits_is_refused_and_nothing_is_written(here: Path, called: Run) -> None:
     trajectory(motion([0.0, -1.9], [0.6, 0.6])).write(here / "plan.json")
-    status, out, _ = called(
-        capsys, "bench.toml", "plan.json", "--on", "simulation", "--out", "run.csv", "--model-out", "mounted.toml"
-    )
+    status, out, _ = called("--on", "simulation", "--out", "run.csv", "--model-out", "mounted.toml")
     assert status == 1
     assert "the plan's position of joint 1 is -1.9 rad at t = 0.6 s, 0.1 rad beyond the limit of -1.8" in out
     assert "the plan's speed of joint 1 is 5.938 rad/s at t = 0.3 s, 0.938 rad/s beyond the limit of 5" in out
@@ -246,17 +240,17 @@ def test_a_plan_beyond_the_limits_is_refused_and_nothing_is_written(
 
 @pytest.mark.parametrize(("turn", "status"), [(-1.80054, 0), (-1.80144, 1)])
 def test_what_a_plan_goes_beyond_a_limit_between_its_nodes_is_let_pass(
-    here: Path, capsys: pytest.CaptureFixture[str], turn: float, status: int
+    here: Path, called: Run, turn: float, status: int
 ) -> None:
     trajectory(motion([0.0, turn], [0.9, 0.9])).write(here / "plan.json")
-    made, out, _ = called(capsys, "bench.toml", "plan.json", "--on", "simulation", "--trials", 1, "--cycles", 1)
+    made, out, _ = called("--on", "simulation", "--trials", 1, "--cycles", 1)
     assert made == status
     assert ("is -1.801 rad at t = 0.9 s, 0.00144 rad beyond the limit of -1.8" in out) == bool(status)
 
 
-def test_a_safe_stop_exits_with_1_and_keeps_the_recording(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_safe_stop_exits_with_1_and_keeps_the_recording(here: Path, called: Run) -> None:
     arguments = ("--on", "simulation", "--tracking-limit", 0.001, "--out", "run.csv")
-    status, out, _ = called(capsys, "bench.toml", "plan.json", *arguments)
+    status, out, _ = called(*arguments)
     assert status == 1
     assert "SAFE STOP: trial 1 at t = " in out
     rows = (here / "run.csv").read_text().splitlines()
@@ -277,20 +271,15 @@ def test_a_safe_stop_exits_with_1_and_keeps_the_recording(here: Path, capsys: py
         (["--on", "simulation", "--out", "no/run.csv"], "there is no directory no"),
     ],
 )
-def test_mistakes_are_one_line(
-    here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
-) -> None:
+def test_mistakes_are_one_line(here: Path, refused: Refused, arguments: list[str], message: str) -> None:
     before = {p.name: p.read_bytes() for p in here.iterdir()}
-    status, out, err = called(capsys, "bench.toml", "plan.json", *arguments)
-    assert (status, out) == (2, "")
-    assert message in err
-    assert err.count("\n") == 1
+    assert message in refused("execute", "bench.toml", "plan.json", *arguments)
     assert {p.name: p.read_bytes() for p in here.iterdir()} == before
 
 
-def test_a_model_without_a_controller_says_what_to_add(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_model_without_a_controller_says_what_to_add(here: Path, called: Run) -> None:
     text = BENCH.replace("[joint.controller]\nkp = 40.0\nkd = 6.0\n", "")
     (here / "bench.toml").write_text(text)
-    status, _, err = called(capsys, "bench.toml", "plan.json", "--on", "simulation")
+    status, _, err = called("--on", "simulation")
     assert status == 2
     assert "lacks [joint.controller] at joint 1; tendon init --controller MODEL --write proposes them" in err

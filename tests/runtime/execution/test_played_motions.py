@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,24 +11,19 @@ import pytest
 from bench_arm import BENCH
 from numpy.typing import NDArray
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.notebook.arm import load
 from runtime.notebook.planned import execute
 from runtime.recordings import recording
-
-Outcome = tuple[int, str, str]
-Played = Callable[..., Outcome]
+from tests.runtime.conftest import Run
 
 
 @pytest.fixture
-def played(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Played:
-    monkeypatch.chdir(tmp_path)
+def played(tendon: Run) -> Run:
+    """`tendon execute` of the bench and its motion."""
     Path("bench.toml").write_text(BENCH)
 
-    def execute(*arguments: object, on: str = "simulation") -> Outcome:
-        status = output.run(app, ["execute", "bench.toml", "motion.csv", "--on", on, *map(str, arguments)])
-        return status, *capsys.readouterr()
+    def execute(*arguments: object, on: str = "simulation") -> tuple[int, str, str]:
+        return tendon("execute", "bench.toml", "motion.csv", "--on", on, *arguments)
 
     return execute
 
@@ -48,7 +43,7 @@ def write(t: Sequence[float], q: Sequence[float], notes: Sequence[str] = (), dig
 
 
 @pytest.mark.parametrize(("speed", "rate"), [(1.0, 1000.0), (0.2, 1000.0), (1.0, 200.0)])
-def test_what_is_played_is_what_the_file_says(played: Played, speed: float, rate: float) -> None:
+def test_what_is_played_is_what_the_file_says(played: Run, speed: float, rate: float) -> None:
     t, q = swings(4.0, rate)
     write(t, q, ["NOT CHECKED: the cat", "another comment"])
     status, out, _ = played("--speed", speed, "--out", "run.csv", "--json", "-")
@@ -66,14 +61,14 @@ def test_what_is_played_is_what_the_file_says(played: Played, speed: float, rate
     assert np.abs(made.q[0] - wanted).max() < 0.03
 
 
-def test_the_terminal_begins_with_what_is_not_checked(played: Played) -> None:
+def test_the_terminal_begins_with_what_is_not_checked(played: Run) -> None:
     write(*swings(2.0), ["NOT CHECKED: the cat"])
     assert played()[1].startswith("NOT CHECKED:\n  the cat\n")
     write(*swings(2.0))
     assert "The file does not say what was checked" in played()[1].splitlines()[1]
 
 
-def test_a_board_of_this_computer_holds_long_motions(played: Played) -> None:
+def test_a_board_of_this_computer_holds_long_motions(played: Run) -> None:
     write(*swings(20.0, 100.0))
     assert played()[0] == 0
     status, out, _ = played("--json", "-", on="unicorn")
@@ -81,7 +76,7 @@ def test_a_board_of_this_computer_holds_long_motions(played: Played) -> None:
     assert json.loads(out)["played"]["phases"] > 30
 
 
-def test_what_the_motion_asks_of_the_torque_is_checked_at_the_pace_that_it_is_played(played: Played) -> None:
+def test_what_the_motion_asks_of_the_torque_is_checked_at_the_pace_that_it_is_played(played: Run) -> None:
     write(*swings(0.5, size=0.17))
     status, out, _ = played("--out", "run.csv")
     assert status == 1
@@ -107,7 +102,7 @@ def jump(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDArray[np.flo
     ],
 )
 def test_what_a_controller_cannot_play_is_refused_by_line(
-    played: Played, made: tuple[NDArray[np.float64], NDArray[np.float64]], digits: int, words: str
+    played: Run, made: tuple[NDArray[np.float64], NDArray[np.float64]], digits: int, words: str
 ) -> None:
     write(*made, digits=digits)
     status, out, err = played("--out", "run.csv")
@@ -116,14 +111,14 @@ def test_what_a_controller_cannot_play_is_refused_by_line(
     assert not Path("run.csv").exists()
 
 
-def test_a_motion_brings_no_model(played: Played) -> None:
+def test_a_motion_brings_no_model(played: Run) -> None:
     write(*swings(2.0))
     status, _, err = played("--model-out", "other.toml")
     assert status == 2
     assert "a motion brings no springs" in err
 
 
-def test_a_notebook_plays_motions(played: Played) -> None:  # noqa: ARG001 (where the files are)
+def test_a_notebook_plays_motions(played: Run) -> None:  # noqa: ARG001 (where the files are)
     write(*swings(2.0))
     done = execute(load("bench.toml"), "motion.csv", speed=0.5)
     assert done.recording is not None

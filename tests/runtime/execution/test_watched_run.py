@@ -22,6 +22,7 @@ from runtime.identification.identify import identify
 from runtime.recordings.board_sums import BoardSums
 from runtime.workspace.source import Source
 from runtime.workspace.watching import monitor_entry, propose_monitor
+from tests.runtime.conftest import Run
 from tests.watched_run import CHANGES, PLAIN, friction, said_of, there_and_back, with_floors
 
 pytestmark = pytest.mark.xdist_group("watched")
@@ -91,7 +92,7 @@ def test_what_the_board_adds_up_gives_the_parameters_of_the_recording(
 
 
 def test_what_the_board_added_up_is_named_with_the_command_that_reads_it(
-    watched: Source, tmp_path: Path, tendon: Callable[..., tuple[int, str, str]]
+    watched: Source, tmp_path: Path, tendon: Run
 ) -> None:
     (tmp_path / "arm.toml").write_text(watched.text.replace("[monitor]\n", "[monitor]\nstatistics = true\n"))
     there_and_back().write(tmp_path / "plan.json")
@@ -111,7 +112,7 @@ def test_what_the_board_added_up_is_named_with_the_command_that_reads_it(
 
 @pytest.mark.parametrize(("hide", "missed"), [([], []), (["--hide", "coulomb@2:torque=0.4"], [2])])
 def test_a_recording_that_the_model_misses_is_said(
-    hide: list[str], missed: list[int], tmp_path: Path, tendon: Callable[..., tuple[int, str, str]]
+    hide: list[str], missed: list[int], tmp_path: Path, tendon: Run
 ) -> None:
     """With the file's values: fitted again, they would take up friction that has grown."""
     (tmp_path / "arm.toml").write_text(PLAIN)
@@ -127,9 +128,7 @@ def test_a_recording_that_the_model_misses_is_said(
     assert "With statistics = true under [monitor] the board also" in said
 
 
-def test_nothing_is_written_for_a_target_that_does_not_exist(
-    watched: Source, tmp_path: Path, tendon: Callable[..., tuple[int, str, str]]
-) -> None:
+def test_nothing_is_written_for_a_target_that_does_not_exist(watched: Source, tmp_path: Path, tendon: Run) -> None:
     (tmp_path / "arm.toml").write_text(watched.text)
     (tmp_path / "run.csv").write_text("t [s],q1,tau1\n")
     status, _, said = tendon("firmware", "arm.toml", "--monitor", "run.csv", "--target", "avr")

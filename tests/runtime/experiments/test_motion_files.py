@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,7 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from runtime.cli import output
-from runtime.cli.main import app
-
-Outcome = tuple[int, str, str]
-Export = Callable[..., Outcome]
+from tests.runtime.conftest import Run
 
 SECONDS, STARTS = 2.0, (0.1, -0.2)
 
@@ -43,15 +39,10 @@ def arm(joints: int) -> str:
 
 
 @pytest.fixture
-def export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Export:
-    monkeypatch.chdir(tmp_path)
+def export(tendon: Run) -> Run:
+    """`tendon export` of a motion of two joints."""
     write(2)
-
-    def run(*arguments: object) -> Outcome:
-        status = output.run(app, ["export", "arm.toml", "motion.csv", *map(str, arguments)])
-        return status, *capsys.readouterr()
-
-    return run
+    return partial(tendon, "export", "arm.toml", "motion.csv")
 
 
 def write(joints: int, notes: str = "# NOT CHECKED: the cat\n# a comment\n") -> None:
@@ -79,7 +70,7 @@ def check_points(names: list[str], points: list[tuple[float, list[float], list[f
     assert all((np.abs(x[x != 0]) > 1e-10 * np.abs(x).max()).all() for part in (q, qd, qdd) for x in part.T)
 
 
-def test_ros_reads_the_yaml(export: Export) -> None:
+def test_ros_reads_the_yaml(export: Run) -> None:
     status, out, _ = export("--to", "joint_trajectory", "--out", "m.yaml", "--speed", 0.5)
     assert status == 0
     assert out.startswith("NOT CHECKED:\n  the cat\n")
@@ -101,7 +92,7 @@ def test_ros_reads_the_yaml(export: Export) -> None:
     )
 
 
-def test_ros_reads_the_mcap(export: Export) -> None:
+def test_ros_reads_the_mcap(export: Run) -> None:
     assert export("--to", "joint_trajectory", "--out", "m.mcap", "--speed", 0.5)[0] == 0
     with Path("m.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -123,7 +114,7 @@ def test_ros_reads_the_mcap(export: Export) -> None:
     )
 
 
-def test_csv_is_at_the_controllers_rate(export: Export) -> None:
+def test_csv_is_at_the_controllers_rate(export: Run) -> None:
     assert export("--to", "csv", "--out", "m.csv")[0] == 0
     table = pd.read_csv("m.csv", comment="#")
     assert list(table) == ["t [s]", "q1 [rad]", "q2 [rad]", "qd1 [rad/s]", "qd2 [rad/s]"]
@@ -133,7 +124,7 @@ def test_csv_is_at_the_controllers_rate(export: Export) -> None:
 
 
 @pytest.mark.parametrize("unit", ["deg", "rad", "normalised"])
-def test_lerobots_columns(export: Export, unit: str) -> None:
+def test_lerobots_columns(export: Run, unit: str) -> None:
     status, out, _ = export("--to", "lerobot", "--out", "m.parquet", "--unit", unit, "--json", "-")
     assert (status, json.loads(out)["unit"]) == (0, unit)
     table = pq.read_table("m.parquet")
@@ -149,7 +140,7 @@ def test_lerobots_columns(export: Export, unit: str) -> None:
     np.testing.assert_allclose(action[:, 1], wanted, atol=1e-3)
 
 
-def test_urscript_starts_only_at_the_start_and_stops_at_the_end(export: Export) -> None:
+def test_urscript_starts_only_at_the_start_and_stops_at_the_end(export: Run) -> None:
     status, _, err = export("--to", "urscript", "--out", "m.script")
     assert (status, err) == (2, "arm: URScript is for arms of six revolute joints\n")
     # What is written into a script stays on its line of comment.
@@ -182,7 +173,7 @@ def test_urscript_starts_only_at_the_start_and_stops_at_the_end(export: Export) 
         (("--to", "csv", "--out", "motion.csv"), "motion.csv"),
     ],
 )
-def test_what_cannot_be_written(export: Export, arguments: tuple[str, ...], words: str) -> None:
+def test_what_cannot_be_written(export: Run, arguments: tuple[str, ...], words: str) -> None:
     before = sorted((path.name, path.read_text()) for path in Path().iterdir())
     status, _, err = export(*arguments)
     assert status == 2
@@ -190,7 +181,7 @@ def test_what_cannot_be_written(export: Export, arguments: tuple[str, ...], word
     assert sorted((path.name, path.read_text()) for path in Path().iterdir()) == before
 
 
-def test_a_motion_that_no_arm_may_make_is_not_written(export: Export) -> None:
+def test_a_motion_that_no_arm_may_make_is_not_written(export: Run) -> None:
     text = Path("motion.csv").read_text().splitlines()
     text[1000] = text[1000].replace(",", ",9", 1)
     Path("motion.csv").write_text("\n".join(text) + "\n")

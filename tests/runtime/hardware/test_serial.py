@@ -12,6 +12,7 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,6 @@ from bench_arm import BENCH, motion, trajectory
 from msgspec import UNSET
 
 from codegen.prepare import prepare_arm, prepare_firmware
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.execution.execute import SimulatedArm
 from runtime.execution.real import decimation
 from runtime.hardware import session
@@ -41,6 +40,7 @@ from runtime.simulation.plant import Plant
 from runtime.workspace.source import Source
 from symbolic.effects import LIBRARY
 from symbolic.model_file.arm import Arm
+from tests.runtime.conftest import Refused, Run
 
 SLOW = BENCH.replace("rate = 1000.0", "rate = 100.0").replace("velocity_cutoff = 100.0", "velocity_cutoff = 25.0")
 PLAN = trajectory(motion([0.0, -0.3], [0.4, 0.4])[:1], periodic=False)
@@ -115,11 +115,10 @@ def bench(source: Source, arm: Model) -> Iterator[Bench]:
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bench.toml").write_text(SLOW)
-    PLAN.write(tmp_path / "plan.json")
-    return tmp_path
+def here(here: Path) -> Path:
+    (here / "bench.toml").write_text(SLOW)
+    PLAN.write(here / "plan.json")
+    return here
 
 
 @pytest.fixture(autouse=True)
@@ -129,16 +128,10 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "_END", 30.0)  # the board's periods last longer then
 
 
-Outcome = tuple[int, str, str]
-
-
 @pytest.fixture
-def called(here: Path, capsys: pytest.CaptureFixture[str]) -> Any:  # noqa: ARG001 - where the files are
-    def run(*arguments: object) -> Outcome:
-        status = output.run(app, ["execute", "bench.toml", "plan.json", *map(str, arguments)])
-        return status, *capsys.readouterr()
-
-    return run
+def called(here: Path, tendon: Run) -> Run:  # noqa: ARG001 - where the files are
+    """`tendon execute` of the bench and its plan."""
+    return partial(tendon, "execute", "bench.toml", "plan.json")
 
 
 # --- a run ---
@@ -176,7 +169,9 @@ def behind(source: Source, arm: Model) -> Iterator[Callable[..., Bench]]:
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_a_motion_over_a_serial_port(behind: Any, called: Any, arm: Model, board: Callable[..., Any]) -> None:
+def test_a_motion_over_a_serial_port(
+    behind: Any, called: Run, tendon: Run, arm: Model, board: Callable[..., Any]
+) -> None:
     """There and back, three times, and the recording goes through compare."""
     bench = behind(board)
     trajectory(motion([0.0, -0.3], [0.4, 0.4])).write(Path("plan.json"))
@@ -194,10 +189,10 @@ def test_a_motion_over_a_serial_port(behind: Any, called: Any, arm: Model, board
     np.testing.assert_allclose(np.diff(back.t), 0.01)
     assert len(back.t) == 240
     assert back.q[0].min() == pytest.approx(-0.3, abs=0.02)
-    assert output.run(app, ["compare", "mounted.toml", "run.csv"]) == 0
+    assert tendon("compare", "mounted.toml", "run.csv")[0] == 0
 
 
-def test_without_arm_nothing_moves(bench: Bench, called: Any) -> None:
+def test_without_arm_nothing_moves(bench: Bench, called: Run) -> None:
     """What it would do is shown, the board is asked whether it fits, and where the arm stands."""
     status, out, _ = called("--on", f"serial://{bench.device}")
     assert status == 1
@@ -230,7 +225,7 @@ def test_python_asks_the_same_questions_before_an_arm_moves(
             execute(mine, here / "plan.json", **{"on": on, **wrong})
 
 
-def test_without_arm_and_without_a_board(called: Any) -> None:
+def test_without_arm_and_without_a_board(called: Run) -> None:
     status, out, _ = called("--on", "serial:///dev/nowhere")
     assert status == 1
     assert "room to the end of the range" in out
@@ -238,7 +233,7 @@ def test_without_arm_and_without_a_board(called: Any) -> None:
     assert "REFUSED, nothing has moved: a real arm moves only with --arm" in out
 
 
-def test_a_slow_line_carries_fewer_records_and_says_so(bench: Bench, called: Any) -> None:
+def test_a_slow_line_carries_fewer_records_and_says_so(bench: Bench, called: Run) -> None:
     """38 bytes of 10 bits, 100 times a second: 38 kbit/s, of which 90 % of 19200 is less than a half."""
     status, out, _ = called("--on", f"serial://{bench.device}?baud=19200", "--arm", "--out", "run.csv")
     assert status == 0, out
@@ -247,7 +242,7 @@ def test_a_slow_line_carries_fewer_records_and_says_so(bench: Bench, called: Any
     np.testing.assert_allclose(np.diff(t), 0.03)
 
 
-def test_the_boards_own_clock_stamps_the_records(bench: Bench, called: Any) -> None:
+def test_the_boards_own_clock_stamps_the_records(bench: Bench, called: Run) -> None:
     """A timer that is set 2 % too slow shows in the recording, and is told."""
     bench.clock = 1.02
     status, out, _ = called("--on", f"serial://{bench.device}", "--arm", "--out", "run.csv")
@@ -257,7 +252,7 @@ def test_the_boards_own_clock_stamps_the_records(bench: Bench, called: Any) -> N
     np.testing.assert_allclose(np.diff(t), 0.0102)
 
 
-def test_an_arm_that_stands_elsewhere_is_not_moved(bench: Bench, called: Any) -> None:
+def test_an_arm_that_stands_elsewhere_is_not_moved(bench: Bench, called: Run) -> None:
     bench.place(0.2)
     status, _, err = called("--on", f"serial://{bench.device}", "--arm")
     assert status == 2
@@ -265,14 +260,14 @@ def test_an_arm_that_stands_elsewhere_is_not_moved(bench: Bench, called: Any) ->
     assert not any(bench.torques)
 
 
-def test_it_is_driven_to_the_start_if_that_is_wanted(bench: Bench, called: Any) -> None:
+def test_it_is_driven_to_the_start_if_that_is_wanted(bench: Bench, called: Run) -> None:
     bench.place(0.2)
     status, out, _ = called("--on", f"serial://{bench.device}", "--arm", "--approach", "--json", "e.json")
     assert status == 0, out
     assert json.loads(Path("e.json").read_text())["mean"]["q_min"][0] == pytest.approx(-0.3, abs=0.02)
 
 
-def test_what_was_recorded_before_something_fails_is_kept(bench: Bench, called: Any) -> None:
+def test_what_was_recorded_before_something_fails_is_kept(bench: Bench, called: Run) -> None:
     """The motion ends elsewhere than it starts: there is no second one."""
     files = ("--out", "run.csv", "--json", "e.json")
     status, _, _ = called("--on", f"serial://{bench.device}", "--arm", "--trials", 2, *files)
@@ -283,7 +278,7 @@ def test_what_was_recorded_before_something_fails_is_kept(bench: Bench, called: 
     assert len(Path("run.csv").read_text().splitlines()) == 66
 
 
-def test_a_cable_that_is_pulled_in_motion(bench: Bench, called: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cable_that_is_pulled_in_motion(bench: Bench, called: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "_END", 1.0)  # nobody answers until then
 
     def pull() -> None:
@@ -324,7 +319,7 @@ def test_a_record_each_control_period_at_1_khz_over_1_mbaud(
 
 
 @pytest.mark.parametrize("key", ["position", "speed", "torque"])
-def test_no_real_arm_moves_without_limits(called: Any, here: Path, key: str) -> None:
+def test_no_real_arm_moves_without_limits(called: Run, here: Path, key: str) -> None:
     line = next(line for line in SLOW.splitlines() if line.startswith(f"{key} = "))
     (here / "bench.toml").write_text(SLOW.replace(f"{line}\n", "", 1))
     status, out, err = called("--on", "serial:///dev/nowhere", "--arm")
@@ -348,14 +343,11 @@ def test_no_real_arm_moves_without_limits(called: Any, here: Path, key: str) -> 
         ),
     ],
 )
-def test_mistakes_are_one_line(called: Any, arguments: list[str], message: str) -> None:
-    status, out, err = called(*arguments, "--arm")
-    assert (status, out) == (2, "")
-    assert message in err
-    assert err.count("\n") == 1
+def test_mistakes_are_one_line(here: Path, refused: Refused, arguments: list[str], message: str) -> None:  # noqa: ARG001
+    assert message in refused("execute", "bench.toml", "plan.json", *arguments, "--arm")
 
 
-def test_arm_is_not_for_the_simulation(called: Any) -> None:
+def test_arm_is_not_for_the_simulation(called: Run) -> None:
     assert "--arm is for a real arm, and --on simulation is none" in called("--on", "simulation", "--arm")[2]
 
 
@@ -384,7 +376,7 @@ def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
         SerialLink("/dev/ttyACM0")
 
 
-def test_nobody_at_the_other_end(called: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_at_the_other_end(called: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session, "_GREETINGS", 3)
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -414,11 +406,11 @@ def swing(path: Path, seconds: float, start: float = 0.0) -> Path:
 
 
 def test_a_motions_file_is_played_where_the_board_has_room_and_the_arm_stands_at_its_start(
-    bench: Bench, here: Path, capsys: pytest.CaptureFixture[str]
+    bench: Bench, here: Path, tendon: Run
 ) -> None:
-    def played(path: Path) -> Outcome:
+    def played(path: Path) -> tuple[int, str, str]:
         on = ("--on", f"serial://{bench.device}", "--arm", "--out", "run.csv")
-        return output.run(app, ["execute", "bench.toml", str(path), *on]), *capsys.readouterr()
+        return tendon("execute", "bench.toml", path, *on)
 
     status, _, err = played(swing(here / "long.csv", 12.0))
     assert status == 2
@@ -434,7 +426,7 @@ def test_a_motions_file_is_played_where_the_board_has_room_and_the_arm_stands_at
     assert recording.read(here / "run.csv", None).q.min() == pytest.approx(-1.2, abs=0.05)
 
 
-def test_firmware_of_another_arm(bench: Bench, called: Any, here: Path) -> None:
+def test_firmware_of_another_arm(bench: Bench, called: Run, here: Path) -> None:
     """The same joint with another effect to compensate: other settings, so another layout."""
     (here / "bench.toml").write_text(SLOW + "[joint.effects.offset]\ntorque = 0.1\n")
     status, _, err = called("--on", f"serial://{bench.device}", "--arm")
@@ -443,12 +435,12 @@ def test_firmware_of_another_arm(bench: Bench, called: Any, here: Path) -> None:
     assert "rebuild it (tendon firmware)" in err
 
 
-def test_the_serial_library_is_an_extra(called: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_serial_library_is_an_extra(called: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "serial", None)
     assert "a serial port needs pyserial: pip install pyserial" in called("--on", "serial:///dev/x", "--arm")[2]
 
 
-def test_emulators_that_are_missing_say_what_to_install(called: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_emulators_that_are_missing_say_what_to_install(called: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     which = shutil.which
     monkeypatch.setattr(shutil, "which", lambda name: None if name == "qemu-system-arm" else which(name))
     status, _, err = called("--on", "qemu")

@@ -20,11 +20,6 @@ def typed(*arguments: object) -> Any:
     return json.loads(Path("said.json").read_text())
 
 
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
 def excite(arm: str, *asked: object) -> str:
     """Motions motion.csv and check.csv; the arm's model with a controller."""
     model = arm
