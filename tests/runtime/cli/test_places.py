@@ -10,8 +10,7 @@ from typing import Any, get_type_hints
 
 import pytest
 
-from runtime.cli import output, places, verbs
-from runtime.cli.main import app
+from runtime.cli import places, verbs
 from runtime.report import page
 from runtime.workspace.names import UsageError, shipped_or_given
 from tests import one_joint
@@ -60,8 +59,7 @@ def test_every_file_of_every_verb_has_a_role():
 
 @pytest.mark.parametrize("way", ["itself", "relative", "absolute", "symlink", "hard link"])
 @pytest.mark.parametrize(("verb", "target", "source"), list(collisions()))
-def test_no_verb_writes_to_what_it_reads(tmp_path, monkeypatch, capsys, verb, target, source, way):
-    monkeypatch.chdir(tmp_path)
+def test_no_verb_writes_to_what_it_reads(tmp_path, refused, verb, target, source, way):
     inside = places.roles(COMMANDS[verb].callback)[target].names or ()
     written = next(iter(inside), "M.toml")
     Path(written).write_text("as it was")
@@ -77,10 +75,8 @@ def test_no_verb_writes_to_what_it_reads(tmp_path, monkeypatch, capsys, verb, ta
         Path("linked").symlink_to(written)
     elif way == "hard link":
         os.link(written, "linked")
-    status = output.run(app, call(verb, {source: named, target: "." if inside else written}))
-    out, err = capsys.readouterr()
-    assert (status, out) == (2, "")
-    assert err == f"{written}: is read here; choose another name to write to\n"
+    said = refused(*call(verb, {source: named, target: "." if inside else written}))
+    assert said == f"{written}: is read here; choose another name to write to\n"
     assert Path(written).read_text() == "as it was"
 
 
@@ -91,11 +87,9 @@ def test_an_arm_of_tendon_is_not_overwritten_under_its_path():
         places.keep([Path("drive")], [ARMS / "drive.toml"])
 
 
-def test_two_results_do_not_go_to_one_file(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_two_results_do_not_go_to_one_file(tmp_path, refused):
     Path("drive.toml").write_text(DRIVE)
-    assert output.run(app, ["simulate", "drive.toml", "--out", "run.csv", "--json", "./run.csv"]) == 2
-    assert capsys.readouterr().err in (
+    assert refused("simulate", "drive.toml", "--out", "run.csv", "--json", "./run.csv") in (
         "run.csv: is written twice; choose two names\n",
         "./run.csv: is written twice; choose two names\n",
     )
@@ -103,10 +97,9 @@ def test_two_results_do_not_go_to_one_file(tmp_path, monkeypatch, capsys):
     places.keep([Path("/dev/null")], [Path("/dev/null"), Path("/dev/null")])  # nothing is lost there
 
 
-def test_the_model_of_a_scenario_is_not_overwritten(tmp_path, monkeypatch, capsys):
+def test_the_model_of_a_scenario_is_not_overwritten(tmp_path, refused):
     from runtime.workspace.names import SCENARIOS
 
-    monkeypatch.chdir(tmp_path)
     scenario = (SCENARIOS / "scenario1.toml").read_text().replace('model = "vishard4"', 'model = "arm.toml"')
     Path("scenario.toml").write_text(scenario)
     Path("arm.toml").write_text(shipped_or_given(Path("vishard4")).read_text())
@@ -116,49 +109,39 @@ def test_the_model_of_a_scenario_is_not_overwritten(tmp_path, monkeypatch, capsy
         ["optimize", "scenario.toml", "--json", "arm.toml"],
         ["sweep", "scenario.toml", "--over", "seed=0:1", "--table", "t.csv", "--json", "arm.toml"],
     ):
-        assert output.run(app, arguments) == 2
-        assert "arm.toml: is read here" in capsys.readouterr().err
+        assert "arm.toml: is read here" in refused(*arguments)
         assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
-def test_generated_files_replace_no_file_that_is_read(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_generated_files_replace_no_file_that_is_read(refused):
     Path("made").mkdir()
     Path("drive.toml").write_text(DRIVE)
     own = "from symbolic.effects import LIBRARY\nEFFECTS = ()\n"
     Path("made/drive1_casadi.py").write_text(own)
     for arguments in (["generate", "drive.toml"], ["add", "drive.toml", "stribeck", "--joint", "1"]):
-        call_ = [*arguments, "--out", "made", "--effects", "made/drive1_casadi.py"]
-        assert output.run(app, call_) == 2
-        assert "made/drive1_casadi.py: is read here" in capsys.readouterr().err
+        said = refused(*arguments, "--out", "made", "--effects", "made/drive1_casadi.py")
+        assert "made/drive1_casadi.py: is read here" in said
     assert Path("made/drive1_casadi.py").read_text() == own
     assert Path("drive.toml").read_text() == DRIVE
 
 
-def test_a_report_that_cannot_be_written_costs_only_the_report(tmp_path, monkeypatch, capsys):
+def test_a_report_that_cannot_be_written_costs_only_the_report(tendon):
     """Its place is taken by a directory; verdict, JSON and exit status are those without a report."""
-    monkeypatch.chdir(tmp_path)
     Path("drive.toml").write_text(DRIVE)
-    record = ["simulate", "drive.toml", "--out", "run.csv", "--seconds", "12"]
-    assert output.run(app, record) == 0
+    assert tendon("simulate", "drive.toml", "--out", "run.csv", "--seconds", "12")[0] == 0
     Path("report", page.NAME).mkdir(parents=True)
-    capsys.readouterr()
     for verb in ("compare", "diagnose"):
-        bare = output.run(app, [verb, "drive.toml", "run.csv", "--json", "bare.json"])
-        said = capsys.readouterr().out
-        status = output.run(app, [verb, "drive.toml", "run.csv", "--json", "drawn.json", "--report", "report"])
-        out, err = capsys.readouterr()
+        bare, said, _ = tendon(verb, "drive.toml", "run.csv", "--json", "bare.json")
+        status, out, err = tendon(verb, "drive.toml", "run.csv", "--json", "drawn.json", "--report", "report")
         assert (status, out) == (bare, said)
         assert "the report could not be written: " in err
         assert "Is a directory" in err
         assert json.loads(Path("drawn.json").read_text()).keys() == json.loads(Path("bare.json").read_text()).keys()
 
 
-def test_a_verdict_is_said_before_its_report_is_drawn(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_verdict_is_said_before_its_report_is_drawn(tendon, monkeypatch, capsys):
     Path("drive.toml").write_text(DRIVE)
-    assert output.run(app, ["simulate", "drive.toml", "--out", "run.csv", "--seconds", "12"]) == 0
-    capsys.readouterr()
+    assert tendon("simulate", "drive.toml", "--out", "run.csv", "--seconds", "12")[0] == 0
 
     def drawn(*_: object) -> Path:
         assert "noise floor" in capsys.readouterr().out
@@ -166,16 +149,15 @@ def test_a_verdict_is_said_before_its_report_is_drawn(tmp_path, monkeypatch, cap
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("runtime.report.page.reports.write_report", drawn)
-    assert output.run(app, ["compare", "drive.toml", "run.csv", "--report", "report", "--json", "said.json"]) == 0
-    assert capsys.readouterr().err.endswith("the report could not be written: No space left on device\n")
+    status, _, err = tendon("compare", "drive.toml", "run.csv", "--report", "report", "--json", "said.json")
+    assert status == 0
+    assert err.endswith("the report could not be written: No space left on device\n")
 
 
-def test_a_directory_that_cannot_be_made_is_refused_before_the_work(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_a_directory_that_cannot_be_made_is_refused_before_the_work(tmp_path, refused):
     Path("drive.toml").write_text(DRIVE)
     Path("run.csv").write_text("t,q1,tau1\n")
-    assert output.run(app, ["compare", "drive.toml", "run.csv", "--report", "drive.toml/report"]) == 2
-    assert capsys.readouterr().err == (
+    assert refused("compare", "drive.toml", "run.csv", "--report", "drive.toml/report") == (
         f"drive.toml/report: cannot be made, as {tmp_path / 'drive.toml'} is a file; choose another directory\n"
     )
 
@@ -183,8 +165,7 @@ def test_a_directory_that_cannot_be_made_is_refused_before_the_work(tmp_path, mo
 @pytest.mark.parametrize(
     ("verb", "option", "given"), [("optimize", "plot", "scenario1"), ("inspect", "picture", "run.csv")]
 )
-def test_a_picture_of_no_format_is_refused_before_any_work(tmp_path, monkeypatch, capsys, verb, option, given):
-    monkeypatch.chdir(tmp_path)
-    assert output.run(app, [verb, given, f"--{option}", "drawn.txt"]) == 2
-    assert capsys.readouterr().err == "drawn.txt: expected a name that ends in .png, .svg or .pdf\n"
+def test_a_picture_of_no_format_is_refused_before_any_work(tmp_path, refused, verb, option, given):
+    said = refused(verb, given, f"--{option}", "drawn.txt")
+    assert said == "drawn.txt: expected a name that ends in .png, .svg or .pdf\n"
     assert not list(tmp_path.iterdir())

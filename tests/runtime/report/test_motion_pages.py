@@ -11,8 +11,6 @@ import pytest
 from bench_arm import BENCH, SPRING, THERE_AND_BACK, trajectory
 from msgspec.structs import replace
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.documents.plans import ArmEffectEntry, PlanLimitsEntry
 from runtime.execution.execute import Execution, execute
 from runtime.execution.options import ExecutionSettings
@@ -27,6 +25,7 @@ from runtime.report.page.moving import ExecutedCycles
 from runtime.report.plots import motion_plots
 from runtime.workspace.source import Source
 from symbolic.model_file.arm import Limits
+from tests.runtime.conftest import Run
 from tests.runtime.planning.planning_cases import arm, there
 
 
@@ -181,11 +180,11 @@ def test_a_safe_stop_is_drawn_up_to_it(bench: Source) -> None:
     assert not data["loop"]
 
 
-def test_the_verb_writes_its_page(tmp_path: Path, capsys, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_verb_writes_its_page(tendon: Run) -> None:
     Path("bench.toml").write_text(BENCH)
     trajectory(THERE_AND_BACK).write(Path("plan.json"))
-    said = ["execute", "bench.toml", "plan.json", "--on", "simulation", "--trials", "1", "--report", "page"]
-    assert output.run(app, said) == 0
-    assert "Report: page/report.html" in capsys.readouterr().out
+    asked = ("--on", "simulation", "--trials", "1", "--report", "page")
+    status, out, _ = tendon("execute", "bench.toml", "plan.json", *asked)
+    assert status == 0
+    assert "Report: page/report.html" in out
     assert "<title>" in Path("page/report.html").read_text(encoding="utf-8")

@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 from bench_arm import BENCH, SPRING, THERE_AND_BACK, trajectory
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.plain_json import plain
 from runtime.planning import results
 from runtime.planning.optimize import optimize
@@ -75,12 +73,12 @@ def test_a_plan_is_opened_found_again_and_closed(made, files):
         again.close()
 
 
-def test_an_arm_of_the_toolkit_needs_no_model_and_a_foreign_one_does(made, tmp_path, files):
+def test_an_arm_of_the_toolkit_needs_no_model_and_a_foreign_one_does(made, tendon, tmp_path, files):
     foreign = json.loads((files / "plan.json").read_text()) | {"arm": "nobody's"}
     (tmp_path / "foreign.json").write_text(json.dumps(foreign))
     made.open_plans(tmp_path / "foreign.json")
     assert "give its model file first" in failed(made)
-    assert output.run(app, ["optimize", "scenario1", "--starts", "1", "--out", str(tmp_path / "own.json")]) == 0
+    assert tendon("optimize", "scenario1", "--starts", "1", "--out", tmp_path / "own.json")[0] == 0
     made.open_plans(tmp_path / "own.json")
     done(made)
     assert made.plans()[1].headline.startswith("scenario1 in 1.2 s")
@@ -133,15 +131,12 @@ def test_what_is_broken_gives_a_line_and_leaves_nothing(made):
     assert sorted(p.relative_to(made.session.folder) for p in made.session.folder.rglob("*")) == before
 
 
-def test_the_verb_refuses_what_it_could_not_open_before_a_folder_is_made(tmp_path, monkeypatch, capsys, files):
-    monkeypatch.chdir(tmp_path)
+def test_the_verb_refuses_what_it_could_not_open_before_a_folder_is_made(tmp_path, refused, files):
     for arguments in (
-        [str(files / "bench.toml"), "--plan", str(files / "bench.toml"), "--demo"],
-        [str(files / "bench.toml"), str(files / "plan.json"), "--plan", str(files / "plan.json")],
+        (files / "bench.toml", "--plan", files / "bench.toml", "--demo"),
+        (files / "bench.toml", files / "plan.json", "--plan", files / "plan.json"),
     ):
-        assert output.run(app, ["studio", *arguments]) == 2
-        assert "--plan opens plans of MODEL without recordings" in capsys.readouterr().err
+        assert "--plan opens plans of MODEL without recordings" in refused("studio", *arguments)
     (tmp_path / "plan.txt").write_text("")
-    assert output.run(app, ["studio", "--plan", "plan.txt"]) == 2
-    assert "expected a trajectory" in capsys.readouterr().err
+    assert "expected a trajectory" in refused("studio", "--plan", "plan.txt")
     assert [p.name for p in tmp_path.iterdir()] == ["plan.txt"]

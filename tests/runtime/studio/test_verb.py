@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.studio import server
 from runtime.studio.session import StudioSession
 from runtime.studio.studio import Studio
@@ -18,12 +16,11 @@ MODEL = one_joint.model_text("[joint.effects.coulomb]\n[joint.effects.viscous]\n
 
 
 @pytest.fixture
-def here(tmp_path, monkeypatch):
+def here(here, monkeypatch):
     """An empty folder with a model, where nothing is served: what would be is kept in `served`."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.toml").write_text(MODEL)
+    (here / "arm.toml").write_text(MODEL)
     monkeypatch.setattr(server, "needed", lambda: None)
-    return tmp_path
+    return here
 
 
 @pytest.fixture
@@ -39,31 +36,31 @@ def served(monkeypatch):
     return found
 
 
-def test_a_new_session_is_made_each_time_and_opened_again(here, served, capsys):
+def test_a_new_session_is_made_each_time_and_opened_again(here, served, tendon):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         wanted = free.getsockname()[1]
     for name in ("studio-session", "studio-session-2"):
-        assert output.run(app, ["studio", "arm.toml", "--port", str(wanted), "--no-browser"]) == 0
-        assert capsys.readouterr().out == f"Session: {here / name}\n"
+        status, out, _ = tendon("studio", "arm.toml", "--port", wanted, "--no-browser")
+        assert (status, out) == (0, f"Session: {here / name}\n")
         studio, port, browser = served[-1]
         assert (studio.session.folder, port, browser) == (here / name, wanted, False)
         assert studio.inputs.model.typed == "arm.toml"
-    assert output.run(app, ["studio", "studio-session"]) == 0
+    assert tendon("studio", "studio-session")[0] == 0
     assert served[-1][0].session.folder == here / "studio-session"
     assert served[-1][0].inputs.model.typed == "arm.toml"
     assert sorted(p.name for p in here.iterdir()) == ["arm.toml", "studio-session", "studio-session-2"]
 
 
-def test_an_arm_of_tendon_and_a_robot_description(here, served):
+def test_an_arm_of_tendon_and_a_robot_description(here, served, tendon):
     urdf = """<robot name="bench"><link name="base"/><link name="arm"><inertial><mass value="1"/>
     <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
     <joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
     <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
     (here / "bench.urdf").write_text(urdf)
-    assert output.run(app, ["studio", "drive"]) == 0
+    assert tendon("studio", "drive")[0] == 0
     assert (served[-1][0].inputs.like, served[-1][0].inputs.model.file) == ("drive", "drive.toml")
-    assert output.run(app, ["studio", "bench.urdf"]) == 0
+    assert tendon("studio", "bench.urdf")[0] == 0
     made = served[-1][0]
     assert made.inputs.model.file == "bench.toml"
     assert 'name = "hinge"' in made.model_text(None)
@@ -88,26 +85,22 @@ def test_an_arm_of_tendon_and_a_robot_description(here, served):
         (["nothing"], "nothing"),
     ],
 )
-def test_what_is_wrong_is_one_line(here, served, capsys, arguments, expected):
+def test_what_is_wrong_is_one_line(here, served, refused, arguments, expected):
     (here / "broken.toml").write_text("name = 3")
     (here / "broken.urdf").write_text("<robot")
     StudioSession.create(Path("old"))
     before = sorted(p.name for p in here.iterdir())
-    assert output.run(app, ["studio", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert expected in err
-    assert "given/" not in err
+    said = refused("studio", *arguments)
+    assert expected in said
+    assert "given/" not in said
     assert sorted(p.name for p in here.iterdir()) == before
     assert served == []
 
 
-def test_a_port_that_is_taken_is_said_before_a_folder_is_made(here, served, capsys):
+def test_a_port_that_is_taken_is_said_before_a_folder_is_made(here, served, refused):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert output.run(app, ["studio", "arm.toml", "--port", str(port)]) == 2
-    assert f"port {port} of 127.0.0.1 cannot be used" in capsys.readouterr().err
+        assert f"port {port} of 127.0.0.1 cannot be used" in refused("studio", "arm.toml", "--port", port)
     assert [p.name for p in here.iterdir()] == ["arm.toml"]
     assert served == []
 
@@ -138,9 +131,7 @@ def test_the_browser_is_handed_a_file_that_others_cannot_read_and_not_the_key(he
     assert keys[0] != keys[1]
 
 
-def test_without_nicegui_it_says_what_to_install(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_without_nicegui_it_says_what_to_install(tmp_path, monkeypatch, refused):
     monkeypatch.setattr(server.importlib.util, "find_spec", lambda _: None)
-    assert output.run(app, ["studio", "--demo"]) == 2
-    assert "pip install -e '.[studio]'" in capsys.readouterr().err
+    assert "pip install -e '.[studio]'" in refused("studio", "--demo")
     assert list(tmp_path.iterdir()) == []
