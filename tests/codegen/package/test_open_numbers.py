@@ -19,6 +19,7 @@ from runtime.cli import main, output
 from symbolic.effects import shipped
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
+from tests import one_joint
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[3]
@@ -26,22 +27,8 @@ REAL = ROOT.parent / "shared" / "data" / "real"
 FILES = [*sorted((ROOT / "symbolic" / "arms").glob("*.toml")), *sorted((ROOT / "tests" / "robots").glob("*.urdf"))]
 FILES += [REAL / name / f"{name}.urdf" for name in ("go2", "tx40", "ur10")]
 TIPS = {"panda": "panda_hand_tcp", "go2": "FL_foot"}
-BENCH = """name = "bench"
-gravity = [0.0, -9.81]
-""" + "".join(
-    f"""[[joint]]
-type = "{kind}"
-gear_ratio = 1
-rotor_inertia = 0.1
-[joint.link]
-length = 0.3
-mass = 1.0
-com = [0.1, 0.02]
-inertia = 0.02
-[joint.effects.{effect}]
-"""
-    for kind, effect in (("revolute", "coulomb"), ("prismatic", "stribeck"))
-)
+SLIDE = one_joint.joint_text("[joint.effects.stribeck]\n").replace("revolute", "prismatic")
+BENCH = one_joint.model_text("[joint.effects.coulomb]\n", "bench", -9.81).replace("0.20, 0.0", "0.20, 0.02") + SLIDE
 PYTHON = """
 import importlib.util, json, sys
 import numpy as np

@@ -17,6 +17,7 @@ from symbolic.effects.declaration import SIGNAL
 from symbolic.model import derive
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm, Drive
+from tests import one_joint
 from tests.variants import slow
 
 # Points of a subject a draw; with the draws below some 60 points a function.
@@ -167,11 +168,6 @@ def test_vectors_replay(vishard4: Arm) -> None:
 
 
 def test_the_same_seed_gives_the_same_report() -> None:
-    arm = reader.parse(
-        'name = "one"\ngravity = [0.0, -9.81]\n[[joint]]\ntype = "revolute"\nrotor_inertia = 0.1\ngear_ratio = 1\n'
-        "[joint.link]\nlength = 0.3\nmass = 2.0\ncom = [0.2, 0.0]\ninertia = 0.05\n",
-        "one.toml",
-        LIBRARY,
-    )
+    arm = reader.parse(one_joint.model_text("", gravity=-9.81), "one.toml", LIBRARY)
     first, second = (verify.verify(arm, samples=3, seed=7, effects=()).to_json() for _ in range(2))
     assert first == second

@@ -22,25 +22,19 @@ from symbolic.model_file import reader
 from tests import spatial_arms
 
 HOSTILE = '</script><img src="https://evil.example/x" onerror=alert(1)>'
-SLIDING = """
-name = "sliding"
-gravity = [0.0, -9.81]
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.1
+SLIDING = 'name = "sliding"\ngravity = [0.0, -9.81]\n' + "".join(
+    f"""[[joint]]
+type = "{kind}"
+rotor_inertia = {rotor}
 gear_ratio = 100
-link = { length = 0.4, mass = 1.0, com = [0.2, 0.0], inertia = 0.01 }
-[[joint]]
-type = "prismatic"
-rotor_inertia = 2.0
-gear_ratio = 100
-link = { length = 0.1, mass = 1.0, com = [0.0, 0.0], inertia = 0.01 }
-[[joint]]
-type = "revolute"
-rotor_inertia = 0.1
-gear_ratio = 100
-link = { length = 0.25, mass = 1.0, com = [0.1, 0.0], inertia = 0.01 }
+link = {{ length = {length}, mass = 1.0, com = [{com}, 0.0], inertia = 0.01 }}
 """
+    for kind, rotor, length, com in (
+        ("revolute", 0.1, 0.4, 0.2),
+        ("prismatic", 2.0, 0.1, 0.0),
+        ("revolute", 0.1, 0.25, 0.1),
+    )
+)
 
 
 @pytest.fixture(scope="module")
