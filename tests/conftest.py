@@ -104,6 +104,13 @@ def cache() -> Iterator[Path]:
         os.environ["TENDON_CACHE"] = before
 
 
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Of the test's own, in which nothing is compiled yet."""
+    monkeypatch.setenv("TENDON_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
 @contextmanager
 def alone(cache: Path) -> Iterator[None]:
     """One process at a time: the next one finds in the cache what the first one has made there."""

@@ -86,15 +86,16 @@ def test_long_parts_are_done_elsewhere_from_the_first_on() -> None:
     assert os.getpid() not in {process for _, process in found}
 
 
+def asleep(seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="one process there")
 def test_long_parts_elsewhere_end_where_no_further_one_is_asked_for() -> None:
-    def part(seconds: float) -> float:
-        time.sleep(seconds)
-        return seconds
-
     began = time.monotonic()
     with on_cores(2):
-        results = of_long(part, [0.0, 60.0, 60.0])
+        results = of_long(asleep, [0.0, 60.0, 60.0])
         assert next(results) == 0.0
         results.close()
     assert time.monotonic() - began < 30.0
@@ -103,14 +104,9 @@ def test_long_parts_elsewhere_end_where_no_further_one_is_asked_for() -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="one process there")
 def test_long_parts_elsewhere_end_when_the_time_has_passed() -> None:
     """The one that is done comes, the others are not waited for, nor begun here."""
-
-    def part(seconds: float) -> float:
-        time.sleep(seconds)
-        return seconds
-
     began = time.monotonic()
     with on_cores(2), within(1.0):
-        assert list(of_long(part, [0.0, 60.0, 60.0])) == [0.0]
+        assert list(of_long(asleep, [0.0, 60.0, 60.0])) == [0.0]
     assert time.monotonic() - began < 30.0
 
 

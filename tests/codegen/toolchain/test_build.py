@@ -25,12 +25,6 @@ from symbolic.effects import shipped
 ANSWER = {"answer.c": "int answer(void);\nint answer(void)\n{\n    return 42;\n}\n"}
 
 
-@pytest.fixture
-def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("TENDON_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
 def test_compiles_once(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = build.shared_library(ANSWER, "answer")
     assert path.is_relative_to(empty_cache)

@@ -26,12 +26,6 @@ build.entry("killed", fill)
 """
 
 
-@pytest.fixture
-def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("TENDON_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
 def answer() -> int:
     """Loaded in a process of its own: a library that is cut kills the one that loads it."""
     path = shared_library(ANSWER, "answer")

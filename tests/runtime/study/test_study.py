@@ -9,14 +9,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.documents.paper import ClaimEntry
 from runtime.model.loader import Model
 from runtime.study import figures, published
 from runtime.study.identification import Table1
 from runtime.study.study import Row, Study, StudyCase
 from runtime.workspace.source import CompiledArm, Source
+from tests.runtime.conftest import Run
 
 
 @pytest.fixture(scope="module")
@@ -115,18 +114,17 @@ def test_without_compensation_friction_costs_and_joint_4_turns_early(study: Stud
 
 @pytest.mark.parametrize(("unclaimed", "status"), [("", 1), ("the geometry is not published", 0)])
 def test_the_exit_status_says_whether_the_study_keeps_what_it_claims(
-    unclaimed: str, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    unclaimed: str, status: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, tendon: Run
 ) -> None:
     """What is known not to come out is said with the reason, and costs no exit status."""
     text = "the spring leaves joint 4"
     claim = ClaimEntry(text=text, paper="13 to 16", ours="12 to 25", holds=False, unclaimed=unclaimed)
     table = Table1(()).entry()
-    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(CompiledArm, "model", lambda _: None)
     monkeypatch.setattr(CompiledArm, "controller", lambda _: tmp_path)
     found = SimpleNamespace(entry=lambda: msgspec.structs.replace(table, claims=[claim]))
     monkeypatch.setattr(Study, "table1", found)
-    assert output.run(app, ["paper", "table1"]) == status
-    out = capsys.readouterr().out
+    ended, out, _ = tendon("paper", "table1")
+    assert ended == status
     assert 'Not reproduced: "the spring leaves joint 4 13 to 16", here 12 to 25; ' in out
     assert (f"not claimed: {unclaimed}." if unclaimed else "it should come out.") in out
