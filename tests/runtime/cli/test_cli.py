@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -25,12 +24,11 @@ from runtime.workspace.generated import render_all
 from runtime.workspace.names import UsageError
 from runtime.workspace.source import CompiledArm, Source
 from tests import one_joint
+from tests.runtime.conftest import Run
 
 DRIVE = one_joint.model_text(
     "[joint.effects.coulomb_asymmetric]   # not known yet\n[joint.effects.viscous]\n",
 )
-
-Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture

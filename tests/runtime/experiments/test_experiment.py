@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.cli import output
-from runtime.cli.main import app
 from runtime.diagnosis.ranking import rank
 from runtime.diagnosis.stages import begin
 from runtime.experiments import design
@@ -30,6 +29,7 @@ from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, simulate
 from runtime.workspace.source import Source
 from tests.kept import kept
+from tests.runtime.conftest import Run
 
 DRIVE = Path(__file__).resolve().parents[3] / "symbolic" / "arms" / "drive.toml"
 SMALL = "linear_spring@1:stiffness=0.4,rest=0,gravity:gx=1,gy=0"
@@ -79,22 +79,23 @@ def test_what_is_no_experiment_is_one_line(drive: Model, text: str, message: str
     assert "\n" not in str(caught.value)
 
 
-def test_the_verb_has_help_and_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert output.run(app, ["experiment", "--help"]) == 0
-    assert "Example: tendon experiment" in capsys.readouterr().out
-    nowhere = tmp_path / "nowhere" / "motion.csv"
-    for more in (["--between", "viscous@1"], ["--between", "stribeck@1", "--out", str(nowhere)]):
-        assert output.run(app, ["experiment", str(DRIVE), *more]) == output.BAD_INPUT
-        out, err = capsys.readouterr()
+def test_the_verb_has_help_and_refuses_in_one_line(tendon: Run) -> None:
+    status, out, _ = tendon("experiment", "--help")
+    assert status == 0
+    assert "Example: tendon experiment" in out
+    for more in (("--between", "viscous@1"), ("--between", "stribeck@1", "--out", "nowhere/motion.csv")):
+        status, out, err = tendon("experiment", DRIVE, *more)
+        assert status == output.BAD_INPUT
         said = [line for line in err.splitlines() if not line.endswith("…")]  # progress
         assert (out, len(said)) == ("", 1)
 
 
-def test_rivals_may_be_given_one_by_one(capsys: pytest.CaptureFixture[str]) -> None:
+def test_rivals_may_be_given_one_by_one(tendon: Run) -> None:
     """None of them is dropped: here both the first and the last are looked at."""
-    twice = ["--between", "stribeck@1:speed=0.1", "--between", "elasticity@1", "--between", "stribeck@1"]
-    assert output.run(app, ["experiment", str(DRIVE), *twice]) == output.BAD_INPUT
-    assert "stribeck@1 is named twice" in capsys.readouterr().err
+    twice = ("--between", "stribeck@1:speed=0.1", "--between", "elasticity@1", "--between", "stribeck@1")
+    status, _, err = tendon("experiment", DRIVE, *twice)
+    assert status == output.BAD_INPUT
+    assert "stribeck@1 is named twice" in err
 
 
 def test_without_noise_nothing_is_proposed(drive: Model) -> None:
@@ -296,17 +297,16 @@ def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) 
 
 
 def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
-    drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    drive: Model, tendon: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(design, "propose", lambda model, rivals, settings, *_: kept(propose, model, rivals, settings))
-    out = tmp_path / "motion.csv"
-    status = output.run(app, ["experiment", str(DRIVE), "--between", SMALL, "--out", str(out), "--json", "-"])
-    found = json.loads(capsys.readouterr().out)
-    assert (status, found["separated"], found["out"]) == (0, True, str(out))
+    status, out, _ = tendon("experiment", DRIVE, "--between", SMALL, "--out", "motion.csv", "--json", "-")
+    found = json.loads(out)
+    assert (status, found["separated"], found["out"]) == (0, True, "motion.csv")
     assert any(not t["right"] for t in found["ordinary_trials"])
     assert {t["hidden"]["effect"] for t in found["trials"]} == {"linear_spring", "gravity"}
     assert all(s["after"] > 3 * s["before"] for s in found["separations"] if s["explained_by"])
-    path = read_motion(out, drive.n)
+    path = read_motion(Path("motion.csv"), drive.n)
     # read_motion leaves the last sample out.
     assert path.shape[1] == pytest.approx(found["motion"]["seconds"] * RATE, abs=1)
     (joint,) = found["motion"]["joints"]
@@ -316,18 +316,16 @@ def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(
 
 
 @pytest.mark.slow
-def test_where_no_motion_separates_it_says_what_would(
-    drive: Model, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_where_no_motion_separates_it_says_what_would(drive: Model, tendon: Run) -> None:
     # Over a radian to either side, the polynomial is the sine.
-    between, out = "gravity:gx=3,gy=0,cable@1:c1=2,c2=0,c3=1,c4=0", tmp_path / "motion.csv"
-    status = output.run(app, ["experiment", str(DRIVE), "--between", between, "--out", str(out)])
-    verdict = capsys.readouterr().out.splitlines()[0]
+    between = "gravity:gx=3,gy=0,cable@1:c1=2,c2=0,c3=1,c4=0"
+    status, out, _ = tendon("experiment", DRIVE, "--between", between, "--out", "motion.csv")
+    verdict = out.splitlines()[0]
     assert status == output.NO
     assert verdict.startswith("NOT SEPARATED: No motion within the limits was found: ")
     assert "not told from" in verdict
     assert "with twice the range" in verdict
     assert "twice the speed" not in verdict
-    assert not out.exists()
+    assert not Path("motion.csv").exists()
     found = Repertoire.of(_bench(drive, between), TorqueLimit.of(_bench(drive, between)), Freedom())
     assert not any(choice.enough for choice in found.choices())

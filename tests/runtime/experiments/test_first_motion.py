@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.cli import output
-from runtime.cli.main import app
 from runtime.experiments.clearance import Clearance
 from runtime.experiments.excitation import ExcitationSearch, NoRoom
 from runtime.experiments.first import derivatives
@@ -29,6 +28,7 @@ from runtime.progress import on_cores
 from runtime.simulation.motion_file import read_motion
 from runtime.simulation.simulate import torque_along
 from runtime.workspace.source import Source
+from tests.runtime.conftest import Run
 
 pytestmark = pytest.mark.xdist_group("first motion")
 ROOMY = Envelope(middle=0.2, reach=1.0, speed=2.0, scale=1.0, acceleration=6.0)
@@ -191,110 +191,89 @@ def test_it_tells_more_than_random_motions_within_the_same_limits() -> None:
     assert found.first.nats > best + 5.0
 
 
-def test_the_prediction_is_kept_by_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_prediction_is_kept_by_the_recording(tendon: Run) -> None:
     """What `inspect` says of a recording with other noise: the same parameters are told well."""
-    motion, run, told = tmp_path / "motion.csv", tmp_path / "run.csv.gz", tmp_path / "told.json"
-    check, seen = tmp_path / "check.csv", tmp_path / "seen.json"
-    out = ["--out", str(motion), "--held-out", str(check), "--seconds", "40", "--json", str(told)]
-    assert output.run(app, ["experiment", "drive", *out]) == 0
-    assert output.run(app, ["simulate", "drive", "--motion", str(motion), "--out", str(run), "--seed", "5"]) == 0
-    capsys.readouterr()
-    assert output.run(app, ["inspect", str(run), "drive", "--promised", str(told)]) == 0
-    assert "told well as promised: 5 of 5 parameters" in capsys.readouterr().out
-    asked = ["inspect", str(run), "drive", "--promised", str(told), "--json", str(seen)]
-    assert output.run(app, asked) == 0
-    predicted, got = json.loads(told.read_text()), json.loads(seen.read_text())
+    motion, check, run, told = Path("motion.csv"), Path("check.csv"), Path("run.csv.gz"), Path("told.json")
+    out = ("--out", motion, "--held-out", check, "--seconds", "40", "--json", told)
+    assert tendon("experiment", "drive", *out)[0] == 0
+    assert tendon("simulate", "drive", "--motion", motion, "--out", run, "--seed", "5")[0] == 0
+    status, said, _ = tendon("inspect", run, "drive", "--promised", told)
+    assert status == 0
+    assert "told well as promised: 5 of 5 parameters" in said
+    status, seen, _ = tendon("inspect", run, "drive", "--promised", told, "--json", "-")
+    assert status == 0
+    predicted, got = json.loads(told.read_text()), json.loads(seen)
     assert {p["name"]: p["told"] for p in predicted["parameters"]} == {p["name"]: p["told"] for p in got["parameters"]}
     widths = [p["width"] / p["promised_width"] for p in got["promises"]]
     assert all(0.5 < width < 2.0 for width in widths)
-    assert output.run(app, ["inspect", str(run), "drive", "--promised", str(motion)]) == output.BAD_INPUT
-    assert "expected what tendon experiment MODEL --json FILE writes" in capsys.readouterr().err
+    status, _, err = tendon("inspect", run, "drive", "--promised", motion)
+    assert status == output.BAD_INPUT
+    assert "expected what tendon experiment MODEL --json FILE writes" in err
     assert motion.read_text().startswith("# NOT CHECKED: ")
     first, second = read_motion(motion, 1), read_motion(check, 1)
     assert first.shape[1] > 1.5 * second.shape[1]
     assert not np.array_equal(first[:, : second.shape[1]], second)
 
 
-def test_slower_and_narrower_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    told = tmp_path / "told.json"
-    asked = [
-        "--budget",
-        "60",
-        "--speed",
-        "0.2",
-        "--range",
-        "q2=-0.2:0.3",
-        "--joints",
-        "2,3",
-        "--seconds",
-        "40",
-        "--tip-speed",
-        "0.3",
-    ]
-    assert output.run(app, ["experiment", "vishard4", *asked, "--json", str(told)]) == output.NO
-    found = json.loads(told.read_text())
+def test_slower_and_narrower_on_request(tendon: Run) -> None:
+    asked = ("--speed", "0.2", "--range", "q2=-0.2:0.3", "--joints", "2,3", "--tip-speed", "0.3")
+    written = ("--budget", "60", "--seconds", "40", "--json", "told.json")
+    status, out, _ = tendon("experiment", "vishard4", *asked, *written)
+    assert status == output.NO
+    found = json.loads(Path("told.json").read_text())
     joints = found["joints"]
     assert [j["speed"] > 0 for j in joints] == [False, True, True, False]
     assert all(j["speed"] <= j["speed_limit"] + 1e-9 for j in joints)
     assert joints[0]["speed_limit"] == pytest.approx(0.2 * 0.9 * 2.0)
     assert -0.2 <= joints[1]["position"][0] < joints[1]["position"][1] <= 0.3
     assert found["tip_speed"] <= 0.3
-    assert "NOT CHECKED" in capsys.readouterr().out
+    assert "NOT CHECKED" in out
 
 
-def test_the_arm_keeps_clear_of_the_floor_and_of_itself(tmp_path: Path) -> None:
+def test_the_arm_keeps_clear_of_the_floor_and_of_itself(tendon: Run) -> None:
     """Of the written motion every 10 ms; it uses the room that there is."""
-    motion = tmp_path / "motion.csv"
-    options = ["--budget", "60", "--seconds", "40", "--start", "0,-1.57,1.57,-1.57,-1.57,0"]
-    assert output.run(app, ["experiment", "ur10", "--floor", "0", *options, "--out", str(motion)]) == output.NO
+    motion = Path("motion.csv")
+    options = ("--budget", "60", "--seconds", "40", "--start", "0,-1.57,1.57,-1.57,-1.57,0")
+    assert tendon("experiment", "ur10", "--floor", "0", *options, "--out", motion)[0] == output.NO
     clear = Clearance.of(Source.shipped("ur10").arm(), Scene.of(floor=0.0))
     least = clear.least(read_motion(motion, 6)[:, ::10])
     assert least.min() >= 0
     assert (np.ptp(read_motion(motion, 6), axis=1) > 0.3).all()
 
 
-def test_an_arm_that_cannot_hold_itself_gets_an_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_arm_that_cannot_hold_itself_gets_an_answer(tendon: Run) -> None:
     """Its weight takes more than the largest torque wherever it is: no motion is written."""
-    described, model, motion = tmp_path / "two.urdf", tmp_path / "two.toml", tmp_path / "motion.csv"
-    weak = (
-        TWO_LINKS.replace("LONG", "0.1")
-        .replace('effort="60"', 'effort="0.01"')
-        .replace('xyz="0 0 0.2"', 'xyz="0.2 0 0"')
-    )
-    described.write_text(weak)
-    assert output.run(app, ["import", str(described), "--out", str(model)]) == 0
-    capsys.readouterr()
-    asked = ["--seconds", "30", "--budget", "60", "--out", str(motion)]
-    assert output.run(app, ["experiment", str(model), *asked]) == output.BAD_INPUT
-    assert "no safe motion about the middle of the ranges was found: even a small one has" in capsys.readouterr().err
-    assert not motion.exists()
+    weak = TWO_LINKS.replace("LONG", "0.1").replace('effort="60"', 'effort="0.01"')
+    Path("two.urdf").write_text(weak.replace('xyz="0 0 0.2"', 'xyz="0.2 0 0"'))
+    assert tendon("import", "two.urdf", "--out", "two.toml")[0] == 0
+    asked = ("--seconds", "30", "--budget", "60", "--out", "motion.csv")
+    status, _, err = tendon("experiment", "two.toml", *asked)
+    assert status == output.BAD_INPUT
+    assert "no safe motion about the middle of the ranges was found: even a small one has" in err
+    assert not Path("motion.csv").exists()
 
 
 @pytest.mark.parametrize(("budget", "status"), [([], 0), (["--budget", "20"], output.NO)])
 def test_work_is_counted_and_not_the_clock(
-    budget: list[str],
-    status: int,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    budget: list[str], status: int, tendon: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same bytes by a clock that runs 30 times as fast and with any number of processes; the end of a small budget
     is reached and said."""
     clocks = {name: getattr(time, name) for name in ("monotonic", "perf_counter", "time")}
-    monkeypatch.chdir(tmp_path)
     found = []
     for pace, processes in ((1, 1), (30, 2), (30, 8)):
         for name, clock in clocks.items():
             monkeypatch.setattr(time, name, lambda clock=clock, pace=pace: pace * clock())
         with on_cores(processes):
-            asked = ["experiment", "drive", "--seconds", "20", *budget, "--out", "motion.csv", "--json", "told.json"]
-            assert output.run(app, asked) == status
-        found.append([(tmp_path / name).read_bytes() for name in ("motion.csv", "told.json")])
+            asked = ("--seconds", "20", *budget, "--out", "motion.csv", "--json", "told.json")
+            ended, out, _ = tendon("experiment", "drive", *asked)
+        assert ended == status
+        assert ("The search was cut after" in out) == bool(budget)
+        found.append([Path(name).read_bytes() for name in ("motion.csv", "told.json")])
     assert found == 3 * found[:1]
     search = json.loads(found[0][1])["search"]
     assert search["ended"] == ("budget" if budget else "complete")
     assert 0 < search["iterations"] <= search["budget"]
-    assert ("The search was cut after" in capsys.readouterr().out) == bool(budget)
 
 
 @pytest.mark.parametrize(
@@ -308,26 +287,24 @@ def test_work_is_counted_and_not_the_clock(
         (["--between", "stribeck@1", "--held-out", "check.csv"], "are for motions without --between"),
     ],
 )
-def test_what_is_no_motion_is_one_line(options: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert output.run(app, ["experiment", "drive", *options]) == output.BAD_INPUT
-    assert message in capsys.readouterr().err
+def test_what_is_no_motion_is_one_line(options: list[str], message: str, tendon: Run) -> None:
+    status, _, err = tendon("experiment", "drive", *options)
+    assert status == output.BAD_INPUT
+    assert message in err
 
 
 # --- the next motion ---
 
 
 @pytest.mark.slow
-def test_the_next_motion_tells_what_the_first_recording_left_open(tmp_path: Path) -> None:
+def test_the_next_motion_tells_what_the_first_recording_left_open(tendon: Run) -> None:
     """Of a recording in which two joints rest, the next motion tells them: with it, all is told well that the first
     motion of all joints tells."""
-    run, told = tmp_path / "run.csv.gz", tmp_path / "told.json"
-    motion = tmp_path / "motion.csv"
-    quick = ["--seconds", "40"]
-    assert output.run(app, ["experiment", "vishard4", "--joints", "1,2", *quick, "--out", str(motion)]) == 0
-    assert output.run(app, ["simulate", "vishard4", "--motion", str(motion), "--out", str(run)]) == 0
-    asked = ["--given", str(run), "--out", str(tmp_path / "next.csv"), "--json", str(told)]
-    assert output.run(app, ["experiment", "vishard4", *quick, *asked]) == 0
-    found = json.loads(told.read_text())
+    quick = ("experiment", "vishard4", "--seconds", "40")
+    assert tendon(*quick, "--joints", "1,2", "--out", "motion.csv")[0] == 0
+    assert tendon("simulate", "vishard4", "--motion", "motion.csv", "--out", "run.csv.gz")[0] == 0
+    assert tendon(*quick, "--given", "run.csv.gz", "--out", "next.csv", "--json", "told.json")[0] == 0
+    found = json.loads(Path("told.json").read_text())
     before = {p["name"]: p["told"] for p in found["before"]}
     after = {p["name"]: p["told"] for p in found["parameters"]}
     for joint in (3, 4):
@@ -353,17 +330,15 @@ def test_what_is_known_is_not_sought_again() -> None:
     assert first + second == pytest.approx(both, rel=1e-9)
 
 
-def test_rivals_that_a_recording_leaves_open_are_told_apart(tmp_path: Path) -> None:
+def test_rivals_that_a_recording_leaves_open_are_told_apart(tendon: Run) -> None:
     """A weak spring and a weak pull of gravity are one over a small range; over a larger one they are not."""
-    run, told = tmp_path / "run.csv.gz", tmp_path / "told.json"
-    motion, t = tmp_path / "motion.csv", np.arange(0.0, 40.0, 0.001)
+    t = np.arange(0.0, 40.0, 0.001)
     q = 0.12 * np.sin(2 * np.pi * 0.3 * t) + 0.05 * np.sin(2 * np.pi * 1.1 * t) + 0.02 * np.sin(2 * np.pi * 2.3 * t)
-    np.savetxt(motion, np.column_stack([t, q]), fmt="%.9f", delimiter=",", header="t,q1", comments="")
-    hidden = ["--hide", "linear_spring@1:stiffness=1.5,rest=0"]
-    assert output.run(app, ["simulate", "drive", *hidden, "--motion", str(motion), "--out", str(run)]) == 0
-    asked = ["--given", str(run), "--seconds", "60", "--json", str(told)]
-    assert output.run(app, ["experiment", "drive", *asked]) == 0
-    found = json.loads(told.read_text())
+    np.savetxt("motion.csv", np.column_stack([t, q]), fmt="%.9f", delimiter=",", header="t,q1", comments="")
+    hidden = ("--hide", "linear_spring@1:stiffness=1.5,rest=0")
+    assert tendon("simulate", "drive", *hidden, "--motion", "motion.csv", "--out", "run.csv.gz")[0] == 0
+    assert tendon("experiment", "drive", "--given", "run.csv.gz", "--seconds", "60", "--json", "told.json")[0] == 0
+    found = json.loads(Path("told.json").read_text())
     rivals = {r["effect"] for r in found["rivals"]}
     assert {"linear_spring"} < rivals
     assert any(part["name"].startswith("what tells ") for part in found["parts"])
@@ -387,16 +362,13 @@ TWO_LINKS = """
 
 
 @pytest.mark.parametrize(("long", "status"), [("0.1", output.NO), ("2.0", output.BAD_INPUT)])
-def test_the_finished_motion_is_checked_with_the_collision_shapes(
-    long: str, status: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_finished_motion_is_checked_with_the_collision_shapes(long: str, status: int, tendon: Run) -> None:
     """A bar of a metre on the lower link, which no capsule holds, would sweep through the floor."""
     pytest.importorskip("coal", reason="collision shapes are judged by coal")
-    described, model, motion = tmp_path / "two.urdf", tmp_path / "two.toml", tmp_path / "motion.csv"
-    described.write_text(TWO_LINKS.replace("LONG", long))
-    assert output.run(app, ["import", str(described), "--out", str(model)]) == 0
-    asked = ["--shapes", str(described), "--floor", "0", "--seconds", "30", "--budget", "60"]
-    assert output.run(app, ["experiment", str(model), *asked, "--out", str(motion)]) == status
-    assert motion.exists() == (status == output.NO)
-    if status == output.BAD_INPUT:
-        assert "by their collision shapes" in capsys.readouterr().err
+    Path("two.urdf").write_text(TWO_LINKS.replace("LONG", long))
+    assert tendon("import", "two.urdf", "--out", "two.toml")[0] == 0
+    asked = ("--shapes", "two.urdf", "--floor", "0", "--seconds", "30", "--budget", "60", "--out", "motion.csv")
+    ended, _, err = tendon("experiment", "two.toml", *asked)
+    assert ended == status
+    assert Path("motion.csv").exists() == (status == output.NO)
+    assert ("by their collision shapes" in err) == (status == output.BAD_INPUT)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,9 +10,9 @@ import pytest
 from codegen.toolchain.build import BuildError
 from runtime.notebook.arm import load, recording
 from runtime.notebook.generated import effects, firmware, verify
+from tests.runtime.conftest import Run
 from tests.watched_run import PLAIN, there_and_back
 
-Run = Callable[..., tuple[int, str, str]]
 OWN = """
 from tendon.effects import Effect, Parameter, SIGNAL, parameter, units
 EFFECTS = [Effect(name="mine", scope="joint", family="friction", summary="Of my own.", equation="tau = c qd",
@@ -30,8 +29,7 @@ def test_verification_is_that_of_the_command_line(tendon: Run) -> None:
     assert repr(result).startswith("Equal: ")
 
 
-def test_firmware_is_that_of_the_command_line(tendon: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_firmware_is_that_of_the_command_line(tendon: Run) -> None:
     result = firmware(load("drive"), target="host")
     assert result.fits
     assert result.directory == Path("generated/drive/firmware")
@@ -42,21 +40,18 @@ def test_firmware_is_that_of_the_command_line(tendon: Run, tmp_path: Path, monke
         firmware(load("drive"), target="cortex-m9")
 
 
-def test_a_watched_model_is_that_of_the_command_line(
-    tendon: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_watched_model_is_that_of_the_command_line(tendon: Run) -> None:
     """The file on disk stays; the arm of the result has the floors that --monitor writes into it."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.toml").write_text(PLAIN)
-    there_and_back().write(tmp_path / "plan.json")
+    Path("arm.toml").write_text(PLAIN)
+    there_and_back().write(Path("plan.json"))
     run = ["execute", "arm.toml", "plan.json", "--on", "simulation", "--cycles", "8", "--trials", "1"]
     assert tendon(*run, "--out", "run.csv", "--hide", "coulomb@2:torque=0.4")[0] == 0
     result = firmware(load("arm.toml"), target="host", monitor="run.csv")
-    assert (tmp_path / "arm.toml").read_text() == PLAIN
+    assert Path("arm.toml").read_text() == PLAIN
     assert "joint 2: the model file's values leave" in str(result)
     said = tendon("firmware", "arm.toml", "--monitor", "run.csv", "--target", "host", "--json", "-")[1]
     assert result.to_dict() == json.loads(said)
-    assert result.arm.text == (tmp_path / "arm.toml").read_text()
+    assert result.arm.text == Path("arm.toml").read_text()
 
 
 def test_the_library_is_that_of_the_command_line(tendon: Run, tmp_path: Path) -> None:

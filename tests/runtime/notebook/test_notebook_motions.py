@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +15,7 @@ from runtime.notebook.exchanged import export_motion
 from runtime.notebook.generated import generate
 from runtime.notebook.planned import PlanResult, execute, optimize
 from runtime.notebook.verbs import inspect, simulate
-
-Run = Callable[..., tuple[int, str, str]]
+from tests.runtime.conftest import Run
 
 
 @pytest.fixture(scope="module")
@@ -95,10 +93,7 @@ def test_an_experiment_separates_what_it_is_asked_to(tmp_path: Path) -> None:
     np.testing.assert_allclose(from_file.q, from_array.q[:, :count], atol=1e-6)
 
 
-def test_generated_code_is_that_of_the_command_line(
-    tendon: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_generated_code_is_that_of_the_command_line(tendon: Run) -> None:
     arm = load("drive")
     arm.save("drive.toml")
     result = generate(load("drive.toml"))
