@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
@@ -30,7 +28,7 @@ from runtime.workspace.source import Source
 from symbolic.model_file.checks import ModelError
 from tests import wrist
 from tests.kept import kept
-from tests.runtime.conftest import ROOT, recorded
+from tests.runtime.conftest import ROOT, Run, recorded
 from tests.variants import slow
 
 DRIVE = (ROOT / "symbolic" / "arms" / "drive.toml").read_text(encoding="utf-8")
@@ -152,36 +150,31 @@ def test_friction_by_a_load_without_gravity_is_told_with_the_rotor_only(sourced:
     assert {p["name"] for p in diagnosed(found).to_json()["parameters"]} == {"J1", "rotor_inertia"}
 
 
-def test_a_verb_that_needs_a_number_asks_for_it_by_name(
-    sourced: Sourced, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_verb_that_needs_a_number_asks_for_it_by_name(sourced: Sourced, tendon: Run) -> None:
     source = sourced(re.sub(r"(?m)^(mass|rotor_inertia) *=.*\n", "", DRIVE))
-    monkeypatch.chdir(source.path.parent)
-    assert output.run(app, ["firmware", "arm.toml", "--target", "host"]) == 2
-    said = [line for line in capsys.readouterr().err.splitlines() if not line.endswith("…")]
-    assert len(said) == 1
-    assert said[0].startswith("drive: this needs numbers that the model file leaves out (joint 1: mass, rotor_inertia)")
-    assert "tendon identify" in said[0]
+    status, _, err = tendon("firmware", "arm.toml", "--target", "host")
+    assert status == 2
+    (said,) = (line for line in err.splitlines() if not line.endswith("…"))
+    assert said.startswith("drive: this needs numbers that the model file leaves out (joint 1: mass, rotor_inertia)")
+    assert "tendon identify" in said
     assert sorted(p.name for p in source.path.parent.iterdir()) == ["arm.toml"]
 
 
-def test_a_plan_asks_for_the_values_of_effects_by_name(
-    sourced: Sourced, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_asks_for_the_values_of_effects_by_name(sourced: Sourced, tendon: Run) -> None:
     """Before it is sought, since none of them is 0 for being unknown."""
     folder = sourced(DRIVE).path.parent
-    monkeypatch.chdir(folder)
     ends = "".join(f"[points.{name}]\nq1 = {q}\nrest = true\n" for name, q in (("a", 0.0), ("b", 0.5)))
     (folder / "there.toml").write_text(
         'name = "there"\nmodel = "arm.toml"\ncycle_time = 1.0\nperiodic = false\n'
         f'{ends}[[phase]]\nfrom = "a"\nto = "b"\npart = 1.0\ndegree = 5\n'
     )
-    assert output.run(app, ["optimize", "there.toml", "--out", "plan.json"]) == 2
-    (said,) = (line for line in capsys.readouterr().err.splitlines() if not line.endswith("…"))
+    status, _, err = tendon("optimize", "there.toml", "--out", "plan.json")
+    assert status == 2
+    (said,) = (line for line in err.splitlines() if not line.endswith("…"))
     assert said == (
         "drive: this needs values that the model file leaves out (coulomb_asymmetric@1: positive, negative; "
         "viscous@1: coefficient; viscous_cubic@1: coefficient); state them, or find them with tendon identify MODEL "
         "RECORDING --write"
     )
     assert not (folder / "plan.json").exists()
-    assert output.run(app, ["optimize", "there.toml", "--no-friction", "--out", "plan.json"]) == 0
+    assert tendon("optimize", "there.toml", "--no-friction", "--out", "plan.json")[0] == 0

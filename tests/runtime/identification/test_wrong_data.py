@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
@@ -31,11 +31,10 @@ from runtime.workspace.source import Source
 from tests import bank
 from tests.kept import kept
 from tests.plants import SIZES
-from tests.runtime.conftest import recorded
+from tests.runtime.conftest import Run, recorded
 from tests.runtime.recordings.formats import write_mcap
 
 Array = NDArray[np.float64]
-Run = Callable[..., tuple[int, str, str]]
 
 DEGREES = 180 / np.pi
 INERTIA = 0.2365  # kg m^2, as the drive's file has it

@@ -13,8 +13,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from runtime.cli import output
-from runtime.cli.main import app
 from runtime.diagnosis.stages import begin
 from runtime.diagnosis.steps import outside
 from runtime.identification.identify import prepared
@@ -26,6 +24,7 @@ from runtime.recordings import recording
 from runtime.recordings.contents import RecordingError
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import LONGEST_LINE, MOST_FIELDS
+from tests.runtime.conftest import Run
 
 SECONDS = 20
 """Of processor time, a case's limit; each takes less than ten."""
@@ -122,7 +121,7 @@ def check_answer(status: int, err: str) -> None:
 )
 @pytest.mark.filterwarnings("error", "ignore:Generating overly large repr")
 def test_a_verb_answers_whatever_was_recorded(
-    tmp_path_factory: pytest.TempPathFactory, capsys: pytest.CaptureFixture[str], verb: str, examples: int
+    tmp_path_factory: pytest.TempPathFactory, tendon: Run, verb: str, examples: int
 ) -> None:
     path = tmp_path_factory.mktemp("odd") / "run.csv"
 
@@ -131,8 +130,8 @@ def test_a_verb_answers_whatever_was_recorded(
     def answers(text: str) -> None:
         path.write_text(text)
         with in_time():
-            status = output.run(app, [verb, "drive", str(path), "--allow-gaps"])
-        check_answer(status, capsys.readouterr().err)
+            status, _, err = tendon(verb, "drive", path, "--allow-gaps")
+        check_answer(status, err)
 
     answers()
 
@@ -181,11 +180,12 @@ def test_a_rate_beside_a_joint_that_does_not_move_is_left_alone() -> None:
 
 
 @pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-14])
-def test_what_no_encoder_tells_is_no_motion(tmp_path: Path, capsys: pytest.CaptureFixture[str], size: float) -> None:
+def test_what_no_encoder_tells_is_no_motion(tmp_path: Path, tendon: Run, size: float) -> None:
     rows = "".join(f"{k / 100},{size * (k % 7)!r},{k % 5}\n" for k in range(300))
     (tmp_path / "run.csv").write_text("t,q1,tau1\n" + rows)
-    assert output.run(app, ["compare", "drive", str(tmp_path / "run.csv")]) == 2
-    assert "q1 is constant; nothing moves" in capsys.readouterr().err
+    status, _, err = tendon("compare", "drive", tmp_path / "run.csv")
+    assert status == 2
+    assert "q1 is constant; nothing moves" in err
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
@@ -199,55 +199,51 @@ def test_what_no_encoder_tells_is_no_motion(tmp_path: Path, capsys: pytest.Captu
 )
 @pytest.mark.filterwarnings("error")
 def test_a_torque_of_a_few_samples_and_nothing_after_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, told: int, rest: float
+    tmp_path: Path, tendon: Run, verb: str, told: int, rest: float
 ) -> None:
     """What a filter leaves of it later is no torque that an error can be relative to."""
     path, meant = tmp_path / "run.csv", recorded(1e-3 * K, 0)
     tau = np.where(told > K, 500.0, rest)
     rows = (f"{1e-3 * k!r},{float(meant['q1'][k])!r},{float(tau[k])!r}\n" for k in range(N))
     path.write_text("t,q1,tau1\n" + "".join(rows))
-    status = output.run(app, [verb, "drive", str(path), "--allow-gaps"])
-    check_answer(status, capsys.readouterr().err)
+    status, _, err = tendon(verb, "drive", path, "--allow-gaps")
+    check_answer(status, err)
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_rigid_torque_that_is_all_of_the_torque(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rigid_torque_that_is_all_of_the_torque(tmp_path: Path, tendon: Run) -> None:
     """What the model leaves is mere rounding."""
     path, meant = tmp_path / "run.csv", recorded(4e-3 * K, 12)
     table = np.array([4e-3 * K, meant["q1"], K / 1000, K / 1000, np.repeat(meant["q1_link"][::2], 2)]).T
     rows = "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
     path.write_text("t,q1,tau1,tau1_rigid,q1_link\n" + rows)
-    status = output.run(app, ["diagnose", "drive", str(path), "--report", str(tmp_path / "page")])
-    check_answer(status, capsys.readouterr().err)
+    status, _, err = tendon("diagnose", "drive", path, "--report", tmp_path / "page")
+    check_answer(status, err)
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 @pytest.mark.filterwarnings("error")
-def test_where_nothing_wavers_all_is_above_the_floor(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int
-) -> None:
+def test_where_nothing_wavers_all_is_above_the_floor(tmp_path: Path, tendon: Run, seed: int) -> None:
     """Of most of a recording nothing but zeros: no torque wavers, and the floor is zero."""
     path = tmp_path / "run.csv"
     meant, told = recorded(0.01 * K, seed), K < 249
     table = np.array([0.01 * K + 1e7 * ~told, told * meant["q1"], told * meant["tau1"]]).T
     path.write_text("t,q1,tau1\n" + "".join(",".join(map(repr, row)) + "\n" for row in table.tolist()))
-    status = output.run(app, ["diagnose", "drive", str(path), "--allow-gaps", "--report", str(tmp_path / "page")])
-    check_answer(status, capsys.readouterr().err)
+    status, _, err = tendon("diagnose", "drive", path, "--allow-gaps", "--report", tmp_path / "page")
+    check_answer(status, err)
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 6))])
 @pytest.mark.filterwarnings("error")
-def test_an_angle_without_digits_tells_nothing_of_a_link(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int
-) -> None:
+def test_an_angle_without_digits_tells_nothing_of_a_link(tmp_path: Path, tendon: Run, seed: int) -> None:
     """The motor's angle begins at 1e11 rad: the rest of its digits is coarser than the twist of the transmission."""
     path = tmp_path / "run.csv"
     t = 4e-3 * (K + 0.5 * np.random.default_rng(seed).random(N))
     meant = recorded(t, seed)
     table = np.array([t, 1e11 + meant["q1"], meant["tau1"], meant["q1_link"]]).T
     path.write_text("t,q1,tau1,q1_link\n" + "".join(",".join(map(repr, row)) + "\n" for row in table.tolist()))
-    status = output.run(app, ["diagnose", "drive", str(path), "--allow-gaps"])
-    check_answer(status, capsys.readouterr().err)
+    status, _, err = tendon("diagnose", "drive", path, "--allow-gaps")
+    check_answer(status, err)
 
 
 @pytest.mark.filterwarnings("error")
