@@ -81,8 +81,9 @@ TANGLED_SHARE: Final = 0.2
 development recordings."""
 
 SMOOTHING_BIAS: Final = 0.5
-"""standard deviations per shift of a parameter between a load that is smoothed and one that keeps the encoder's noise;
-the truth lies between the two, which a 95 % interval of that width holds; development recordings with elasticity."""
+"""standard deviations per shift of a parameter between a load that is smoothed and one that keeps the encoder's noise,
+and between a command's hold as it was found and half a row; the truth lies between the two, which a 95 % interval of
+that width holds; development recordings with elasticity."""
 
 WHITENED_BIAS: Final = 1.5
 """standard deviations per shift of a parameter between plain and whitened rows; whitening takes a third to all of the
