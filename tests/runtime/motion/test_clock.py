@@ -156,7 +156,7 @@ def test_another_reading_passes_the_same_interpolation(drive: Model, run: Record
     expected = motion.band.position_density[0] * 2 * motion.band.cutoff
     assert np.var(error) == pytest.approx(expected, rel=0.5)
     window = slice(200, 1200)
-    part = piece.cut(window).perturbed(motion.band, 7)
+    part = piece.cut(window).perturbed(motion.band, 7, motion.driven)
     assert np.std(part.q - piece.q[:, window]) == pytest.approx(np.std(error), rel=0.3)
 
 

@@ -70,14 +70,14 @@ def changed(columns: Columns, name: str, change: Callable[[Array], Array]) -> Co
     noise=st.sampled_from((0.0, 0.05)),
     name=st.sampled_from(("q1", "q2", "tau1", "tau2")),
     value=st.sampled_from((0.0, -1.0, 65535.0, 1e4)),
-    rows=st.lists(st.integers(4, 280), min_size=1, max_size=6, unique=True),
+    rows=st.sets(st.integers(2, 140), min_size=1, max_size=6),
     length=st.integers(1, 5),
 )
 def test_reads_that_fail_are_left_out_and_no_others(rate, noise, name, value, rows, length):
-    """All that are far from the motion, in each signal, at each rate, to any number."""
+    """All that are far from the motion, in each signal, at each rate, to any number, 15 good ones apart."""
     good = motion(rate, noise)
     clear = 0.35 if name[0] == "q" else 6.0
-    hit = {10 * r + j for r in rows for j in range(length)}
+    hit = {20 * r + j for r in rows for j in range(length)}
     at = sorted(hit)
     if np.abs(good[name][at] - value).min() < clear:
         return
