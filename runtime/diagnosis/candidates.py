@@ -16,7 +16,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.gates import BIC, SHARE, Gate, GateResult, failed
+from runtime.diagnosis.gates import GateResult, failed
+from runtime.diagnosis.score import NOT_WEIGHED, Evidence
 from runtime.diagnosis.settings import MOST_OF_ONE
 from runtime.identification import grids
 from runtime.identification.fit import Fit, smoothing_change
@@ -47,38 +48,23 @@ class Candidate:
     """A term at its best shape, and what the gates say of it once it was weighed.
 
     searched    number of shape parameters that were searched      among  of places among which the shape was chosen
-    gain        fall of the squared error on the excerpt
+    fall        of the squared error on the excerpt
     edge        distance of the shape from an end of what was searched, part of the stretch
     eff         RMS torque that only it explains, N m (N)
-    parameters  number of unknowns with it
     twist       set where a link-side encoder's rows were weighed in the place of the torque's: then eff is 0
-    results     of the gates, in their order; none before it was weighed
+    evidence    what speaks for it beside the fitted model     results  of the gates, in their order
     """
 
     term: Term
     shape: Values
     searched: int
-    gain: float
+    fall: float
     edge: float
     among: int = 1
     eff: float = 0.0
-    parameters: int = 0
     twist: TwistResidual | None = None
+    evidence: Evidence = NOT_WEIGHED
     results: tuple[GateResult, ...] = ()
-
-    def value(self, gate: Gate) -> float:
-        """The statistic of a gate; NaN where it was not asked."""
-        return next((r.value for r in self.results if r.gate is gate), float("nan"))
-
-    @property
-    def delta_bic(self) -> float:
-        """Fall of BIC on whitened rows."""
-        return self.value(BIC)
-
-    @property
-    def share(self) -> float:
-        """Part of the variance above the noise floor that it explains alone."""
-        return self.value(SHARE)
 
     @property
     def failed(self) -> tuple[GateResult, ...]:
@@ -89,13 +75,6 @@ class Candidate:
     def passes(self) -> bool:
         """Whether all gates are open."""
         return not self.failed
-
-    @property
-    def answerable(self) -> bool:
-        """Whether all that speaks against it is answered better by a recording that was not fitted, and it explains
-        half of what it must."""
-        closed = self.failed
-        return bool(closed) and all(r.gate.answerable for r in closed) and self.share > SHARE.limit / 2
 
 
 @dataclass
@@ -305,20 +284,20 @@ class FittedBase:
         edge = grids.edge_distance(regressors, term, shape) if len(choices) > 1 else np.inf
         # What it replaces would have explained something, too.
         gain -= system.solution.sse - whole.solution.sse if system is not whole else 0.0
-        return Candidate(term, shape, searched, gain=gain, edge=edge, among=self._lines(term)[1])
+        return Candidate(term, shape, searched, fall=gain, edge=edge, among=self._lines(term)[1])
 
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
         """The candidate at that of some shapes which lowers the squared error most."""
         system = self.without(self.excerpt[1], self.replaced(term))
         gain, k = max((gain, k) for k, gain in enumerate(self._gains(system, term, choices).tolist()))
-        return Candidate(term, choices[k], len(choices[k]), gain=gain, edge=np.inf)
+        return Candidate(term, choices[k], len(choices[k]), fall=gain, edge=np.inf)
 
     def each(self, term: Term) -> list[Candidate]:
         """A candidate at every shape at which the term is tried, refined."""
         system, choices, among = self.excerpt[1], self.choices(term), self._lines(term)[1]
         searched = len(self.model.library.effects[term.effect].shape)
         found = (
-            Candidate(term, c, searched, gain=self._exact(system, term, c), edge=np.inf, among=among) for c in choices
+            Candidate(term, c, searched, fall=self._exact(system, term, c), edge=np.inf, among=among) for c in choices
         )
         return [self.refine(c) for c in found]
 
@@ -386,7 +365,7 @@ class FittedBase:
         if there <= here:
             return candidate
         edge = grids.edge_distance(self.excerpt[0], term, best[1])
-        return replace(candidate, shape=best[1], gain=candidate.gain + there - here, edge=edge)
+        return replace(candidate, shape=best[1], fall=candidate.fall + there - here, edge=edge)
 
     def moving(self, term: Term) -> list[str]:
         """Shape parameters between whose grid values there are others."""
