@@ -1,0 +1,117 @@
+"""One score: what a term adds to the likelihood, over the dispersion of its own score, against the price of the search.
+
+Residuals r0 (without) and r1 (with), whitened by the same filters; every joint j has a variance of its own:
+
+    gain        dL = -1/2 sum_j n_j log(sigma_1j^2 / sigma_0j^2)        n_j independent of the rows_j rows
+    dispersion  lambda = sum_j w_j^2 sum_b (x_b . r1_b)^2 / sigma_1j^4  /  sum_j w_j x.x / sigma_1j^2
+                over STRETCHES stretches b of time; w_j = n_j / rows_j; x = r0 - r1, what only the term explains
+    score       G = dL / max(lambda, 1)
+
+lambda is the sandwich over the model's variance in the term's direction: 1 where the law is right and the noise is
+white. It is larger where residuals are coloured, and largest where the law is wrong, as what is left of the true one
+stays correlated with the wrong one's score. G says that a term is there, dL orders those that are.
+
+Source: quasi-likelihood with a dispersion, Wedderburn 1974; White 1982; the robust likelihood ratio, Kent 1982.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from runtime.diagnosis.settings import LEAST_PRICE, STRETCHES
+from runtime.regression.noise import Whitening, lag_by_lag
+from runtime.regression.rows import JointRows
+
+Array = NDArray[np.float64]
+Residuals = Sequence[Array]
+"""By joint (M,)."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for a term: gain of the log-likelihood, dispersion of its score, and price of having searched."""
+
+    gain: float
+    dispersion: float
+    price: float
+
+    @property
+    def score(self) -> float:
+        """The gain over the dispersion."""
+        return self.gain / max(self.dispersion, 1.0)
+
+    @property
+    def net(self) -> float:
+        """The gain less the price: what orders terms that are there."""
+        return self.gain - self.price
+
+
+NOT_WEIGHED = Evidence(float("nan"), float("nan"), float("nan"))
+
+
+def price(places: int, unknowns: int, count: int) -> float:
+    """Of a term that was sought at so many places (joints times points of its grid) with so many unknowns on `count`
+    independent rows. Source: Chen & Chen 2008, the extended BIC."""
+    return max(LEAST_PRICE, float(np.log(max(places, 1))) + 0.5 * unknowns * float(np.log(max(count, 2))))
+
+
+@dataclass(frozen=True, eq=False)
+class Yardstick:
+    """One filter a joint, by which residuals are compared.
+
+    independent   (n,) rows of every joint that count and do not follow from others
+    """
+
+    by: tuple[Whitening, ...]
+    independent: tuple[int, ...]
+
+    @classmethod
+    def of(cls, joints: Sequence[JointRows], residual: Residuals) -> Self:
+        """joints: rows, and a residual that their filters make white: of the richest set that is compared."""
+        by = tuple(rows.whitening(r) for rows, r in zip(joints, residual, strict=True))
+        return cls(by, tuple(rows.independent if rows.count else 0 for rows in joints))
+
+    def white(self, residual: Residuals) -> list[Array]:
+        """By joint (M,)."""
+        return [by(r) for by, r in zip(self.by, residual, strict=True)]
+
+    def evidence(self, without: Residuals, beside: Residuals, price: float) -> Evidence:
+        """Of a term: residuals without and with it, each of a fit of its own."""
+        before, after = self.white(without), self.white(beside)
+        return Evidence(gain(self.independent, before, after), dispersion(self.independent, before, after), price)
+
+    def apart(self, better: Residuals, worse: Residuals) -> float:
+        """Standard deviations by which one fit is likelier than another that it does not contain. Source: Vuong 1989."""
+        total, variance = 0.0, 0.0
+        for n, a, b in zip(self.independent, self.white(better), self.white(worse), strict=True):
+            if n:
+                each = n / len(a) * (b**2 - a**2) / (2 * max(float(np.mean(a**2)), 1e-300))
+                total, variance = total + float(each.sum()), variance + lag_by_lag(each)
+        return total / float(np.sqrt(max(variance, 1e-300)))
+
+
+def gain(independent: Sequence[int], before: Residuals, after: Residuals) -> float:
+    """Of the log-likelihood, of whitened residuals."""
+    found = 0.0
+    for n, r0, r1 in zip(independent, before, after, strict=True):
+        if n and r0.any():
+            found -= 0.5 * n * float(np.log(max(float(r1 @ r1), 1e-300) / float(r0 @ r0)))
+    return found
+
+
+def dispersion(independent: Sequence[int], before: Residuals, after: Residuals) -> float:
+    """Of a term's own score, of whitened residuals without and with it; 1 of white noise beside the right law."""
+    meat = bread = 0.0
+    for n, r0, r1 in zip(independent, before, after, strict=True):
+        if n and r1.any():
+            weight, own, square = n / len(r1), r0 - r1, float(np.mean(r1**2))
+            edges = np.linspace(0, len(r1), STRETCHES + 1).astype(int)[:-1]
+            sums = np.add.reduceat(own * r1, edges)
+            meat += weight**2 * float(sums @ sums) / square**2
+            bread += weight * float(own @ own) / square
+    return meat / bread if bread > 0 else 1.0
