@@ -1,60 +1,113 @@
-"""Whether an effect that passes the gates is accepted, once everything is refitted with it.
+"""Whether a term that was added stays, once everything is refitted with it.
 
-The gates weigh a candidate beside a base that stays as it was. Refitted, its values may turn out insignificant, its
-torque may be taken over by the rest, a recording that was not fitted may contradict it, or it may be the rest of an
-effect that was found before, in another form than that one's law.
+Screening weighs a candidate beside a base that stays as it was. Refitted, its torque may be taken over by the rest, a
+recording that was not fitted may deny it, it may be no effect of its kind, or the rest of one that was found before.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from math import inf, log
 
 import numpy as np
 
-from runtime.diagnosis.gates import BIC, ERROR
+from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, REST, SCORE, SHARE, SIZE, TURN, GateResult
+from runtime.diagnosis.heard import Heard, heard
+from runtime.diagnosis.score import Evidence, Yardstick
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
+    ALIKE,
     AS_WELL,
     AT_THE_FLOOR,
-    BIC_APART,
-    CLEARLY_LESS,
     FAR_ABOVE_NOISE,
-    HELD_OUT_FALLS_TO,
     LEAST_EXPLAINED,
-    LEAST_FALL,
-    LEAST_OF_EXCESS,
     MOST_LEFT,
-    OUTWEIGHED,
-    PREDICTED,
     VUONG_APART,
     WIDEST_ORDER,
 )
-from runtime.diagnosis.steps import Errors, Step
-from runtime.identification.estimate import Estimate
-from runtime.identification.fit import given_shape
-from runtime.identification.problem import Problem, Skew
+from runtime.diagnosis.steps import Step
+from runtime.identification.problem import Skew
 from runtime.identification.regressors import Regressors
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, joints_of, structure
-from runtime.regression.system import LinearSystem, bic
+from runtime.model.terms import Term, Values, joints_of
 from symbolic.described import DescribedParameter
 
+# a term with everything refitted -------------------------------------------------------------------------------------
 
-def is_accepted(before: Step, after: Step, term: Term) -> bool:
-    """Whether the error falls, at one of the term's own joints and elsewhere, by values that are significant."""
-    own = own_joints(after.fit.model, term)
-    fallen = any(error_falls(before, after, i) for i in own) and not _fails_held_out(before, after, term)
-    sure = is_significant(after, term) or _together(before, after, term) or _predicts_held_out(before, after, term)
-    of_its_kind = _pushes_back(after, term) and _comes_back(before, after, term)
-    return fallen and sure and not _at_a_bound(after, term) and of_its_kind
+
+def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
+    """A candidate with the evidence of two fits, without it and with it, and what the gates say of these."""
+    term, model = candidate.term, after.fit.model
+    said = None if after.held_out is None or before.held_out is None else told(after, before, term)
+    rows = before.base.system.joints[joints_of(model, term)[0]].independent
+    dear = before.base.price(term, candidate.searched, candidate.among, rows)
+    evidence = between(before, after, dear, said.repays if said else 0.0)
+    kept = [r for r in candidate.results if r.gate is not SCORE and r.gate not in _REFITTED]
+    results = [
+        SCORE.asked(evidence.score, evidence.due),
+        *kept,
+        *([] if said and said.repays else [_share(before, after, term)]),
+        FALL.asked(max(_fall(before, after, i) for i in own_joints(model, term))),
+        SIZE.asked(float(_at_a_bound(after, term))),
+        *_of_its_kind(after, term),
+        *([HELD_OUT.asked(said.falls_to)] if said else []),
+    ]
+    return replace(candidate, evidence=evidence, results=tuple(results))
+
+
+_REFITTED = (SHARE, FALL, SIZE, CONTACT, TURN, REST, HELD_OUT)
+
+
+def between(without: Step, beside: Step, price: float = 0.0, repaid: float = 0.0) -> Evidence:
+    """Of two fits, whitened by what the second leaves."""
+    return _yardstick(beside).evidence(without.fit.residual, beside.fit.residual, price, repaid)
+
+
+def _yardstick(step: Step) -> Yardstick:
+    return Yardstick.of(step.base.system.joints, step.fit.residual)
+
+
+def told(one: Step, other: Step, term: Term) -> Heard:
+    """What recordings that were not fitted say of one step against another, where a term acts."""
+    assert one.held_out is not None
+    assert other.held_out is not None
+    return heard(one.held_out, other.held_out, acting(one.fit.model, term))
+
+
+def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]]) -> bool:
+    """Whether a step surely explains recordings that were not fitted better than another at a group of joints
+    (0-based); False without any."""
+    if one.held_out is None or other.held_out is None:
+        return False
+    return heard(one.held_out, other.held_out, groups).clear
+
+
+def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: float = 0.0) -> bool:
+    """Whether a step is clearly better than another: recordings that were not fitted say so, or they do not speak
+    against it and it is likelier by more than ALIKE beyond what it costs more, and not by chance."""
+    if other.held_out is not None and best.held_out is not None:
+        said = heard(other.held_out, best.held_out, groups)
+        if said.clear or said.whole >= 1:
+            return said.clear
+    return _likelier(other, best, cost)
+
+
+def _likelier(one: Step, other: Step, cost: float) -> bool:
+    scale = _yardstick(one)
+    gained = scale.evidence(other.fit.residual, one.fit.residual, cost)
+    return gained.net > ALIKE and scale.apart(one.fit.residual, other.fit.residual) > VUONG_APART
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:
     """Joints (0-based) at which a term must show: its own, or any that it reaches where it belongs to the arm."""
     return joints_of(model, term) if term.joint is None else (term.joint - 1,)
+
+
+def acting(model: Model, term: Term) -> list[Collection[int]]:
+    """Groups of joints (0-based) of which one must show a term: each on which it acts, or all of the arm together."""
+    return [joints_of(model, term)] if term.joint is None else [(i,) for i in joints_of(model, term)]
 
 
 def above_noise(step: Step, joints: Sequence[int]) -> bool:
@@ -63,61 +116,25 @@ def above_noise(step: Step, joints: Sequence[int]) -> bool:
 
 
 def error_falls(before: Step, after: Step, joint: int) -> bool:
-    """Whether a joint's error (0-based) is above the noise, and falls by more than chance and by a part of that."""
-    was, now, noise = before.fitted.rms[joint], after.fitted.rms[joint], before.joints[joint].floor.value
-    above = above_noise(before, (joint,)) and was**2 - now**2 > LEAST_OF_EXCESS * (was**2 - noise**2)
-    return above and now < (1 - LEAST_FALL) * was
+    """Whether a joint's error (0-based) is above the noise and falls."""
+    return above_noise(before, (joint,)) and FALL.asked(_fall(before, after, joint)).passes
 
 
-def _fails_held_out(before: Step, after: Step, term: Term) -> bool:
-    """Whether recordings that were not fitted, if there are any, are not explained clearly better where a term acts."""
-    return before.held_out is not None and not helps_held_out(before, after, term)
+def _share(before: Step, after: Step, term: Term) -> GateResult:
+    """Part of what is above the noise that a term takes away, at that of its joints where it is most."""
+    info, parts = after.fit.model.library.effects[term.effect], []
+    for i in own_joints(after.fit.model, term):
+        was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
+        parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
+    return SHARE.asked(max(parts), SHARE.limit / 2 if info.several else None)
 
 
-def helps_held_out(before: Step, after: Step, term: Term) -> bool:
-    """Whether recordings that were not fitted are explained clearly better where a term acts; False without any. What
-    does is kept, however wide its interval, and whatever else explains the fitted recordings as well."""
-    return explains_better(after, before, acting(before.fit.model, term))
+def _fall(before: Step, after: Step, joint: int) -> float:
+    was = before.fitted.rms[joint]
+    return 1 - after.fitted.rms[joint] / was if was > 0 else 0.0
 
 
-def _predicts_held_out(before: Step, after: Step, term: Term) -> bool:
-    """Whether recordings that were not fitted are explained so much better that a term's size must be near the truth,
-    though its shape is uncertain; what was found before and significant stays so."""
-    given = structure(before.fit.model)
-    found = [t for t in before.values if t not in given and t in after.values and is_significant(before, t)]
-    return (
-        explains_better(after, before, acting(before.fit.model, term), PREDICTED)
-        and all(is_significant(after, t) for t in found)
-        and _has_size(after, term, given_shape(after.fit, term))
-    )
-
-
-def is_significant(step: Step, term: Term) -> bool:
-    """Whether the interval of a term's size excludes the value at which the effect vanishes."""
-    return _has_size(step, term, step.fit.inference.values[term])
-
-
-def _together(before: Step, after: Step, term: Term) -> bool:
-    """Whether a term whose sizes are not significant one by one is likely as a whole: where the data do not tell them
-    from what the model file has (a cable's first powers over a short range are gravity's sine and cosine as well), or
-    where its scales are certain, which a law of no size would leave open.
-    """
-    shape, values = after.fit.model.library.effects[term.effect].shape, after.fit.inference.values[term]
-    sizes, given = _sizes(after, term), structure(after.fit.model)
-    found = {str(t) for t in before.values if t not in given}
-    untold = len(sizes) > 1 and any(values[p.name].interval is None for p in sizes)
-    untold = untold and not any(other.split()[0] in found for e in values.values() for other in e.with_others)
-    scales = [p for p in shape if p not in sizes and p.grid is not None and p.grid.spacing == "log"]
-    formed = bool(scales) and all(_excludes(values[p.name], 0.0) for p in scales)
-    if not (untold or formed):
-        return False
-    plain, whole = whitened_bic(before.base.system, [before, after])
-    return plain - whole > BIC.limit
-
-
-def _has_size(step: Step, term: Term, values: Mapping[str, Estimate]) -> bool:
-    sizes = _sizes(step, term)
-    return not sizes or any(_excludes(values[p.name], p.neutral) for p in sizes)
+# is it an effect of its kind? ----------------------------------------------------------------------------------------
 
 
 def _at_a_bound(step: Step, term: Term) -> bool:
@@ -139,48 +156,51 @@ def _sizes(step: Step, term: Term) -> list[DescribedParameter]:
     return [p for p in info.shape if p.kind == "stiffness"] or list(info.linear) or list(info.shape[:1])
 
 
-def _excludes(e: Estimate, neutral: float) -> bool:
-    return e.interval is not None and not e.interval[0] <= neutral <= e.interval[1]
+def _of_its_kind(after: Step, term: Term) -> list[GateResult]:
+    info = after.fit.model.library.effects[term.effect]
+    found = []
+    if info.of_kind("contact") is not None:
+        found.append(CONTACT.asked(_dragging(after, term)))
+    if info.line is not None and term.joint is not None:
+        found.append(TURN.asked(_off_the_turn(after, term)))
+    return found
 
 
-def _pushes_back(step: Step, term: Term) -> bool:
-    """Whether a contact's torque is rather one over its depth than over the rate. What resists motion more than it
-    pushes back is drag over a part of the range. True of a term that is no contact."""
+def _dragging(step: Step, term: Term) -> float:
+    """Of a contact the square of its torque over the rate, of that over its depth."""
     fit, joint = step.fit, (term.joint or 1) - 1
     info = fit.model.library.effects[term.effect]
     contact = info.of_kind("contact")
-    if contact is None:
-        return True
+    assert contact is not None
     own = fit.problem.layout.slices[term]
     columns = fit.problem.rows(joint, fit.shapes)[0][own][:, fit.motion.moving(joint)]
     torques = fit.coefficients[own, None] * columns
     at = [c.name for c in info.coefficients].index(contact.name)
     pushing, rest = torques[at], torques.sum(axis=0) - torques[at]
-    return bool(pushing @ pushing > rest @ rest)
+    return float(rest @ rest) / max(float(pushing @ pushing), 1e-300)
 
 
-def _comes_back(before: Step, after: Step, term: Term) -> bool:
-    """Whether a line over the motor's angle comes back after a turn of the motor or of the joint: the nearest whole
-    order of one of them is not clearly less likely than the line's own. True of a term that is no line.
+def _off_the_turn(after: Step, term: Term) -> float:
+    """Of a line over the motor's angle, what the likelihood loses where its order is the nearest whole one of a turn of
+    the motor or of the joint, of what it may lose.
 
-    Any other line is one over time, a law over the position, or chance. Where the interval is wide beside the distance
-    of whole orders, one is near wherever the line is: it must explain as well as the line's own order does.
+    Where the interval is wide beside the distance of whole orders, one is near wherever the line is: it must explain as
+    well as the line's own order does.
     """
     model = after.fit.model
     line = model.library.effects[term.effect].line
-    if line is None or term.joint is None:
-        return True
+    assert line is not None
+    assert term.joint is not None
     order = after.fit.inference.values[term][line.name]
     if order.interval is None:
-        return False
-    width = order.interval[1] - order.interval[0]
+        return float("inf")
+    width, found = order.interval[1] - order.interval[0], [float("inf")]
     for count in {1.0, model.joints[term.joint - 1].gear_ratio}:
-        whole, apart = round(order.value * count) / count, BIC_APART if width * count < WIDEST_ORDER else AS_WELL
+        whole, most = round(order.value * count) / count, ALIKE if width * count < WIDEST_ORDER else AS_WELL
         if whole and width * count < 1.0:
-            own, other = whitened_bic(before.base.system, [after, _with_shape(after, term, {line.name: whole})])
-            if other - own < apart:
-                return True
-    return False
+            there = _with_shape(after, term, {line.name: whole})
+            found.append(between(there, after).gain / most)
+    return min(found)
 
 
 def _with_shape(step: Step, term: Term, shape: Values) -> Step:
@@ -193,135 +213,25 @@ def _with_shape(step: Step, term: Term, shape: Values) -> Step:
 # one effect beside another -------------------------------------------------------------------------------------------
 
 
-def same_signals(one: EffectInfo, other: EffectInfo) -> bool:
-    """Whether two effects of a joint act over the same quantities, so that one may be the rest of the other."""
+def may_be_the_rest(model: Model, one: Term, other: Term) -> bool:
+    """Whether of two terms at a joint one may be what the other's law lacks: they act over the same quantities, or the
+    first's law is one form of many."""
+    one_info, other_info = (model.library.effects[t.effect] for t in (one, other))
+    if one.joint is None or one.joint != other.joint or one.effect == other.effect:
+        return False
+    contained = one.effect in other_info.generalises or other.effect in one_info.generalises
+    return not contained and (one_info.one_form or _same_signals(one_info, other_info))
+
+
+def _same_signals(one: EffectInfo, other: EffectInfo) -> bool:
     return bool(set(one.signals) & set(other.signals))
 
 
-def kept_alone(none: Step, alone: Sequence[Step], both: Step, joint: int) -> list[float]:
-    """Parts of the fall of the squared error at a joint (0-based) that remain with one of two findings alone.
-
-    none   the step without either     alone   with the first only, with the second only     both   with both
-    """
+def lost_without(none: Step, alone: Step, both: Step, joint: int) -> float:
+    """Part of the fall of the squared error with two terms at a joint (0-based), from `none` to `both`, that one of
+    them alone does not reach."""
     whole = none.fitted.rms[joint] ** 2 - both.fitted.rms[joint] ** 2
-    return [(none.fitted.rms[joint] ** 2 - step.fitted.rms[joint] ** 2) / max(whole, 1e-300) for step in alone]
-
-
-def acting(model: Model, term: Term) -> list[Collection[int]]:
-    """Groups of joints (0-based) of which one must show a term: each on which it acts, or all of the arm together."""
-    return [joints_of(model, term)] if term.joint is None else [(i,) for i in joints_of(model, term)]
-
-
-def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]], part: float = HELD_OUT_FALLS_TO) -> bool:
-    """Whether a step explains recordings that were not fitted clearly better than another: to a part of the squared
-    error at one group of joints (0-based), and none of the joints worse than chance makes it.
-
-    Joints share inertias, and those of a better structure are others: what a joint loses by that is outweighed where
-    the likelihood gains many times as much at the group.
-    """
-    here, there = one.held_out, other.held_out
-    if here is None or there is None:
-        return False
-    gain = max((_likelier(here, there, group) for group in groups), default=-inf)
-    lost = sum(_likelier(there, here, (i,)) for i in range(len(here.rms)) if _is_worse(here, there, i))
-    return gain > -log(part) and lost <= OUTWEIGHED * gain
-
-
-def _likelier(here: Errors, there: Errors, group: Collection[int]) -> float:
-    """By how much a row of some joints (0-based) is likelier than with other errors, in twice the log-likelihood, each
-    with its own variance."""
-    return log(max(there.squared(group), 1e-300)) - log(max(here.squared(group), 1e-300))
-
-
-def _is_worse(here: Errors, there: Errors, joint: int) -> bool:
-    """Whether a joint's error (0-based) is clearly larger than another, by more than stretches of time differ."""
-    change = here.squares[joint] - there.squares[joint]
-    clear = HELD_OUT_FALLS_TO * here.squared((joint,)) > there.squared((joint,))
-    return clear and float(change.sum()) > VUONG_APART * float(np.std(change) * np.sqrt(len(change)))
-
-
-def preferred(other: Step, best: Step, joint: int) -> bool:
-    """Whether a step clearly leaves less than another at a joint (0-based): of recordings that were not fitted where
-    they decide, else of those that were."""
-    if explains_better(best, other, [(joint,)]):
-        return False
-    less = other.fitted.rms[joint] < (1 - CLEARLY_LESS) * best.fitted.rms[joint]
-    return explains_better(other, best, [(joint,)]) or less
-
-
-def simplest(terms: Sequence[Term], steps: Sequence[Step], best: int) -> int:
-    """The best term, or the special case of it that leaves hardly more. A gap of almost no width is a spring by another
-    integration, whose rounding would choose."""
-    joint = (terms[best].joint or 1) - 1
-    most = steps[best].fitted.rms[joint] / (1 - ERROR.limit)
-    for k in _special_cases(steps[best], terms, terms[best]):
-        if steps[k].fitted.rms[joint] <= most and not explains_better(steps[best], steps[k], [(joint,)]):
-            return k
-    return best
-
-
-def less_likely_cases(system: LinearSystem, terms: Sequence[Term], steps: Sequence[Step], best: int) -> list[Term]:
-    """Terms that are special cases of the best one and clearly less likely than it: steps, one a term.
-
-    Candidates are weighed under one variance for all joints, in which what a special case leaves at one or two hardly
-    counts on an arm of many, and Vuong's test is for models of which none contains the other. Refitted, every joint has
-    a variance of its own, and the likelihood alone sets them apart.
-    """
-    special = _special_cases(steps[best], terms, terms[best])
-    if not special:
-        return []
-    scores = whitened_bic(system, steps)
-    return [terms[k] for k in special if scores[k] - scores[best] >= BIC_APART]
-
-
-def _special_cases(step: Step, terms: Sequence[Term], of: Term) -> list[int]:
-    generalises = step.fit.model.library.effects[of.effect].generalises
-    return [k for k, t in enumerate(terms) if t.effect in generalises and t.joint == of.joint]
-
-
-# whole structures ----------------------------------------------------------------------------------------------------
-
-
-def whitened_bic(system: LinearSystem, steps: Sequence[Step]) -> list[float]:
-    """BIC of each step, residuals whitened by the noise of the best of them; system: of any of them."""
-    fits = [s.fit for s in steps]
-    joints = system.joints
-    weighted = [sum(float(r.weight**2 * (e @ e)) for r, e in zip(joints, f.residual, strict=True)) for f in fits]
-    best = fits[int(np.argmin(weighted))].residual
-    by = [r.whitening(e) for r, e in zip(joints, best, strict=True)]
-    total = sum(r.independent for r in joints)
-    found = []
-    for f in fits:
-        white = [whitened(e) for whitened, e in zip(by, f.residual, strict=True)]
-        fit = sum(bic(float(e @ e), r.independent, 0) for r, e in zip(joints, white, strict=True) if r.count)
-        found.append(fit + _unknowns(f.problem, f.shapes) * float(np.log(total)))
-    return found
-
-
-def _unknowns(problem: Problem, shapes: dict[Term, Values]) -> int:
-    return problem.layout.size + sum(len(s) for s in shapes.values())
-
-
-def clearly_better(one: Step, other: Step, score: float, other_score: float) -> bool:
-    """Whether a step explains recordings that were not fitted clearly better than another, or where these do not
-    decide, is clearly likelier; scores: of `whitened_bic`."""
-    each = [(i,) for i in range(one.fit.model.n)]
-    if explains_better(one, other, each):
-        return True
-    if explains_better(other, one, each):
-        return False
-    return score <= other_score - BIC_APART
-
-
-def ruled_out(term: Term, best: Step, joint: int) -> bool:
-    """Whether a step that is clearly more likely rules out a term at a joint (0-based).
-
-    The blows in a gap follow from motion above the band, which a simulation does not know: an error of theirs says
-    little where what stands in their place leaves far more than noise as well.
-    """
-    here = best.joints[joint]
-    rugged = best.fit.model.library.effects[term.effect].has_gap
-    return not rugged or here.rms < ABOVE_NOISE * here.floor.spectrum
+    return 1 - (none.fitted.rms[joint] ** 2 - alone.fitted.rms[joint] ** 2) / max(whole, 1e-300)
 
 
 def only_nearest(first: Step, last: Step, joint: int) -> bool:

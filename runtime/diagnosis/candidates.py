@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.gates import GateResult, failed
-from runtime.diagnosis.score import NOT_WEIGHED, Evidence
+from runtime.diagnosis.score import NOT_WEIGHED, Evidence, price
 from runtime.diagnosis.settings import MOST_OF_ONE
 from runtime.identification import grids
 from runtime.identification.fit import Fit, smoothing_change
@@ -150,9 +150,19 @@ class FittedBase:
         used = [left[self.motion.moving(i)] for i, left in enumerate(self.fit.residual)]
         return [float(np.sqrt(np.mean(left**2))) if len(left) else 0.0 for left in used]
 
-    def gain_of(self, joint: int, torque: float) -> float:
-        """Fall of the squared error on the excerpt that goes with a torque of this RMS at a joint (0-based)."""
-        return self.excerpt[1].joints[joint].count * (torque / max(self.rms(joint), 1e-300)) ** 2
+    def torque(self, joint: int) -> float:
+        """RMS of the recorded torque at a joint (0-based)."""
+        recorded = self.motion.recorded(joint, self.fit.skew)[self.motion.moving(joint)]
+        return float(np.sqrt(np.mean(recorded**2))) if len(recorded) else 0.0
+
+    def price(self, term: Term, searched: int, among: int, rows: int) -> float:
+        """What a term's score must exceed, sought at every joint and `among` places of its shape; rows: independent
+        ones. What the model file predicts the size of has no unknown of its own."""
+        info, effects = self.model.library.effects[term.effect], self.model.library.effects
+        places = 1 if term.joint is None else self.model.n
+        unknowns = searched + (0 if info.known_size else len(info.coefficients))
+        unknowns -= sum(len(effects[t.effect].coefficients) for t in self.replaced(term))
+        return price(places * among, max(unknowns, 0), rows)
 
     @property
     def _excerpt_samples(self) -> int:
@@ -284,7 +294,7 @@ class FittedBase:
         edge = grids.edge_distance(regressors, term, shape) if len(choices) > 1 else np.inf
         # What it replaces would have explained something, too.
         gain -= system.solution.sse - whole.solution.sse if system is not whole else 0.0
-        return Candidate(term, shape, searched, fall=gain, edge=edge, among=self._lines(term)[1])
+        return Candidate(term, shape, searched, fall=gain, edge=edge, among=max(self._lines(term)[1], len(choices)))
 
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
         """The candidate at that of some shapes which lowers the squared error most."""

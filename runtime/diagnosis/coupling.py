@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from runtime.diagnosis.gates import BOTH_JOINTS, EACH_SHARE, PROPORTION, GateResult
 from runtime.regression.rows import Block
 from runtime.regression.system import LinearSystem
@@ -30,8 +32,8 @@ def results(
         shares.append((was - now) / max(excess, was - now, 1e-300))
     yield EACH_SHARE.asked(min(shares))
     tied = white.with_block(white_block).solution
-    alone = [white.with_block(_at(white_block, {joint})).solution.bic for joint in block.columns]
-    yield BOTH_JOINTS.asked(min(alone) - tied.bic)
+    least = min(white.with_block(_at(white_block, {joint})).solution.sse for joint in block.columns)
+    yield BOTH_JOINTS.asked(0.5 * white.count * float(np.log(max(least, 1e-300) / max(tied.sse, 1e-300))))
     apart = white
     for joint in block.columns:
         apart = apart.with_block(_at(white_block, {joint}))

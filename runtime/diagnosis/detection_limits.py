@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import FittedBase
 from runtime.diagnosis.gates import TORQUE, failed
-from runtime.diagnosis.ranking import Weighing, Whitened
+from runtime.diagnosis.ranking import Weighing, Whitened, results
+from runtime.diagnosis.score import Evidence
 from runtime.diagnosis.settings import LIMIT_OF_ITS_OWN, LIMIT_SIGMAS
 from runtime.documents.diagnosis import LimitEntry
 from runtime.identification import grids
@@ -107,8 +108,10 @@ def _typical(shapes: Sequence[Values]) -> Values:
     return shapes[int(np.argmin(away))]
 
 
-def _seen(weighing: Weighing, added: Array, edge: float = np.inf) -> bool:
-    return all(result.passes for result in weighing.evidence(added).results(weighing.floor, edge))
+def _seen(weighing: Weighing, added: Array, dispersion: float, edge: float = np.inf) -> bool:
+    found = weighing.solutions(added)
+    evidence = Evidence(found.gain, dispersion, weighing.price)
+    return not failed(results(evidence, found.eff, weighing.floor, edge))
 
 
 def _of_amount(beside: Whitened, term: Term, shape: Values, choices: int, neutral: Array) -> Limit | None:
@@ -117,7 +120,7 @@ def _of_amount(beside: Whitened, term: Term, shape: Values, choices: int, neutra
     block = base.samples(term, [shape]).choice(0)
     if not block.finite:
         return None
-    weighing = Weighing(beside, term, len(shape) if choices > 1 else 0, block)
+    weighing = Weighing(beside, term, len(shape) if choices > 1 else 0, block, choices)
     one = np.zeros(1 + len(weighing.block.lower))
     one[1] = 1.0
     own = weighing.own(one)
@@ -130,7 +133,8 @@ def _of_amount(beside: Whitened, term: Term, shape: Values, choices: int, neutra
         return None
     if weighing.block.lower[0] < 0 < held:
         one, held = -one, -held
-    least = _least(lambda amount: _seen(weighing, (amount - max(held, 0.0)) * one), start)
+    dispersion = weighing.dispersion(one)
+    least = _least(lambda amount: _seen(weighing, (amount - max(held, 0.0)) * one, dispersion), start)
     if least is None:
         return None
     amount = least + LIMIT_SIGMAS * spread
@@ -180,14 +184,16 @@ def _of_shape(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Limit |
     def seen(shape: Values, block: Block) -> bool:
         if not block.finite:
             return False
-        weighing = Weighing(beside, term, len(shape), block)
+        weighing = Weighing(beside, term, len(shape), block, len(shapes))
         whole = np.zeros(1 + len(weighing.block.lower))
         whole[0] = 1.0
         if failed(weighing.of_torque(whole)):
             return False
         held, spread = weighing.held(whole)
         whole[0] -= max(held, 0.0) + LIMIT_SIGMAS * spread
-        return bool(np.isfinite(whole[0])) and _seen(weighing, whole, grids.edge_distance(base.excerpt[0], term, shape))
+        if not np.isfinite(whole[0]):
+            return False
+        return _seen(weighing, whole, weighing.dispersion(whole), grids.edge_distance(base.excerpt[0], term, shape))
 
     strong = [k for k, (_, size) in enumerate(weakest_first) if size > least]
     if not strong:

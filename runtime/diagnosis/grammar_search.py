@@ -7,7 +7,7 @@ so no guess passes there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
@@ -18,9 +18,6 @@ from runtime.identification.fitting import fit_motion
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, steps
-
-Wider = Callable[[], tuple[Model, Collection[str]]]
-"""Opens the same arm with a library that holds guesses, too, and says which of its effects are guesses."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +40,8 @@ def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[in
         terms = [t for t in found.terms() if _at(t, joint) and t.effect in guesses and _has_neighbours(model, t)]
         ranking = _rank(found, terms, step.floors)
         if ranking.best is not None:
-            passing.append((_nearly_best(ranking), ranking, joint))
-    for near, ranking, joint in sorted(passing, key=lambda item: -item[1].candidates[0].delta_bic):
+            passing.append((_nearly_best(ranking, model), ranking, joint))
+    for near, ranking, joint in sorted(passing, key=lambda item: -item[1].candidates[0].evidence.net):
         after = _added(step, model, near[0])
         if after.fitted.rms[joint] < step.fitted.rms[joint]:
             return Draft(after.after(step, near[0], ranking), tuple(c.term for c in near[1:]))
@@ -77,10 +74,10 @@ def _rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> R
     return rank(base, finalists, floors)
 
 
-def _nearly_best(ranking: Ranking) -> list[Candidate]:
-    least = GUESS_REACH * ranking.candidates[0].delta_bic
-    near = [c for c in ranking.candidates if c.passes and c.delta_bic >= least]
-    return sorted(near, key=lambda c: (c.parameters, -c.delta_bic))
+def _nearly_best(ranking: Ranking, model: Model) -> list[Candidate]:
+    least, effects = GUESS_REACH * ranking.candidates[0].evidence.net, model.library.effects
+    near = [c for c in ranking.candidates if c.passes and c.evidence.net >= least]
+    return sorted(near, key=lambda c: (len(effects[c.term.effect].parameters), -c.evidence.net))
 
 
 def _added(step: Step, model: Model, candidate: Candidate) -> Step:

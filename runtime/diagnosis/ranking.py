@@ -1,7 +1,7 @@
 """Candidates weighed against each other beside a fitted model.
 
-First ranking by cross-validated error; then the autoregression of the best candidate's residual whitens all rows, the
-gates are asked, and BIC ranks.
+The fall of the squared error on the excerpt proposes; then the autoregression of the best candidate's residual whitens
+all rows, and every finalist has its score there. Those that pass the gates are ordered by their gain less its price.
 """
 
 from __future__ import annotations
@@ -13,23 +13,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis import coupling
+from runtime.diagnosis import coupling, score
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors
-from runtime.diagnosis.gates import (
-    BIC,
-    EDGE,
-    ENCODERS,
-    ERROR,
-    LIKELIHOOD,
-    MODEL,
-    RESOLUTION,
-    SHARE,
-    TORQUE,
-    GateResult,
-)
+from runtime.diagnosis.gates import EDGE, ENCODERS, MODEL, PART, RESOLUTION, SCORE, TORQUE, GateResult
+from runtime.diagnosis.score import Evidence
 from runtime.diagnosis.settings import (
-    BIC_APART,
+    ALIKE,
     FINALISTS,
     FINALISTS_OF_A_JOINT,
     OF_WHAT_IS_LEFT,
@@ -39,7 +29,7 @@ from runtime.diagnosis.settings import (
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
-from runtime.regression.noise import Whitening, vuong
+from runtime.regression.noise import Whitening
 from runtime.regression.rows import Block
 from runtime.regression.system import LinearSystem, Solution
 from runtime.wording import times_floor
@@ -63,32 +53,28 @@ class Ranking:
         """The candidate of a term."""
         return next((c for c in self.candidates if c.term == term), None)
 
+    def with_refitted(self, refitted: Sequence[Candidate]) -> Ranking:
+        """The ranking with what refits said of some of its candidates."""
+        found = {c.term: c for c in refitted}
+        return replace(self, candidates=tuple(found.get(c.term, c) for c in self.candidates))
+
 
 NOT_RANKED = Ranking()
 """Before any comparison."""
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """Solutions without and with a candidate, plain and whitened.
+class Solutions:
+    """Without and with a candidate, plain and whitened.
 
-    searched   number of shape parameters that were searched      among   of places among which the shape was chosen
-    unit       N m (N): RMS at the candidate's own joint of a torque whose weighted square is 1
-    excess     variance above the noise floors, in units of the residual's at the own joint, before anything was added
-    measured   squared error of the model on the measured torque, before anything was added
-    count      rows of the own joint
+    unit   N m (N): RMS at the candidate's own joint of a torque whose weighted square is 1
     """
 
     before: Solution
     after: Solution
     white_before: Solution
     white_after: Solution
-    searched: int
-    among: int
     unit: float
-    excess: float
-    measured: float
-    count: int
 
     @property
     def eff(self) -> float:
@@ -96,33 +82,24 @@ class Evidence:
         return self.unit * float(np.sqrt(max(self.before.sse - self.after.sse, 0.0)))
 
     @property
-    def share(self) -> float:
-        """Part, 0 to 1, of what is above the noise floor that the effect takes away."""
-        more = (self.before.sse - self.measured) / max(1, self.count)
-        return self.eff**2 / max(self.unit**2 * self.count * (self.excess + more), self.eff**2, 1e-300)
+    def gain(self) -> float:
+        """Of the log-likelihood, by the sums of squares alone: the weights are of equal variances."""
+        before, after = (max(s.sse, 1e-300) for s in (self.white_before, self.white_after))
+        return 0.5 * self.white_after.system.count * float(np.log(before / after))
 
-    @property
-    def delta_bic(self) -> float:
-        """By how much BIC falls once the noise is white, the search through shapes and candidates charged."""
-        # The largest of many chances is larger by twice the logarithm of their number.
-        searched = self.searched * float(np.log(self.white_after.system.count)) + 2 * float(np.log(self.among))
-        return self.white_before.bic - self.white_after.bic - searched
+    def evidence(self, price: float) -> Evidence:
+        """By the whitened residuals."""
+        independent = [rows.independent for rows in self.white_after.system.joints]
+        before, after = self.white_before.residual, self.white_after.residual
+        gain = score.gain(independent, before, after)
+        return Evidence(gain, score.dispersion(independent, before, after), price)
 
-    @property
-    def error_fall(self) -> float:
-        """Part by which the error, RMS, falls on folds that were not fitted."""
-        ratio = float(self.after.held_out[0].sum()) / float(self.before.held_out[0].sum())
-        return 1 - float(np.sqrt(max(ratio, 0.0)))
 
-    def results(self, floor: float, edge: float, several: bool = False) -> Iterator[GateResult]:
-        """Of the gates that the motor torque answers, first those that cost least. several: a joint may have several of
-        the effect, and two of them share what is left."""
-        yield BIC.asked(self.delta_bic)
-        yield TORQUE.asked(times_floor(self.eff, floor))
-        yield SHARE.asked(self.share, SHARE.limit / 2 if several else None)
-        yield EDGE.asked(edge)
-        yield LIKELIHOOD.asked(self.white_after.log_likelihood - self.white_before.log_likelihood)
-        yield ERROR.asked(self.error_fall)
+def results(evidence: Evidence, eff: float, floor: float, edge: float) -> Iterator[GateResult]:
+    """Of the gates that the motor torque answers for any candidate."""
+    yield SCORE.asked(evidence.score, evidence.due)
+    yield TORQUE.asked(times_floor(eff, floor))
+    yield EDGE.asked(edge)
 
 
 @dataclass
@@ -156,22 +133,23 @@ class Whitened:
     def white(self) -> LinearSystem:
         return self.system.whitened(self.whitening, self._residual)
 
-    def weighed(self, candidate: Candidate, block: Block) -> tuple[Candidate, Array]:
-        """A candidate with its block on the system, and what every gate says of it; (N,) its whitened residual, the
-        rows of all joints that count."""
+    def weighed(self, candidate: Candidate, block: Block) -> tuple[Candidate, tuple[Array, ...]]:
+        """A candidate with its block on the system, and what every gate says of it; (M,) by joint its whitened
+        residual."""
         weighing = Weighing(self, candidate.term, candidate.searched, block=block, among=candidate.among)
-        evidence = weighing.evidence()
-        several = self.base.model.library.effects[candidate.term.effect].several
-        theta = np.append(1.0, evidence.after.coefficients[len(self.system.unknown) :])
-        results = (
-            *evidence.results(weighing.floor, candidate.edge, several),
+        found = weighing.solutions()
+        evidence = found.evidence(weighing.price)
+        theta = np.append(1.0, found.after.coefficients[len(self.system.unknown) :])
+        torque = self.base.torque(weighing.joints[0])
+        told = (
+            *results(evidence, found.eff, weighing.floor, candidate.edge),
+            PART.asked(found.eff / torque if torque else 0.0),
             *self._resolution(candidate),
             *weighing.of_torque(theta),
             *self._sensors.results(weighing.plain_base, candidate, block, theta),
         )
-        parameters = evidence.white_after.system.rank + candidate.searched
-        weighed = replace(candidate, eff=evidence.eff, parameters=parameters, results=results)
-        return weighed, weighing.residual(evidence)
+        weighed = replace(candidate, eff=found.eff, evidence=evidence, results=told)
+        return weighed, found.white_after.residual
 
     def at_both(self, candidate: Candidate, block: Block, singles: Mapping[int, Block]) -> Candidate:
         """A candidate of two joints, and what the gates say of its torque at either; singles: by joint (0-based), what
@@ -215,6 +193,12 @@ class Weighing:
         self.joints = joints_of(base.model, self.term)
         self.floor = self.beside.floors[self.joints[0]]
 
+    @property
+    def price(self) -> float:
+        """What its score must exceed."""
+        rows = self.beside.system.joints[self.joints[0]].independent
+        return self.beside.base.price(self.term, self.searched, self.among, rows)
+
     @cached_property
     def _instead(self) -> tuple[LinearSystem, LinearSystem]:
         base = self.beside.base
@@ -227,29 +211,29 @@ class Weighing:
             return self._instead
         return self.beside.system.with_block(self.block), self.beside.white.with_block(self._white_block)
 
-    def evidence(self, added: Array | None = None) -> Evidence:
+    def solutions(self, added: Array | None = None) -> Solutions:
         """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
         own, (plain, white) = self.beside, self._instead
         count = max(1, own.system.joints[self.joints[0]].count)
-        rms = [own.base.rms(i) for i in self.joints]
-        floors = [own.floors[i] for i in self.joints]
         before, white_before = own.system.solution, own.white.solution
         after, white_after = plain.solution, white.solution
         if added is not None:
             before, white_before = (system.solve_before(added) for system in self._added)
             after, white_after = plain.solve(added), white.solve(added)
-        return Evidence(
-            before,
-            after,
-            white_before,
-            white_after=white_after,
-            searched=self.searched,
-            among=self.among,
-            unit=rms[0] / float(np.sqrt(count)),
-            excess=sum(max(1 - (f / r) ** 2, 0.0) for f, r in zip(floors, rms, strict=True) if r > 0),
-            measured=own.system.solution.sse,
-            count=count,
-        )
+        unit = own.base.rms(self.joints[0]) / float(np.sqrt(count))
+        return Solutions(before, after, white_before, white_after, unit)
+
+    def dispersion(self, theta: Array) -> float:
+        """Of the score of a torque, (1 + k,) `theta` of the columns, beside noise like what is left now."""
+        own, white = self.beside.white, self._instead[1]
+        taken = white.base if white.base is not None else own
+        left = taken.beyond(self._white_block.torque(theta))
+        rows, start, x, r = own.joints, 0, [], []
+        for joint, e in zip(rows, own.solution.residual, strict=True):
+            x.append(left[start : start + joint.count] / joint.weight)
+            r.append(joint.used(e))
+            start += joint.count
+        return score.dispersion([joint.independent for joint in rows], [a + b for a, b in zip(x, r, strict=True)], r)
 
     def own(self, theta: Array) -> float:
         """RMS at its own joint of what the model cannot take over of a torque, (1 + k,) `theta` of the columns."""
@@ -261,11 +245,6 @@ class Weighing:
         """How much of a torque, (1 + k,) `theta` of the columns, the noise alone holds, and its standard deviation."""
         plain, white = self._added
         return plain.held(theta)[0], white.held(theta)[1]
-
-    def residual(self, evidence: Evidence) -> Array:
-        """Whitened, all joints' rows that count, one after another."""
-        pairs = zip(self.beside.white.joints, evidence.white_after.residual, strict=True)
-        return np.concatenate([rows.weight * rows.used(r) for rows, r in pairs])
 
     def of_torque(self, theta: Array) -> tuple[GateResult, GateResult]:
         """Of the gates that ask a candidate's torque itself, (1 + k,) `theta` of its columns."""
@@ -279,46 +258,45 @@ def rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> Ra
     """These terms at their best shapes; `floors` are the noise floors of all joints."""
     # What explains next to nothing on the excerpt stays a witness, and its shape as it is.
     least = WORTH_A_LOOK / base.model.n * base.excerpt[1].solution.sse
-    found = [base.refine(c) if c.gain > least or base.watched(c.term) else c for c in _finalists(base, terms)]
+    found = [base.refine(c) if c.fall > least or base.watched(c.term) else c for c in _finalists(base, terms)]
     return weigh(base, found, floors)
 
 
 def weigh(base: FittedBase, candidates: Sequence[Candidate], floors: Sequence[float]) -> Ranking:
     """Candidates at their shapes; `floors` are the noise floors of all joints."""
-    finalists, blocks, held = [], [], []
+    finalists, blocks, errors = [], [], []
     for candidate in candidates:
         block = base.block(candidate.term, candidate.shape)
         if not block.finite:
             continue
         system = base.without(base.system, base.replaced(candidate.term))
         solution = system.with_block(block).solution
-        error = float(solution.held_out[0].sum())
         left = sum(r.weight**2 * float(e @ e) for r, e in zip(system.joints, solution.residual, strict=True))
         # Where the noise that is compensated for is most of what is left, nothing is known of the rest.
-        if error > OF_WHAT_IS_LEFT * left:
+        if solution.sse > OF_WHAT_IS_LEFT * left:
             finalists.append(candidate)
             blocks.append(block)
-            held.append(error)
+            errors.append(solution.sse)
     if not finalists:
         return Ranking()
-    beside = Whitened(base, base.system, floors, blocks[int(np.argmin(held))])
+    beside = Whitened(base, base.system, floors, blocks[int(np.argmin(errors))])
     found = [beside.weighed(c, b) for c, b in zip(finalists, blocks, strict=True)]
     found = _at_both_joints(beside, found, blocks)
-    found.sort(key=lambda one: (not one[0].passes, -one[0].delta_bic))
-    return Ranking(tuple(c for c, _ in found), _rivals(base.model, found))
+    found.sort(key=lambda one: (not one[0].passes, -one[0].evidence.net))
+    return Ranking(tuple(c for c, _ in found), _rivals(base.model, beside.white, found))
 
 
 def _at_both_joints(
-    beside: Whitened, weighed: Sequence[tuple[Candidate, Array]], blocks: Sequence[Block]
-) -> list[tuple[Candidate, Array]]:
+    beside: Whitened, weighed: Sequence[tuple[Candidate, tuple[Array, ...]]], blocks: Sequence[Block]
+) -> list[tuple[Candidate, tuple[Array, ...]]]:
     """Weighed candidates; those of two joints that pass are asked for their torque at either, beside the best
     candidate there that is of one joint."""
     effects = beside.base.model.library.effects
     singles: dict[int, tuple[float, Block]] = {}
     for (c, _), block in zip(weighed, blocks, strict=True):
         joint = (c.term.joint or 0) - 1
-        if effects[c.term.effect].scope == "joint" and c.delta_bic > singles.get(joint, (0.0, block))[0]:
-            singles[joint] = c.delta_bic, block
+        if effects[c.term.effect].scope == "joint" and c.evidence.net > singles.get(joint, (0.0, block))[0]:
+            singles[joint] = c.evidence.net, block
     alone = {joint: block for joint, (_, block) in singles.items()}
     return [
         (beside.at_both(c, block, alone) if c.passes and effects[c.term.effect].scope == "joints" else c, left)
@@ -327,44 +305,33 @@ def _at_both_joints(
 
 
 def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
-    """The candidates with the least cross-validated errors on the excerpt, among them some of every joint, that which
-    leaves least there, and every transmission with an encoder on either side."""
-    system = base.excerpt[1]
-
-    def tried(term: Term) -> tuple[Candidate, float, float] | None:
-        c = base.search(term)
-        if c is None:
-            return None
-        solution = base.without(system, base.replaced(term)).with_block(base.trial(c.term, c.shape)).solution
-        return c, float(solution.held_out[0].sum()), solution.sse
-
-    tried_ones = [one for one in of_each("candidates", tried, terms) if one is not None]
-    found = [c for c, _, __ in tried_ones]
-    errors = {c.term: held for c, held, _ in tried_ones}
-    left = {c.term: sse for c, _, sse in tried_ones}
-    scored = sorted(found, key=lambda c: errors[c.term])
+    """The candidates by which the squared error on the excerpt falls most, among them some of every joint, and every
+    transmission with an encoder on either side."""
+    found = [c for c in of_each("candidates", base.search, terms) if c is not None]
+    scored = sorted(found, key=lambda c: -c.fall)
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
-    least = (1 - WORTH_A_LOOK / base.model.n) * float(system.solution.held_out[0].sum())
-    hopeful = [c for c in scored if errors[c.term] < least] or scored[:FINALISTS_OF_A_JOINT]
+    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].solution.sse
+    hopeful = [c for c in scored if c.fall > least] or scored[:FINALISTS_OF_A_JOINT]
     chosen = hopeful[:FINALISTS]
     for joint in dict.fromkeys(c.term.joint for c in found):
-        of_joint = [c for c in hopeful if c.term.joint == joint][:FINALISTS_OF_A_JOINT]
-        # What happens in one stretch only, as a contact may, is left to chance where that stretch is held out.
-        of_joint.append(min((c for c in found if c.term.joint == joint), key=lambda c: left[c.term]))
-        chosen += of_joint
+        chosen += [c for c in hopeful if c.term.joint == joint][:FINALISTS_OF_A_JOINT]
     chosen += [c for c in scored if base.watched(c.term)]
     return list({c.term: c for c in chosen}.values())
 
 
-def _rivals(model: Model, ranked: Sequence[tuple[Candidate, Array]]) -> tuple[Term, ...]:
-    """Those that pass, too, and that neither Vuong's test nor BIC sets apart from the first; what acts on none of its
-    joints explains something else."""
+def _rivals(
+    model: Model, white: LinearSystem, ranked: Sequence[tuple[Candidate, tuple[Array, ...]]]
+) -> tuple[Term, ...]:
+    """Those that pass, too, and that neither Vuong's test nor the likelihood sets apart from the first; what acts on
+    none of its joints explains something else."""
     first, left = ranked[0]
     if not first.passes:
         return ()
-    found, own = [], set(joints_of(model, first.term))
+    found, own, rows = [], set(joints_of(model, first.term)), [r.independent for r in white.joints]
     for other, residual in ranked[1:]:
-        alike = vuong(left, residual) < VUONG_APART or first.delta_bic - other.delta_bic < BIC_APART
-        if other.passes and own & set(joints_of(model, other.term)) and alike:
+        near = first.evidence.net - other.evidence.net < ALIKE
+        if not (other.passes and own & set(joints_of(model, other.term))):
+            continue
+        if near or score.apart(rows, left, residual) < VUONG_APART:
             found.append(other.term)
     return tuple(found)

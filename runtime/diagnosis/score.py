@@ -23,7 +23,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis.settings import LEAST_PRICE, STRETCHES
+from runtime.diagnosis.settings import HEARD_SIGMAS, LEAST_PRICE, STRETCHES
 from runtime.regression.noise import Whitening, lag_by_lag
 from runtime.regression.rows import JointRows
 
@@ -34,16 +34,26 @@ Residuals = Sequence[Array]
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for a term: gain of the log-likelihood, dispersion of its score, and price of having searched."""
+    """What speaks for a term.
+
+    gain  of the log-likelihood      dispersion  of its score      price  of having searched
+    repaid  of the price, by recordings that were not fitted
+    """
 
     gain: float
     dispersion: float
     price: float
+    repaid: float = 0.0
 
     @property
     def score(self) -> float:
         """The gain over the dispersion."""
         return self.gain / max(self.dispersion, 1.0)
+
+    @property
+    def due(self) -> float:
+        """What the score must exceed: either kind of recording must be clear for itself."""
+        return max(self.price - self.repaid, 0.5 * HEARD_SIGMAS**2)
 
     @property
     def net(self) -> float:
@@ -80,19 +90,26 @@ class Yardstick:
         """By joint (M,)."""
         return [by(r) for by, r in zip(self.by, residual, strict=True)]
 
-    def evidence(self, without: Residuals, beside: Residuals, price: float) -> Evidence:
+    def evidence(self, without: Residuals, beside: Residuals, price: float, repaid: float = 0.0) -> Evidence:
         """Of a term: residuals without and with it, each of a fit of its own."""
         before, after = self.white(without), self.white(beside)
-        return Evidence(gain(self.independent, before, after), dispersion(self.independent, before, after), price)
+        found = gain(self.independent, before, after), dispersion(self.independent, before, after)
+        return Evidence(*found, price, repaid)
 
     def apart(self, better: Residuals, worse: Residuals) -> float:
-        """Standard deviations by which one fit is likelier than another that it does not contain. Source: Vuong 1989."""
-        total, variance = 0.0, 0.0
-        for n, a, b in zip(self.independent, self.white(better), self.white(worse), strict=True):
-            if n:
-                each = n / len(a) * (b**2 - a**2) / (2 * max(float(np.mean(a**2)), 1e-300))
-                total, variance = total + float(each.sum()), variance + lag_by_lag(each)
-        return total / float(np.sqrt(max(variance, 1e-300)))
+        """As `apart`, of residuals that are not whitened yet."""
+        return apart(self.independent, self.white(better), self.white(worse))
+
+
+def apart(independent: Sequence[int], better: Residuals, worse: Residuals) -> float:
+    """Standard deviations by which one fit is likelier than another that it does not contain, of whitened residuals;
+    the variance is robust to autocorrelation. Source: Vuong 1989."""
+    total = variance = 0.0
+    for n, a, b in zip(independent, better, worse, strict=True):
+        if n and a.any():
+            each = n / len(a) * (b**2 - a**2) / (2 * float(np.mean(a**2)))
+            total, variance = total + float(each.sum()), variance + lag_by_lag(each)
+    return total / float(np.sqrt(max(variance, 1e-300)))
 
 
 def gain(independent: Sequence[int], before: Residuals, after: Residuals) -> float:

@@ -1,73 +1,94 @@
-"""Forward: a trail lengthened by the best candidate, or by a pair where one effect stood for two."""
+"""The search over sets of terms: add, drop, swap. Screening proposes, a fit of all rows decides.
+
+Of every joint the best candidates are refitted, each alone; the best of them are added one after another. What was
+found before is then asked again: without it, with another in its place, with its runner-up and that one's own second.
+A set that was scored is never scored again by these rules: a term that was dropped is not added a second time.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from runtime.diagnosis.acceptance import (
     above_noise,
     acting,
-    error_falls,
+    between,
     explains_better,
-    is_accepted,
-    is_significant,
-    kept_alone,
-    less_likely_cases,
+    lost_without,
+    may_be_the_rest,
     own_joints,
     preferred,
-    simplest,
-    whitened_bic,
+    refitted,
 )
-from runtime.diagnosis.candidates import Candidate, FittedBase
-from runtime.diagnosis.gates import BIC, TORQUE
-from runtime.diagnosis.pruning import lacking, may_be_the_rest, rest_of_another
-from runtime.diagnosis.ranking import rank, weigh
+from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.gates import FALL, REST, SCORE
+from runtime.diagnosis.ranking import Ranking, rank, weigh
 from runtime.diagnosis.settings import (
-    BIC_APART,
+    ALIKE,
+    HEARD_SIGMAS,
     LEAST_MOVING_S,
-    MOST_OF_BOTH,
+    LEAST_PRICE,
+    MOST_FINDINGS,
+    MOST_PAIRED,
+    MOST_TRIED,
     SHOWN_ALIKE,
+    WORTH_A_REFIT,
 )
 from runtime.diagnosis.steps import Step, Trail, seconds_moving, with_witnessed
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.model.terms import Term, joints_of
-from runtime.progress import of_each
-from runtime.regression.rows import Block, Columns
-from runtime.regression.system import LinearSystem
 
 # comparisons ---------------------------------------------------------------------------------------------------------
 
 
 def compared(trail: Trail) -> Trail:
     """The trail with all candidates ranked beside its last step."""
-    base, sought = trail.last.base, trail.sought
-    terms = [t for t in base.terms() if sought is None or sought.intersection(joints_of(trail.model, t))]
-    return replace(trail, ranking=rank(base, lacking(trail.last, terms), trail.last.floors))
+    sought = trail.sought
+    terms = [t for t in trail.last.base.terms() if sought is None or sought.intersection(joints_of(trail.model, t))]
+    return replace(trail, ranking=_ranked(trail.last, terms))
+
+
+def _ranked(step: Step, terms: Iterable[Term]) -> Ranking:
+    """Those of some terms that do not act only where the residual is below the noise."""
+    base = step.base
+    able = [t for t in terms if base.watched(t) or above_noise(step, own_joints(base.model, t))]
+    return rank(base, able, step.floors)
 
 
 def undecided(trail: Trail, joint: int) -> Candidate | None:
-    """What a recording that is not fitted would decide of a joint (0-based), the strongest; None where there is such a
-    recording, or nothing that depends on one."""
+    """What a recording that is not fitted would decide of a joint (0-based), the likeliest: its score alone is short of
+    its price; None where there is such a recording, or nothing that depends on one."""
     if trail.held_out is not None:
         return None
-    open_ones = [c for c in trail.ranking.candidates if c.answerable and joint in own_joints(trail.model, c.term)]
-    return max(open_ones, key=lambda c: c.delta_bic, default=None)
+    open_ones = [c for c in trail.ranking.candidates if joint in own_joints(trail.model, c.term) and _repayable(c)]
+    return max(open_ones, key=lambda c: c.evidence.score, default=None)
+
+
+def _repayable(candidate: Candidate) -> bool:
+    """Whether only the price stands against a candidate, and recordings that are surely better explained by it would
+    repay as much."""
+    missed = [r.gate for r in candidate.failed]
+    return missed == [SCORE] and candidate.evidence.score > candidate.evidence.price - 0.5 * HEARD_SIGMAS**2
 
 
 def not_borne_out(trail: Trail, joint: int) -> Candidate | None:
-    """The strongest candidate of a joint (0-based) that passes every gate beside the last step and was not accepted
-    once all was refitted; None where there is none, or a recording that is not fitted has decided."""
+    """The likeliest candidate of a joint (0-based) that passed beside the last step and did not once all was refitted
+    with it; None where there is none, or a recording that is not fitted has decided."""
     if trail.held_out is not None:
         return None
-    able = [c for c in trail.ranking.candidates if c.passes and c.term not in trail.taken_back]
-    here = [c for c in able if joint in own_joints(trail.model, c.term) and _moves_enough(trail, c.term)]
-    return max(here, key=lambda c: c.delta_bic, default=None)
+    asked = [c for c in trail.ranking.candidates if any(r.gate is FALL for r in c.results) and not c.passes]
+    here = [c for c in asked if joint in own_joints(trail.model, c.term)]
+    return max(here, key=lambda c: c.evidence.gain, default=None)
 
 
-# forward -------------------------------------------------------------------------------------------------------------
+def is_open(trail: Trail) -> bool:
+    """Whether more may be sought; several of one effect at a joint count once."""
+    named = {(f.term.effect, f.term.joint) for f in trail.findings}
+    return not trail.suspicions and len(named) < MOST_FINDINGS * trail.model.n
+
+
+# add -----------------------------------------------------------------------------------------------------------------
 
 
 def add_witnessed(trail: Trail) -> Trail:
@@ -98,229 +119,328 @@ def _fitted_to_torque(trail: Trail, one: Witnessed) -> Step | None:
     ranking = weigh(base, [base.best_of(one.term, choices)], before.floors)
     if not ranking.candidates:
         return None
-    (candidate,) = ranking.candidates
-    after = trail.with_candidates(before, candidate)
-    if not is_accepted(before, after, one.term):
+    made = _refitted(trail, ranking.candidates[0])
+    if any(r.gate in (SCORE, FALL) for r in made.candidate.failed):
         return None
     # What else the torque lacks would bend a transmission to anything.
-    fitted = after.fit.inference.values[one.term]
+    fitted = made.step.fit.inference.values[one.term]
     alike = all(1 / SHOWN_ALIKE < fitted[name].value / e.value < SHOWN_ALIKE for name, e in one.values.items())
-    return after.after(before, candidate, ranking) if alike else None
+    return made.step.after(before, made.candidate, ranking) if alike else None
 
 
-def best_single(trail: Trail) -> Step | None:
-    """The best candidate that passes every gate and is accepted once everything is refitted with it."""
-    step, ranking = trail.last, trail.ranking
-    able = [c for c in ranking.candidates if c.passes or (trail.held_out is not None and c.answerable)]
-    able = [c for c in able if _moves_enough(trail, c.term) and c.term not in trail.taken_back]
-    able.sort(key=lambda c: -c.delta_bic)
-    alike = [c.term for c in ranking.candidates[:1]] + [*ranking.rivals]
-    for candidate in able:
-        first = candidate is ranking.candidates[0]
-        for found in _refitted(trail, candidate, ranking.rivals if first else ()):
-            if is_accepted(step, found, found.term) and not rest_of_another(trail, (found.term,), found):
-                # Where the first has no significant values, the data do not separate the next from it either.
-                others = tuple(t for t in alike if t != found.term) if found.term in alike else ()
-                return found if first else replace(found, rivals=others)
-            if not any(error_falls(step, found, i) for i in own_joints(trail.model, found.term)):
-                alike = [t for t in alike if t != found.term]
-    return None
+@dataclass(frozen=True, eq=False)
+class Refitted:
+    """A candidate with everything refitted beside it, and the gates asked again."""
+
+    candidate: Candidate
+    step: Step
+
+    @property
+    def term(self) -> Term:
+        return self.candidate.term
 
 
-def _moves_enough(trail: Trail, term: Term) -> bool:
-    return seconds_moving(trail.motion, joints_of(trail.model, term)[0]) >= LEAST_MOVING_S
+def _refitted(trail: Trail, candidate: Candidate, before: Step | None = None) -> Refitted:
+    start = before or trail.last
+    step = trail.with_candidates(start, candidate)
+    return Refitted(refitted(start, step, candidate), step)
 
 
-def _refitted(trail: Trail, candidate: Candidate, rivals: Sequence[Term]) -> list[Step]:
-    """Steps that add a candidate: first one of its rivals instead, if that clearly leaves less.
-
-    Candidates are ranked beside a base that was fitted without them; what an effect takes from others
-    (a bristle from dry friction) shows only when everything is refitted. Recordings that were not fitted decide
-    where they can.
-    """
-    step, ranked = trail.last, trail.ranking.candidates
-    others = [c for c in ranked if c.term in rivals and c is not candidate][:4]  # time
-    special = trail.model.library.effects[candidate.term.effect].generalises
-    others += [c for c in ranked if c.passes and c.term.effect in special and c not in others]
-    tried = [candidate, *others]
-    terms = [c.term for c in tried]
-    steps = [trail.with_candidates(step, c) for c in tried]
-    best = 0
-    for k, after in enumerate(steps):
-        if preferred(after, steps[best], joints_of(trail.model, terms[k])[0]):
-            best = k
-    best = simplest(terms, steps, best)
-    made = []
-    for k in dict.fromkeys((best, 0)):
-        lost = tuple(t for t, after in zip(terms, steps, strict=True) if _refuted(trail, t, after, by=steps[k]))
-        gone = {terms[k], *less_likely_cases(step.base.system, terms, steps, k)}
-        alike = tuple(t for t in (candidate.term, *rivals) if t not in gone)
-        made.append(replace(steps[k].after(step, tried[k], trail.ranking, alike), refuted=lost))
-    return made
+def lengthened(trail: Trail) -> Trail:
+    """The trail with the best candidate of every joint at which one holds once all is refitted, the likeliest first."""
+    winners, asked = [], []
+    for joint in dict.fromkeys(c.term.joint for c in trail.ranking.candidates):
+        those = [_refitted(trail, c) for c in _worth_a_refit(trail, joint)]
+        asked += [one.candidate for one in those]
+        best = _best(trail, [one for one in those if one.candidate.passes])
+        if best is not None:
+            winners.append((best, _alike(trail, best, those)))
+    trail = replace(trail, ranking=trail.ranking.with_refitted(asked))
+    winners.sort(key=lambda item: -item[0].candidate.evidence.net)
+    ranking = trail.ranking
+    for best, rivals in winners:
+        last = trail.last
+        first = last is best.step.before or best is winners[0][0]
+        made = best if first else _refitted(trail, best.candidate, last)
+        if made.candidate.passes:
+            trail = trail.to(made.step.after(last, made.candidate, ranking, rivals))
+    return trail
 
 
-def _refuted(trail: Trail, term: Term, step: Step, by: Step) -> bool:
-    """Whether another step explains recordings that were not fitted clearly better than that with a term, where the
-    term acts."""
-    return explains_better(by, step, acting(trail.model, term))
+def _worth_a_refit(trail: Trail, joint: int | None) -> list[Candidate]:
+    """The likeliest candidates of a joint (from 1) that pass, or may once recordings that are not fitted are heard."""
+    heard = trail.held_out is not None
+    here = [c for c in trail.ranking.candidates if c.term.joint == joint and c.term not in trail.taken_back]
+    able = [c for c in here if c.passes or (heard and _hopeful(c))]
+    able = [c for c in able if seconds_moving(trail.motion, joints_of(trail.model, c.term)[0]) >= LEAST_MOVING_S]
+    able.sort(key=lambda c: -c.evidence.gain)
+    if not able:
+        return []
+    likely = [c for c in able if c.evidence.gain > WORTH_A_REFIT * able[0].evidence.gain][:MOST_TRIED]
+    surest = max(able, key=lambda c: c.evidence.score)
+    effects = trail.model.library.effects
+    special = [c for c in able if any(c.term.effect in effects[w.term.effect].generalises for w in likely)]
+    return list({c.term: c for c in (*likely, surest, *special)}.values())
+
+
+def _hopeful(candidate: Candidate) -> bool:
+    """Whether only the score stands against a candidate, which its refit may raise or other recordings repay."""
+    return [r.gate for r in candidate.failed] == [SCORE] and candidate.evidence.score > 0.5 * HEARD_SIGMAS**2
+
+
+def _best(trail: Trail, those: Sequence[Refitted]) -> Refitted | None:
+    """The likeliest of some refits of one joint, or the special case of it that is hardly less likely."""
+    if not those:
+        return None
+    best = max(those, key=lambda one: one.candidate.evidence.net)
+    for one in those:
+        if one is not best and preferred(one.step, best.step, acting(trail.model, one.term), _dearer(one, best)):
+            best = one
+    special = trail.model.library.effects[best.term.effect].generalises
+    for one in those:
+        if one.term.effect in special and not _surely_wider(one, best):
+            return one
+    return best
+
+
+def _dearer(one: Refitted, other: Refitted) -> float:
+    return one.candidate.evidence.price - other.candidate.evidence.price
+
+
+def _surely_wider(narrow: Refitted, wide: Refitted) -> bool:
+    """Whether the wider of two laws holds more than its special case, by the score of what it adds."""
+    return between(narrow.step, wide.step).score > LEAST_PRICE
+
+
+def _alike(trail: Trail, best: Refitted, those: Sequence[Refitted]) -> tuple[Term, ...]:
+    """Terms from which the data cannot separate the best: those that hold, refitted, and are not clearly worse."""
+    effects = trail.model.library.effects
+    found = []
+    for one in those:
+        if one is best or not one.candidate.passes:
+            continue
+        if one.term.effect in effects[best.term.effect].generalises:
+            worse = _surely_wider(one, best)
+        else:
+            worse = preferred(best.step, one.step, acting(trail.model, best.term), _dearer(best, one))
+        if not worse:
+            found.append(one.term)
+    if trail.ranking.candidates and trail.ranking.candidates[0].term in (best.term, *found):
+        tried = {one.term for one in those}
+        found += [t for t in trail.ranking.rivals if t not in tried and t.joint == best.term.joint]
+    return tuple(found)
 
 
 def add_further(trail: Trail, term: Term) -> Trail:
-    """More of an effect of which a joint may have several, what explains most first, as long as they are accepted."""
+    """More of an effect of which a joint may have several, what explains most first, as long as they hold."""
     while trail.model.library.effects[term.effect].several:
         step = trail.last
         base = step.base
         alike = [t for t in base.terms() if (t.effect, t.joint) == (term.effect, term.joint)]
         ranking = weigh(base, [c for t in alike for c in base.each(t)], step.floors)
         able = sorted((c for c in ranking.candidates if c.passes), key=lambda c: -c.eff)
-        tried = ((c, trail.with_candidates(step, c)) for c in able)
-        found = next(((c, after) for c, after in tried if is_accepted(step, after, c.term)), None)
+        made = (_refitted(trail, c) for c in able)
+        found = next((one for one in made if one.candidate.passes), None)
         if found is None:
             return trail
-        trail = trail.to(found[1].after(step, found[0], ranking))
+        trail = trail.to(found.step.after(step, found.candidate, ranking))
     return trail
 
 
-# pairs ---------------------------------------------------------------------------------------------------------------
+# drop, swap ----------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class CandidatePair:
-    """Two candidates and the fall of the squared error on the excerpt that both make together."""
-
-    first: Candidate
-    second: Candidate
-    gain: float
-
-    @property
-    def terms(self) -> tuple[Term, Term]:
-        return self.first.term, self.second.term
-
-
-def best_pair(trail: Trail, single: Step | None) -> Step | None:
-    """Two effects that together explain clearly more than the best one with any second beside it; not in the place of
-    one whose values are significant if theirs are not."""
-    step = trail.last
-    if single is None and not any(c.delta_bic > BIC.limit for c in trail.ranking.candidates):
-        return None
-    base, taken = step.base, None if single is None else single.term
-    found = [p for p in _pairs(base, trail.ranking.candidates) if not trail.taken_back & set(p.terms)]
-    own = [p for p in found if taken in p.terms]
-    least = own[0].gain if own else 0.0
-    others = [
-        p for p in found if taken not in p.terms and p.gain > MOST_OF_BOTH * max(least, _least_gain(base, step, p))
-    ][:2]  # time
-    if not others:
-        return None
-    steps = [trail.with_candidates(step, p.first, p.second) for p in others]
-    plain, *scores = whitened_bic(base.system, [step if single is None else single, *steps])
-    best = int(np.argmin(scores))
-    if plain - scores[best] < BIC.limit:
-        return None
-    if own:
-        beside = trail.with_candidates(step, own[0].first, own[0].second)
-        alternative, *scores = whitened_bic(base.system, [beside, *steps])
-        best = int(np.argmin(scores))
-        if alternative - scores[best] < BIC_APART:
-            return None
-    if single and _nearly_does(trail, single, others[best], steps[best]):
-        return None
-    both = all(is_significant(steps[best], t) for t in others[best].terms)
-    if single and is_significant(single, single.term) and not both:
-        return None
-    near = [p for p, score in zip(others, scores, strict=True) if 0 < score - scores[best] < BIC_APART]
-    return _both(trail, others[best], steps[best], near)
-
-
-def _nearly_does(trail: Trail, single: Step, pair: CandidatePair, together: Step) -> bool:
-    """Whether one effect, over the same quantities at the same joint, explains nearly as much as a pair."""
-    if not all(may_be_the_rest(trail, single.term, t) for t in pair.terms):
-        return False
-    (kept,) = kept_alone(trail.last, (single,), together, single.joint_index)
-    return kept >= MOST_OF_BOTH
-
-
-def _pairs(base: FittedBase, candidates: Sequence[Candidate]) -> list[CandidatePair]:
-    """The best partner for each of the best candidates, the best pair first.
-
-    Where one effect stands for two, a search one by one starts with the wrong one: each candidate of a beam is put into
-    the base, and the library is searched for the best second one beside it.
-    """
-    found: dict[frozenset[Term], CandidatePair] = {}
-    beam = sorted((c for c in candidates if c.gain > 0), key=lambda c: -c.gain)[:6]
-    for pair in of_each("pairs", lambda first: _partner(base, first), beam):
-        if pair is not None:
-            key = frozenset(pair.terms)
-            if key not in found or pair.gain > found[key].gain:
-                found[key] = pair
-    return sorted(found.values(), key=lambda p: -p.gain)
-
-
-def _partner(base: FittedBase, first: Candidate) -> CandidatePair | None:
-    system, effects = _beside(base, first), base.model.library.effects
-    own, best = first.term, None
-    for term in base.terms():
-        special = own.effect in effects[term.effect].generalises or term.effect in effects[own.effect].generalises
-        if term.joint not in (own.joint, None) or term == own or special:
+def mended(trail: Trail, fresh: Sequence[Term]) -> Trail:
+    """The trail without findings that those added last have made superfluous, or with a likelier one in their place."""
+    trail = without_replaced(trail)
+    for finding in trail.findings:
+        later = [t for t in fresh if t != finding.term and t in trail.last.values]
+        if finding.term not in {f.term for f in trail.findings} or finding.candidate.twist is not None:
             continue
-        second = base.search(term, system)
-        if second is not None and (best is None or second.gain > best.gain):
-            best = second
-    return None if best is None else CandidatePair(first, best, first.gain + best.gain)
+        later = [t for t in later if _share_a_joint(trail, finding.term, t) and not _alike_names(finding.term, t)]
+        if later and (len(trail.findings) > 1):
+            trail = _asked_again(trail, finding, later)
+    return trail
 
 
-def _beside(base: FittedBase, first: Candidate) -> LinearSystem:
-    """The excerpt's system with a candidate in its base, free to change its shape a little."""
-    system = base.without(base.excerpt[1], base.replaced(first.term))
-    block = base.trial(first.term, first.shape)
-    theta = np.append(1.0, system.with_block(block).solution.coefficients[len(system.unknown) :])
-    silent = {joint: Columns(part.rows) for joint, part in block.columns.items()}
-    extended, free = system.with_block(replace(block, columns=silent)), np.full(1, np.inf)
-    for name in base.moving(first.term):
-        # Over so much of a step of the grid a derivative is taken: between rounding and curvature.
-        step, at = 0.05 * base.grid_step(first, name), first.shape[name]
-        there = at * float(np.exp(step)) if base.logarithmic(first.term) else at + step
-        moved = base.trial(first.term, {**first.shape, name: there})
-        if not moved.finite:
-            continue
-        change = {j: theta @ (moved.columns[j].rows - part.rows) for j, part in block.columns.items()}
-        rows = {j: Columns(np.stack([np.zeros_like(x), x])) for j, x in change.items()}
-        extended = extended.with_block(Block((first.term, name), rows, -free, free))
-    return extended.merged()
+def _alike_names(one: Term, other: Term) -> bool:
+    """Several of one effect are there because each has what the others have not."""
+    return (one.effect, one.joint) == (other.effect, other.joint)
 
 
-def _least_gain(base: FittedBase, step: Step, pair: CandidatePair) -> float:
-    joints = [joints_of(base.model, term)[0] for term in pair.terms]
-    return max(base.gain_of(i, TORQUE.limit * step.floors[i]) for i in joints)
+def _share_a_joint(trail: Trail, one: Term, other: Term) -> bool:
+    """What acts on none of a finding's joints explains something else."""
+    return bool(set(joints_of(trail.model, one)) & set(joints_of(trail.model, other)))
 
 
-def _both(trail: Trail, pair: CandidatePair, together: Step, near: Sequence[CandidatePair]) -> Step | None:
-    """The second of the two steps that a pair makes, if each passes every gate beside the other; near: pairs that are
-    about as likely."""
-    step = trail.last
-    alone = [trail.with_candidates(step, c) for c in (pair.first, pair.second)]
-    weighed = [
-        rank(beside.base, [c.term], beside.floors).best
-        for c, beside in ((pair.first, alone[1]), (pair.second, alone[0]))
+def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
+    """The trail with a finding dropped, swapped, or as it is; later: terms added since that share a joint with it."""
+    without = trail.without(finding.term)
+    again = refitted(without, trail.last, finding.candidate)
+    if not again.passes:
+        return _dropped(trail, finding.term)
+    for term in (t for t in later if may_be_the_rest(trail.model, finding.term, t)):
+        gone = _rest_of_the_other(trail, finding.term, term, without)
+        if gone is not None:
+            return _dropped(trail, gone)
+    return _swapped(trail, finding, without)
+
+
+def _dropped(trail: Trail, term: Term) -> Trail:
+    return trail.rebuilt([f for f in trail.findings if f.term != term], {}, (term,))
+
+
+def _rest_of_the_other(trail: Trail, earlier: Term, later: Term, without: Step) -> Term | None:
+    """Which of two terms over the same quantities is what the other's law lacks; None if either has its own."""
+    added = [(t, v) for t, v in trail.added() if t not in (earlier, later)]
+    none = trail.refitted(trail.structure(added), trail.last)
+    own, joint = trail.without(later), (earlier.joint or 1) - 1
+    by_later, by_earlier = (lost_without(none, alone, trail.last, joint) for alone in (own, without))
+    # One law that does it nearly alone stands before two.
+    if not REST.asked(by_later).passes and by_later <= by_earlier:
+        return later
+    return earlier if not REST.asked(by_earlier).passes else None
+
+
+def _swapped(trail: Trail, finding: Step, without: Step) -> Trail:
+    """The trail with another effect in a finding's place, if with all refitted that is clearly better."""
+    own = set(joints_of(trail.model, finding.term))
+    others = {(f.term.effect, f.term.joint) for f in trail.findings if f.term != finding.term}
+    effects = trail.model.library.effects
+    terms = [
+        t
+        for t in without.base.terms()
+        if own & set(joints_of(trail.model, t))
+        and not any((g, t.joint) in others for g in effects[t.effect].generalises)
     ]
-    passed = [(c, a) for c, a in zip(weighed, alone, strict=True) if c is not None]
-    if len(passed) < 2 or not is_accepted(step, together, pair.first.term):
-        return None
-    # Each must be accepted beside the other.
-    if not all(is_accepted(a, together, t) for a, t in zip(alone, pair.terms[::-1], strict=True)):
-        return None
-    one, other = pair.terms
-    if (
-        may_be_the_rest(trail, one, other)
-        and max(kept_alone(step, alone, together, (one.joint or 1) - 1)) >= MOST_OF_BOTH
-    ):
-        return None
-    if rest_of_another(trail, pair.terms, together):
-        return None
-    (first, middle), (second, _) = sorted(passed, key=lambda item: -item[0].delta_bic)
-    middle = middle.after(step, first, rivals=_in_place_of(first.term, second.term, near))
-    return together.after(middle, second, rivals=_in_place_of(second.term, first.term, near))
+    ranking = _ranked(without, terms)
+    best, mine = ranking.best, ranking.of(finding.term)
+    if best is None or best.term == finding.term or best.term in trail.taken_back:
+        return trail
+    if mine is not None and mine.passes and best.evidence.net - mine.evidence.net < ALIKE:
+        return trail
+    return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail
 
 
-def _in_place_of(term: Term, beside: Term, near: Sequence[CandidatePair]) -> tuple[Term, ...]:
-    return tuple(t for p in near if beside in p.terms for t in p.terms if t not in (beside, term))
+def _in_its_place(trail: Trail, finding: Step, other: Candidate) -> Step:
+    """The last step with another candidate in a finding's place, refitted."""
+    kept = [(t, v) for t, v in trail.added() if t != finding.term]
+    return trail.refitted(trail.structure([*kept, (other.term, other.shape)]), trail.last)
+
+
+def _instead(trail: Trail, finding: Step, other: Candidate, there: Step, ranking: Ranking) -> Trail | None:
+    """The trail with another candidate in a finding's place if that, refitted as `there`, is clearly better."""
+    groups = [*acting(trail.model, other.term), *acting(trail.model, finding.term)]
+    if not preferred(there, trail.last, groups, other.evidence.price - finding.candidate.evidence.price):
+        return None
+    findings = [f if f is not finding else replace(f, chosen=other, ranking=ranking, rivals=()) for f in trail.findings]
+    return trail.rebuilt(findings, {other.term: other.shape}, (finding.term,))
+
+
+def without_replaced(trail: Trail) -> Trail:
+    """The trail without findings that the last one generalises: they were special cases of it, and its evidence is then
+    counted from where the first of them began."""
+    kept = [f for f in trail.findings if f.term in trail.last.values]
+    if len(kept) == len(trail.findings):
+        return trail
+    trail = trail.rebuilt(kept, {}, [f.term for f in trail.findings if f not in kept])
+    last = trail.last
+    return trail.to(replace(last, chosen=refitted(last.previous, last, last.candidate)))
+
+
+# a runner-up with a second of its own --------------------------------------------------------------------------------
+
+
+def paired(trail: Trail) -> Trail:
+    """The trail with two terms in the place of a finding, where one effect stood for both: a runner-up of the finding
+    with the best candidate beside it, clearly better than the finding with the best beside that."""
+    for second in (c for c in trail.ranking.candidates if c.passes and c.term.joint is not None):
+        here = [f for f in trail.findings if f.term.joint == second.term.joint and f.candidate.twist is None]
+        if here and here[-1].term not in trail.taken_back:
+            found = _pair_instead(trail, here[-1], second)
+            if found is not None:
+                return found
+    return trail
+
+
+def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | None:
+    kept = [(t, v) for t, v in trail.added() if t != finding.term]
+    both = trail.with_candidates(trail.last, second)
+    for first in _runners_up(trail, finding):
+        one = trail.refitted(trail.structure([*kept, (first.term, first.shape)]), trail.last)
+        beside = [t for t in one.base.terms() if t.joint == first.term.joint]
+        other = _ranked(one, beside).best
+        if other is None or {first.term, other.term} == {finding.term, second.term}:
+            continue
+        start = trail.structure([*kept, (other.term, other.shape)])
+        alone = trail.refitted(start, one)
+        pair = trail.refitted({**start, first.term: dict(one.shapes[first.term])}, one)
+        cost = first.evidence.price + other.evidence.price - finding.candidate.evidence.price - second.evidence.price
+        each = refitted(alone, pair, first), refitted(one, pair, other)
+        if all(c.passes for c in each) and preferred(pair, both, acting(trail.model, first.term), cost):
+            trail = trail.rebuilt([f for f in trail.findings if f is not finding], {}, (finding.term,))
+            for candidate in each:
+                made = _refitted(trail, candidate)
+                trail = trail.to(made.step.after(trail.last, made.candidate, finding.ranking))
+            return trail
+    return None
+
+
+def _runners_up(trail: Trail, finding: Step) -> list[Candidate]:
+    """Candidates that nearly were the finding, neither of them a case of the other."""
+    effects, own = trail.model.library.effects, finding.term
+    named = {f.term for f in trail.findings}
+    return [
+        c
+        for c in sorted(finding.ranking.candidates, key=lambda c: -c.evidence.gain)
+        if c.term.joint == own.joint
+        and c.term not in named
+        and c.term not in trail.taken_back
+        and c.evidence.score > LEAST_PRICE
+        and own.effect not in effects[c.term.effect].generalises
+        and c.term.effect not in effects[own.effect].generalises
+    ][:MOST_PAIRED]
+
+
+# rivals --------------------------------------------------------------------------------------------------------------
+
+
+def with_rivals_decided(trail: Trail) -> Trail:
+    """The trail with its findings' rivals in their places, all else refitted: one that is clearly better is swapped in,
+    those that are clearly worse are none.
+
+    A rival takes something else along (a spring in gravity's place bends the load that friction reads), so that sets
+    are apart where single effects were not.
+    """
+    for finding in [f for f in trail.findings if f.rivals and len(trail.findings) > 1]:
+        alike = []
+        for term in finding.rivals:
+            candidate = finding.ranking.of(term)
+            if candidate is None:
+                alike.append(term)
+                continue
+            there = _in_its_place(trail, finding, candidate)
+            swapped = _instead(trail, finding, candidate, there, finding.ranking)
+            if swapped is not None:
+                return swapped
+            cost = finding.candidate.evidence.price - candidate.evidence.price
+            if not preferred(trail.last, there, acting(trail.model, finding.term), cost):
+                alike.append(term)
+        trail = with_rivals(trail, {finding.term: tuple(alike)})
+    return trail
+
+
+def with_rivals(trail: Trail, rivals: dict[Term, tuple[Term, ...]]) -> Trail:
+    """The trail with other rivals of some of its findings."""
+    last = trail.first
+    for finding in trail.findings:
+        last = replace(finding, before=last, rivals=rivals.get(finding.term, finding.rivals))
+    return trail.to(last)
+
+
+def no_worse(trail: Trail, shown: Sequence[Step]) -> Trail:
+    """The trail, or one that ends at the last of its steps, or of those that were shown, which explains recordings that
+    were not fitted clearly better than its end."""
+    each = [(i,) for i in range(trail.model.n)]
+    better = [s for s in (*trail.steps, *shown) if explains_better(s, trail.last, each)]
+    return trail.to(better[-1]) if better else trail

@@ -1,11 +1,11 @@
 """Which physical effect is missing? The method, stage by stage.
 
 Prepare: recordings become a motion in the band in which model and measurement are compared. Identify: the model file's
-structure is fitted, and data that look wrong are refused. While a step improves: every effect of the library is ranked
-beside the fitted model (candidates.py, ranking.py) and must open all gates (gates.py); the best one, or a pair that it
-stood for, is added and everything refitted (search.py, acceptance.py); earlier findings that later ones made
-superfluous are pruned (pruning.py), and rivals are followed to their ends (rivals.py). Decide: findings, silence, or a
-refusal (verdict.py), and how large each effect would have had to be to be seen (detection_limits.py).
+structure is fitted, and data that look wrong are refused. While a move improves the set of terms (search.py): every
+effect of the library is scored beside the fitted model (candidates.py, ranking.py, score.py) and must open all gates
+(gates.py); the best are added and everything is refitted and asked again (acceptance.py); earlier findings are dropped
+or swapped where that is better. Decide: findings, silence, or a refusal (verdict.py), and how large each effect would
+have had to be to be seen (detection_limits.py).
 """
 
 from __future__ import annotations
@@ -15,18 +15,25 @@ from contextlib import suppress
 from dataclasses import replace
 
 from runtime.diagnosis import detection_limits
-from runtime.diagnosis.acceptance import bristles, explains_better
-from runtime.diagnosis.grammar_search import Wider
-from runtime.diagnosis.pruning import reconsidered, without_insignificant, without_replaced
-from runtime.diagnosis.rivals import best_branch, branches, is_open, with_rivals
-from runtime.diagnosis.search import add_further, add_witnessed, best_pair, best_single, compared
-from runtime.diagnosis.settings import BUDGET, LEAST_MOVING_S, MOST_FINDINGS
+from runtime.diagnosis.acceptance import bristles
+from runtime.diagnosis.search import (
+    add_further,
+    add_witnessed,
+    compared,
+    is_open,
+    lengthened,
+    mended,
+    no_worse,
+    paired,
+    with_rivals,
+    with_rivals_decided,
+)
+from runtime.diagnosis.settings import BUDGET, LEAST_MOVING_S
 from runtime.diagnosis.steps import CutShort, SearchWork, Step, Trail, seconds_moving
 from runtime.diagnosis.verdict import Diagnosis, decide
 from runtime.fit_warnings import suspicions
 from runtime.identification.identify import prepared, refuse_copies, refuse_two_sides, without_tip_rests
 from runtime.model.loader import Model
-from runtime.model.terms import Term
 from runtime.motion.motion import Motion, prepare
 from runtime.progress import one_thread
 from runtime.recordings.recording import Recording, RecordingError
@@ -38,21 +45,18 @@ def diagnose(
     model: Model,
     recordings: Sequence[Recording],
     held_out: Sequence[Recording] = (),
-    wider: Wider | None = None,
     budget: int = BUDGET,
 ) -> Diagnosis:
     """Fit the model file's structure, then name what is missing, or say why nothing can be named.
 
     model        the arm, its library of effects     recordings   that are fitted, at least one
     held_out     that are judged in the same band and never fitted
-    wider        opens the same arm with guesses in its library; asked where findings leave something: a guess that
-                 explains far more says that physics is missing which the library lacks
     budget       number of structures that the search may fit to all rows
 
     Returns the verdict with every step that led to it. Raises RecordingError where the recordings do not fit the arm,
     or each other.
     """
-    return conclude(complete(begin(model, recordings, held_out), budget=budget), wider)
+    return conclude(complete(begin(model, recordings, held_out), budget=budget))
 
 
 @one_thread()
@@ -69,9 +73,8 @@ def begin(model: Model, recordings: Sequence[Recording], held_out: Sequence[Reco
 
 @one_thread()
 def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: int = BUDGET) -> Trail:
-    """The trail at its end: the best of those that follow the first finding with rivals, or one of these; without what
-    is not significant beside the rest. on_step is called with each step of the first way; budget: number of structures
-    that may be fitted to all rows on the way to the end."""
+    """The trail at its end: no move makes its set better. on_step is called with each step that lengthens it; budget:
+    number of structures that may be fitted to all rows on the way."""
     shown: list[Step] = []
 
     def show(step: Step) -> None:
@@ -81,16 +84,20 @@ def complete(trail: Trail, on_step: OnStep = lambda _: None, budget: int = BUDGE
     work = SearchWork(budget)
     trail = follow(replace(trail, work=work), show)
     with suppress(CutShort):
-        number, others = branches(trail) if work.goes_on() else (0, [])
-        if others:
-            trail = best_branch([trail, *map(follow, others)], number)
+        while work.goes_on():
+            decided = with_rivals_decided(trail)
+            swapped = {f.term for f in decided.findings} != {f.term for f in trail.findings}
+            trail = decided
+            if not swapped:
+                break
+            trail = follow(trail, show)
     work.open = False
-    trail = _no_worse(without_insignificant(trail), shown).with_told_gains()
-    return with_rivals(trail, {f: _unrefuted(f) for f in trail.findings})
+    trail = no_worse(trail, shown).with_told_gains()
+    return with_rivals(trail, {f.term: tuple(dict.fromkeys((*f.rivals, *bristles(f)))) for f in trail.findings})
 
 
 def follow(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
-    """The trail lengthened as long as a step improves it and its work goes on."""
+    """The trail lengthened as long as a move improves it and its work goes on."""
     while is_open(trail) and trail.work.goes_on():
         longer = advanced(trail)
         if longer.last is trail.last:
@@ -101,50 +108,34 @@ def follow(trail: Trail, on_step: OnStep = lambda _: None) -> Trail:
 
 
 def advanced(trail: Trail) -> Trail:
-    """Add, then prune: what only a link-side encoder shows, or else the best candidate that passes every gate, or a
-    pair that it stood for. The same last step where nothing passes; where the work is cut, what was accepted before."""
+    """One round: what only a link-side encoder shows, or else a pair in a finding's place, or the best candidate of
+    every joint; then what was found before is asked again. The same last step where nothing holds; where the work is
+    cut, what was found before."""
     trail = compared(trail)
-    single = None
+    longer = trail
     try:
-        witnessed = add_witnessed(trail)
-        if witnessed.last is not trail.last:
-            return witnessed
-        single = best_single(trail)
-        pair = best_pair(trail, single)
-        if pair is not None:
-            return without_replaced(trail.to(pair))
-        if single is None:
-            return trail
-        return _pruned(add_further(without_replaced(trail.to(single)), single.term))
+        for move in (add_witnessed, paired, lengthened):
+            longer = move(trail)
+            if longer.last is not trail.last:
+                break
+            trail = longer
+        known = {f.term for f in trail.findings}
+        fresh = [f.term for f in longer.findings if f.term not in known]
+        for term in fresh:
+            longer = add_further(longer, term)
+        return mended(longer, fresh) if fresh else longer
     except CutShort:
-        return trail if single is None else without_replaced(trail.to(single))
-
-
-def _pruned(trail: Trail) -> Trail:
-    for _ in range(MOST_FINDINGS):
-        pruned = reconsidered(trail)
-        if pruned is trail:
-            break
-        trail = pruned
-    return trail
+        return longer
 
 
 @one_thread()
-def conclude(trail: Trail, wider: Wider | None = None) -> Diagnosis:
-    """Decide, and say how large each effect would have had to be, if all was sought; wider as for `diagnose`."""
-    found = decide(trail, wider)
+def conclude(trail: Trail) -> Diagnosis:
+    """Decide, and say how large each effect would have had to be, if all was sought."""
+    found = decide(trail)
     if trail.suspicions or trail.stopped:
         return found
     able = [i for i in range(trail.model.n) if seconds_moving(trail.motion, i) >= LEAST_MOVING_S]
     return found.within(*detection_limits.of(found.last.base, found.last.floors, able))
-
-
-def _no_worse(trail: Trail, shown: Sequence[Step]) -> Trail:
-    """The trail, or one that ends at the last of its steps, or of those that were shown, which explains recordings that
-    were not fitted clearly better than its end."""
-    each = [(i,) for i in range(trail.model.n)]
-    better = [s for s in (*trail.steps, *shown) if explains_better(s, trail.last, each)]
-    return trail.to(better[-1]) if better else trail
 
 
 def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> Motion:
@@ -156,7 +147,3 @@ def _held_out(fitted: Motion, recordings: Sequence[Recording], model: Model) -> 
             "give the rigid-body torque in all of them or in none"
         )
     return motion
-
-
-def _unrefuted(finding: Step) -> tuple[Term, ...]:
-    return tuple(dict.fromkeys(t for t in (*finding.rivals, *bristles(finding)) if t not in finding.refuted))

@@ -5,7 +5,7 @@ A trail leads from the model as given to the last step. Nothing of it changes: a
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -29,7 +29,7 @@ from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, errors, series, series_on, structure_shares
 from runtime.identification.drive_gains import told_gains
 from runtime.identification.estimate import Estimate
-from runtime.identification.fit import Fit, stretches
+from runtime.identification.fit import Fit
 from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import without_beats
 from runtime.identification.problem import Problem
@@ -48,16 +48,14 @@ Array = NDArray[np.float64]
 class Errors:
     """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖.
 
-    squares   of recordings that were not fitted, by joint (S,): sums of the squared residual over stretches of time
+    left   of recordings that were not fitted, by joint (m,): the residual's rows that count
+    ties   by joint, rows that hang together: a period of the band's end
     """
 
     rms: tuple[float, ...]
     relative: tuple[float, ...]
-    squares: tuple[Array, ...] = ()
-
-    def squared(self, joints: Collection[int]) -> float:
-        """Sum over some joints (0-based) of the squared relative errors."""
-        return sum(self.relative[i] * self.relative[i] for i in joints)  # a power of what has no end would be an error
+    left: tuple[Array, ...] = ()
+    ties: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,6 @@ class Step:
 
     chosen    what was added; None: the model as given      before   None for the first
     ranking   the comparison that it won          rivals   terms from which these data cannot separate it
-    refuted   those of the rivals that explain held-out recordings clearly less, with nothing else beside them
     """
 
     fit: Fit
@@ -77,7 +74,6 @@ class Step:
     before: Step | None = None
     ranking: Ranking = NOT_RANKED
     rivals: tuple[Term, ...] = ()
-    refuted: tuple[Term, ...] = ()
 
     @classmethod
     def of(
@@ -96,7 +92,7 @@ class Step:
     ) -> Step:
         """The same fit as the one with a candidate that was added to the step before."""
         won = Ranking((chosen,)) if ranking is None else ranking
-        return replace(self, before=before, chosen=chosen, ranking=won, rivals=tuple(rivals), refuted=())
+        return replace(self, before=before, chosen=chosen, ranking=won, rivals=tuple(rivals))
 
     @property
     def floors(self) -> list[float]:
@@ -152,8 +148,9 @@ class Step:
 
     def share(self) -> float:
         """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1; of the twist where that is what shows it."""
-        if self.candidate.twist is not None:
-            return min(self.candidate.share, 1.0)
+        twist = self.candidate.twist
+        if twist is not None:
+            return float(np.clip(1 - (twist.after / twist.before) ** 2, 0.0, 1.0))
         i = self.joint_index
         before, after = self.previous.fitted.rms[i], self.fitted.rms[i]
         excess = before**2 - self.previous.joints[i].floor.value ** 2
@@ -310,7 +307,6 @@ class Trail:
                 chosen=finding.chosen,
                 ranking=finding.ranking,
                 rivals=finding.rivals,
-                refuted=finding.refuted,
             )
         return replace(self, last=last, taken_back=self.taken_back | frozenset(gone))
 
@@ -331,12 +327,13 @@ def with_witnessed(fit: Fit, witnessed: Mapping[Term, Mapping[str, Estimate]]) -
 
 def errors_elsewhere(fit: Fit, motion: Motion) -> Errors:
     """Error of a fit, all its values as they are, on another motion."""
-    found, squares, motion = [], [], fit.on(motion)
+    found, kept, ties, motion = [], [], [], fit.on(motion)
     for i, left in enumerate(residuals_elsewhere(fit, motion)):
-        use, (_, stretch) = motion.moving(i), np.unique(stretches(motion, i), return_inverse=True)
+        use = motion.moving(i)
         found.append(errors(left[use], motion.recorded(i, fit.skew)[use]))
-        squares.append(np.asarray(np.bincount(stretch, weights=left**2), dtype=float))
-    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found), tuple(squares))
+        kept.append(left[use])
+        ties.append(max(1, round(motion.row_rate(i) / motion.cutoff(i))))
+    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found), tuple(kept), tuple(ties))
 
 
 def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:

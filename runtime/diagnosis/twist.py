@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, FittedBase, TwistResidual
 from runtime.diagnosis.gates import BOUND, GateResult
-from runtime.diagnosis.ranking import Evidence
+from runtime.diagnosis.ranking import Solutions, results
+from runtime.diagnosis.score import price
 from runtime.identification.estimate import Estimate
 from runtime.identification.twist import TwistEquation, TwistFit, fit_twist
 from runtime.model.loader import EffectInfo
@@ -84,19 +85,19 @@ def _weighed(
         return None
     before = float(np.sqrt(square))
     system = system.over([replace(rows, weight=1 / before)])
-    evidence = _evidence(system, equation.block, before, _floor(base, joint))
-    results = [*evidence.results(_floor(base, joint), np.inf), *_bounds(base.model.library.effects[effect], values)]
-    after = before * float(np.sqrt(max(evidence.after.sse, 0.0) / rows.count))
-    shape = {name: e.value for name, e in values.items()}
+    found = _solutions(system, equation.block, before)
+    evidence = found.evidence(price(base.model.n, len(values), rows.independent))
+    told = [*results(evidence, found.eff, _floor(base, joint), np.inf)]
+    after = before * float(np.sqrt(max(found.after.sse, 0.0) / rows.count))
     return Candidate(
         Term(effect, joint + 1),
-        shape,
+        {name: e.value for name, e in values.items()},
         searched=0,
-        gain=evidence.before.sse - evidence.after.sse,
+        fall=found.before.sse - found.after.sse,
         edge=np.inf,
-        parameters=evidence.white_after.system.rank,
-        twist=TwistResidual(before, after, evidence.eff, base.model.joints[joint].position_unit),
-        results=tuple(results),
+        twist=TwistResidual(before, after, found.eff, base.model.joints[joint].position_unit),
+        evidence=evidence,
+        results=(*told, *_bounds(base.model.library.effects[effect], values)),
     )
 
 
@@ -110,25 +111,14 @@ def _bounds(info: EffectInfo, values: Mapping[str, Estimate]) -> list[GateResult
     return [BOUND.asked(e.interval[0] if np.isfinite(e.interval[1]) else 0.0)]
 
 
-def _evidence(system: LinearSystem, block: Block, rms: float, floor: float) -> Evidence:
+def _solutions(system: LinearSystem, block: Block, rms: float) -> Solutions:
     rows, after = system.joints[0], system.with_block(block).solution
     by = [rows.whitening(after.residual[0])]
     # Whitening leaves little but noise, of which the encoders' share is not known well enough to be taken off.
     own = replace(block, columns={0: Columns(block.columns[0].rows)})
     white = system.without_noise().whitened(by, after.residual)
     white_after = white.with_block(own.whitened(by)).solution
-    return Evidence(
-        system.solution,
-        after,
-        white.solution,
-        white_after=white_after,
-        searched=0,
-        among=1,
-        unit=rms / float(np.sqrt(rows.count)),
-        excess=max(1 - (floor / rms) ** 2, 0.0) if rms else 0.0,
-        measured=system.solution.sse,
-        count=rows.count,
-    )
+    return Solutions(system.solution, after, white.solution, white_after, rms / float(np.sqrt(rows.count)))
 
 
 def _floor(base: FittedBase, joint: int) -> float:

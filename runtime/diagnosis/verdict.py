@@ -14,12 +14,9 @@ from runtime.diagnosis import credibility, detection_limits
 from runtime.diagnosis.acceptance import error_falls, explains_better, only_nearest
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
-from runtime.diagnosis.grammar_search import Draft, Wider, best
 from runtime.diagnosis.ranking import Ranking
-from runtime.diagnosis.rivals import with_rivals
-from runtime.diagnosis.search import not_borne_out, undecided
+from runtime.diagnosis.search import not_borne_out, undecided, with_rivals
 from runtime.diagnosis.settings import (
-    FAR_MORE,
     LEAST_EXPLAINED,
     LEAST_MOVING_S,
     LIMIT_PART,
@@ -27,7 +24,6 @@ from runtime.diagnosis.settings import (
 from runtime.diagnosis.steps import (
     Step,
     Trail,
-    after_effect,
     physics,
     remainder,
     seconds_moving,
@@ -48,7 +44,6 @@ Why = Literal[
     "unsound fit",
     "excitation",
     "comes nearest",
-    "outdone",
     "found",
     "nothing explains",
     "not borne out",
@@ -66,7 +61,6 @@ VERDICTS: Final[Mapping[Why, Verdict]] = {
     "unsound fit": "refused",
     "excitation": "refused",
     "comes nearest": "unexplained",
-    "outdone": "unexplained",
     "found": "effect",
     "nothing explains": "unexplained",
     "not borne out": "unexplained",
@@ -83,7 +77,7 @@ class JointVerdict:
     """What is said of a joint (0-based), and what decided.
 
     named      findings by which its error falls
-    withdrawn  findings that showed there and are not named      draft  a guess that explains far more than these
+    withdrawn  findings that showed there and are not named
     undecided  what another recording would decide
     """
 
@@ -91,7 +85,6 @@ class JointVerdict:
     why: Why
     named: tuple[Step, ...] = ()
     withdrawn: tuple[Step, ...] = ()
-    draft: Draft | None = None
     undecided: Candidate | None = None
 
     @property
@@ -168,15 +161,15 @@ class Diagnosis:
         return replace(self, joints=joints, seen=tuple(seen), unseen=unseen)
 
 
-def decide(trail: Trail, wider: Wider | None = None) -> Diagnosis:
-    """The verdict, once nothing more passes the gates; wider as for `stages.diagnose`. Detection limits are left
+def decide(trail: Trail) -> Diagnosis:
+    """The verdict, once nothing more passes the gates. Detection limits are left
     out."""
     compared = credibility.compare(trail.last.fit, trail.names, [s.floor.spectrum for s in trail.last.joints])
     whole = _refused(trail, compared)
     if whole is not None:
         joints = tuple(JointVerdict(i, whole) for i in range(trail.model.n))
         return Diagnosis(joints, trail.to(trail.first), trail, _withheld(trail, compared), compared)
-    kept, withdrawn = _named(trail, wider)
+    kept, withdrawn = _named(trail)
     last = kept.last
     elsewhere = () if trail.held_out is None else series_elsewhere(last.fit, trail.held_out)
     joints = tuple(withdrawn.get(i) or _judged(kept, i, elsewhere) for i in range(trail.model.n))
@@ -208,19 +201,19 @@ def _withheld(trail: Trail, compared: credibility.Tables) -> Ranking:
 # what is named -------------------------------------------------------------------------------------------------------
 
 
-def _named(trail: Trail, wider: Wider | None) -> tuple[Trail, dict[int, JointVerdict]]:
+def _named(trail: Trail) -> tuple[Trail, dict[int, JointVerdict]]:
     """The trail without the findings of joints (0-based) at which they do not hold, and what is said of these."""
     withdrawn: dict[int, JointVerdict] = {}
     for i in sorted({f.joint_index for f in trail.findings}):
-        said = _withdrawn(trail, i, wider)
+        said = _withdrawn(trail, i)
         if said is not None:
             withdrawn[i] = said
             trail = trail.rebuilt([f for f in trail.findings if f.joint_index != i], {}, ())
     named = {f.term for f in trail.findings}
-    return with_rivals(trail, {f: tuple(t for t in f.rivals if t not in named) for f in trail.findings}), withdrawn
+    return with_rivals(trail, {f.term: tuple(t for t in f.rivals if t not in named) for f in trail.findings}), withdrawn
 
 
-def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | None:
+def _withdrawn(trail: Trail, joint: int) -> JointVerdict | None:
     """Why the findings of a joint (0-based) are not named; None where they are. What lowers the joint's error on
     recordings that were not fitted is more than what comes nearest, and a guess beside it is what it leaves."""
     first, last = trail.first, trail.last
@@ -236,21 +229,7 @@ def _withdrawn(trail: Trail, joint: int, wider: Wider | None) -> JointVerdict | 
     weak = physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED
     if weak or only_nearest(first, last, joint):
         return JointVerdict(joint, "comes nearest", withdrawn=here)
-    draft = None if wider is None else _outdone(trail, here, joint, wider)
-    return None if draft is None else JointVerdict(joint, "outdone", withdrawn=here, draft=draft)
-
-
-def _outdone(trail: Trail, here: Sequence[Step], joint: int, wider: Wider) -> Draft | None:
-    """A guess that explains far more than the findings of a joint (0-based), which leave something; None if none
-    does."""
-    first, last = trail.first, trail.last
-    if not after_effect(last, joint, trail.model.library.effects[here[-1].term.effect]):
-        return None
-    found = best(first, *wider(), (joint,))
-    named = sum(f.candidate.delta_bic for f in here)
-    if found is None or found.step.candidate.delta_bic < FAR_MORE * named:
-        return None
-    return found if found.step.fitted.rms[joint] < last.fitted.rms[joint] else None
+    return None
 
 
 def explained(first: Step, last: Step, joint: int) -> float:
