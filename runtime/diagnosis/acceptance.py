@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, REST, SCORE, SHARE, SIZE, TURN, GateResult
-from runtime.diagnosis.heard import Heard, heard
+from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, REST, SCORE, SHARE, SIZE, STEADY, TURN, GateResult
+from runtime.diagnosis.heard import Heard, heard, steadily
 from runtime.diagnosis.score import Evidence, Yardstick
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
@@ -44,12 +44,16 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     rows = before.base.system.joints[joints_of(model, term)[0]].independent
     dear = before.base.price(term, candidate.searched, candidate.among, rows)
     evidence = between(before, after, dear, said.repays if said else 0.0)
+    # A fit of all rows is not the likeliest of coloured noise: what screening found beside the same base counts, too.
+    if candidate.evidence.score > evidence.score:
+        evidence = replace(candidate.evidence, repaid=evidence.repaid)
     kept = [r for r in candidate.results if r.gate is not SCORE and r.gate not in _REFITTED]
     results = [
         SCORE.asked(evidence.score, evidence.due),
         *kept,
         *([] if said and said.repays else [_share(before, after, term)]),
         FALL.asked(max(_fall(before, after, i) for i in own_joints(model, term))),
+        STEADY.asked(steadily(after.fitted, before.fitted, acting(model, term))),
         SIZE.asked(float(_at_a_bound(after, term))),
         *_of_its_kind(after, term),
         *([HELD_OUT.asked(said.falls_to)] if said else []),
@@ -57,7 +61,7 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     return replace(candidate, evidence=evidence, results=tuple(results))
 
 
-_REFITTED = (SHARE, FALL, SIZE, CONTACT, TURN, REST, HELD_OUT)
+_REFITTED = (SHARE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
 
 
 def between(without: Step, beside: Step, price: float = 0.0, repaid: float = 0.0) -> Evidence:
@@ -89,7 +93,7 @@ def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: 
     against it and it is likelier by more than ALIKE beyond what it costs more, and not by chance."""
     if other.held_out is not None and best.held_out is not None:
         said = heard(other.held_out, best.held_out, groups)
-        if said.clear or said.whole >= 1:
+        if said.clear or said.falls_to >= 1:
             return said.clear
     return _likelier(other, best, cost)
 

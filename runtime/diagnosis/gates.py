@@ -95,8 +95,8 @@ EDGE: Final = Gate(
 )
 SHARE: Final = Gate(
     "share",
-    "part of the squared error above the noise floor that goes with it, all refitted; asked where no recording that was "
-    "not fitted bears it out",
+    "part of the squared error above the noise floor that goes with it, all refitted; not asked where recordings that "
+    "were not fitted bear it out",
     "above",
     0.2,
     "part",
@@ -111,6 +111,17 @@ FALL: Final = Gate(
     "part",
     "no user would add an effect for a smaller improvement",
     _TRIAL,
+)
+STEADY: Final = Gate(
+    "steady",
+    "standard deviations by which the logarithm of the squared error falls over stretches that hold equal parts of its "
+    "torque",
+    "above",
+    1.645,
+    "standard deviations",
+    "what helps at one moment and harms at others bends to something else; 95 per cent of a normal distribution, on one "
+    "side",
+    "a real axis on which a spring helps for one of five laps",
 )
 SIZE: Final = Gate(
     "size",
@@ -293,7 +304,7 @@ RECORDINGS: Final = Gate(
 
 GATES: Final = (
     *(SCORE, TORQUE, PART, EDGE, RESOLUTION, MODEL, ENCODERS),
-    *(SHARE, FALL, SIZE, CONTACT, TURN, REST, HELD_OUT),
+    *(SHARE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT),
     *(LAG, RIGID, MORE_PLAY, LESS_PLAY, ON_LINK, ON_MOTOR, BOUND),
     *(EACH_SHARE, BOTH_JOINTS, PROPORTION, RECORDINGS),
 )

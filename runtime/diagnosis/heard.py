@@ -1,4 +1,4 @@
-"""What recordings that were not fitted say of one fit against another.
+"""What residuals say of one fit against another, stretch by stretch: above all those that were not fitted.
 
 Their errors are plain, not whitened: they hold what the fit's own values cost elsewhere. Time is cut where the two
 fits differ, so that each stretch holds as much of their difference: of an effect that acts everywhere these are even
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.gates import HELD_OUT
-from runtime.diagnosis.settings import HEARD_SIGMAS, OUTWEIGHED, STRETCHES
+from runtime.diagnosis.settings import HEARD_SIGMAS, IDLE, OUTWEIGHED, STRETCHES
 from runtime.diagnosis.steps import Errors
 
 Array = NDArray[np.float64]
@@ -22,13 +22,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Heard:
-    """falls_to: part of the squared error that is left, where the fits differ; sigmas: by how many standard deviations
-    of its stretches' logarithms that is below 1; whole: part that is left over all time. Infinite and 0 where other
-    joints lose by it, or the whole error rises."""
+    """falls_to: part of the squared error that is left where the fits differ; sigmas: by how many standard deviations
+    of its stretches' logarithms that is below 1. Infinite and 0 where other joints lose by it."""
 
     falls_to: float
     sigmas: float
-    whole: float = 1.0
 
     @property
     def repays(self) -> float:
@@ -37,11 +35,11 @@ class Heard:
 
     @property
     def clear(self) -> bool:
-        """Whether the one fit is surely better, over all time."""
-        return self.repays > 0 and self.whole < HELD_OUT.limit
+        """Whether the one fit is surely better."""
+        return self.repays > 0
 
 
-_DENIED = Heard(float("inf"), 0.0, float("inf"))
+_DENIED = Heard(float("inf"), 0.0)
 
 
 def heard(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> Heard:
@@ -52,36 +50,38 @@ def heard(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> Hear
     gained = -np.log(best.falls_to)
     against = [_at(other, one, (i,)) for i in range(len(one.rms))]
     lost = sum(-np.log(h.falls_to) for h in against if h.clear)
-    return best if best.whole < 1 and lost <= OUTWEIGHED * max(gained, 0.0) else _DENIED
+    return best if lost <= OUTWEIGHED * max(gained, 0.0) else _DENIED
+
+
+def steadily(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> float:
+    """Standard deviations by which the logarithm of the squared error falls at that of some groups of joints (0-based)
+    at which this is most."""
+    return max((_at(one, other, group).sigmas for group in groups), default=0.0)
 
 
 def _at(one: Errors, other: Errors, joints: Collection[int]) -> Heard:
     """Of one fit against another at some joints (0-based), each in units of its error with the other."""
     pairs = [(one.left[i], other.left[i], other.rms[i], other.ties[i]) for i in joints if len(one.left[i])]
-    logs = [d for left, before, rms, tie in pairs if rms > 0 for d in _stretched(left / rms, before / rms, tie)]
-    if not logs or not np.isfinite(logs).all():
+    stretches = [_stretched(left / rms, before / rms, tie) for left, before, rms, tie in pairs if rms > 0]
+    left, before, sizes = (np.concatenate([x[k] for x in stretches] or [np.zeros(0)]) for k in range(3))
+    if not len(left) or not np.isfinite([*left, *before]).all():
         return _DENIED
-    falls = float(np.mean(logs))
+    logs = np.log(before / left)
     spread = float(np.std(logs, ddof=1)) / len(logs) ** 0.5 if len(logs) > 1 else float("inf")
-    whole = sum(float(left @ left) / rms**2 for left, _, rms, _ in pairs) / sum(len(left) for left, _, _, _ in pairs)
-    return Heard(float(np.exp(-min(falls, 700.0))), falls / spread if spread > 0 else 0.0, whole)
+    sigmas = float(np.mean(logs)) / spread if spread > 0 else 0.0
+    # The longest stretches are those in which the fits hardly differ.
+    busy = np.argsort(-sizes, kind="stable")[round(IDLE * len(sizes)) :]
+    return Heard(float(left[busy].sum() / before[busy].sum()), sigmas)
 
 
-def _stretched(left: Array, before: Array, tie: int) -> Array:
-    """(S,) logarithms of how many times smaller a squared residual (m,) is than another, over stretches of at least
-    `tie` rows that hold equal parts of the squared difference."""
+def _stretched(left: Array, before: Array, tie: int) -> tuple[Array, Array, Array]:
+    """(S,) squares of two residuals (m,) and numbers of rows, over stretches of at least `tie` rows that hold equal
+    parts of the squared difference."""
     apart = np.cumsum((left - before) ** 2)
-    if not apart[-1] > 0:
-        return np.zeros(0)
-    ends = np.searchsorted(apart, apart[-1] * np.arange(1, STRETCHES + 1) / STRETCHES) + 1
     edges = [0]
-    for end in ends:
-        if end >= edges[-1] + tie:
-            edges.append(int(end))
-    edges[-1] = len(left) if len(edges) > 1 else 0
-    if len(edges) < 2:
-        edges = [0, len(left)]
-    starts = np.array(edges[:-1])
-    squares = [np.add.reduceat(x**2, starts) for x in (before, left)]
-    tiny = 1e-300
-    return np.log(np.maximum(squares[0], tiny) / np.maximum(squares[1], tiny))
+    if apart[-1] > 0:
+        for end in np.searchsorted(apart, apart[-1] * np.arange(1, STRETCHES) / STRETCHES) + 1:
+            if edges[-1] + tie <= end <= len(left) - tie:
+                edges.append(int(end))
+    squares = [np.maximum(np.add.reduceat(x**2, edges), 1e-300) for x in (left, before)]
+    return squares[0], squares[1], np.diff([*edges, len(left)])

@@ -7,7 +7,7 @@ A set that was scored is never scored again by these rules: a term that was drop
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from runtime.diagnosis.acceptance import (
@@ -24,6 +24,7 @@ from runtime.diagnosis.acceptance import (
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import FALL, REST, SCORE
 from runtime.diagnosis.ranking import Ranking, rank, weigh
+from runtime.diagnosis.score import NOT_WEIGHED
 from runtime.diagnosis.settings import (
     ALIKE,
     HEARD_SIGMAS,
@@ -140,47 +141,54 @@ class Refitted:
         return self.candidate.term
 
 
-def _refitted(trail: Trail, candidate: Candidate, before: Step | None = None) -> Refitted:
-    start = before or trail.last
-    step = trail.with_candidates(start, candidate)
-    return Refitted(refitted(start, step, candidate), step)
+def _refitted(trail: Trail, candidate: Candidate, stale: bool = False) -> Refitted:
+    """stale: the candidate was weighed beside another step than the last."""
+    last = trail.last
+    if stale:
+        candidate = weigh(last.base, [candidate], last.floors).of(candidate.term) or candidate
+    step = trail.with_candidates(last, candidate)
+    return Refitted(refitted(last, step, candidate), step)
 
 
 def lengthened(trail: Trail) -> Trail:
     """The trail with the best candidate of every joint at which one holds once all is refitted, the likeliest first."""
     winners, asked = [], []
     for joint in dict.fromkeys(c.term.joint for c in trail.ranking.candidates):
-        those = [_refitted(trail, c) for c in _worth_a_refit(trail, joint)]
-        asked += [one.candidate for one in those]
-        best = _best(trail, [one for one in those if one.candidate.passes])
-        if best is not None:
-            winners.append((best, _alike(trail, best, those)))
+        for batch in _batches(_able(trail, joint)):
+            those = [_refitted(trail, c) for c in batch]
+            asked += [one.candidate for one in those]
+            best = _best(trail, [one for one in those if one.candidate.passes])
+            if best is not None:
+                winners.append((best, _alike(trail, best, those)))
+                break
     trail = replace(trail, ranking=trail.ranking.with_refitted(asked))
     winners.sort(key=lambda item: -item[0].candidate.evidence.net)
     ranking = trail.ranking
     for best, rivals in winners:
         last = trail.last
-        first = last is best.step.before or best is winners[0][0]
-        made = best if first else _refitted(trail, best.candidate, last)
+        made = best if best is winners[0][0] else _refitted(trail, best.candidate, stale=True)
         if made.candidate.passes:
             trail = trail.to(made.step.after(last, made.candidate, ranking, rivals))
     return trail
 
 
-def _worth_a_refit(trail: Trail, joint: int | None) -> list[Candidate]:
-    """The likeliest candidates of a joint (from 1) that pass, or may once recordings that are not fitted are heard."""
+def _able(trail: Trail, joint: int | None) -> list[Candidate]:
+    """Candidates of a joint (from 1) that pass, or may once recordings that are not fitted are heard, the likeliest
+    first."""
     heard = trail.held_out is not None
     here = [c for c in trail.ranking.candidates if c.term.joint == joint and c.term not in trail.taken_back]
     able = [c for c in here if c.passes or (heard and _hopeful(c))]
     able = [c for c in able if seconds_moving(trail.motion, joints_of(trail.model, c.term)[0]) >= LEAST_MOVING_S]
-    able.sort(key=lambda c: -c.evidence.gain)
-    if not able:
-        return []
-    likely = [c for c in able if c.evidence.gain > WORTH_A_REFIT * able[0].evidence.gain][:MOST_TRIED]
-    surest = max(able, key=lambda c: c.evidence.score)
-    effects = trail.model.library.effects
-    special = [c for c in able if any(c.term.effect in effects[w.term.effect].generalises for w in likely)]
-    return list({c.term: c for c in (*likely, surest, *special)}.values())
+    return sorted(able, key=lambda c: -c.evidence.gain)
+
+
+def _batches(able: list[Candidate]) -> Iterator[list[Candidate]]:
+    """Of some candidates those that are refitted beside each other: the likeliest and what gains nearly as much; then,
+    where none of them holds, the next."""
+    while able:
+        batch = [c for c in able[:MOST_TRIED] if c.evidence.gain > WORTH_A_REFIT * able[0].evidence.gain]
+        yield batch
+        able = [c for c in able if c not in batch]
 
 
 def _hopeful(candidate: Candidate) -> bool:
@@ -276,14 +284,35 @@ def _share_a_joint(trail: Trail, one: Term, other: Term) -> bool:
 def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     """The trail with a finding dropped, swapped, or as it is; later: terms added since that share a joint with it."""
     without = trail.without(finding.term)
-    again = refitted(without, trail.last, finding.candidate)
-    if not again.passes:
+    ranking = _in_the_place(trail, finding, without)
+    own = ranking.of(finding.term) or replace(finding.candidate, evidence=NOT_WEIGHED)
+    if not refitted(without, trail.last, own).passes:
         return _dropped(trail, finding.term)
     for term in (t for t in later if may_be_the_rest(trail.model, finding.term, t)):
         gone = _rest_of_the_other(trail, finding.term, term, without)
         if gone is not None:
             return _dropped(trail, gone)
-    return _swapped(trail, finding, without)
+    best = ranking.best
+    if best is None or best.term == finding.term or best.term in trail.taken_back:
+        return trail
+    if own.passes and best.evidence.net - own.evidence.net < ALIKE:
+        return trail
+    return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail
+
+
+def _in_the_place(trail: Trail, finding: Step, without: Step) -> Ranking:
+    """Candidates that could stand for a finding beside the step without it. What acts on none of its joints explains
+    something else, and what contains another finding would take that one's place as well."""
+    own = set(joints_of(trail.model, finding.term))
+    others = {(f.term.effect, f.term.joint) for f in trail.findings if f.term != finding.term}
+    effects = trail.model.library.effects
+    terms = [
+        t
+        for t in without.base.terms()
+        if own & set(joints_of(trail.model, t))
+        and not any((g, t.joint) in others for g in effects[t.effect].generalises)
+    ]
+    return _ranked(without, terms)
 
 
 def _dropped(trail: Trail, term: Term) -> Trail:
@@ -300,26 +329,6 @@ def _rest_of_the_other(trail: Trail, earlier: Term, later: Term, without: Step) 
     if not REST.asked(by_later).passes and by_later <= by_earlier:
         return later
     return earlier if not REST.asked(by_earlier).passes else None
-
-
-def _swapped(trail: Trail, finding: Step, without: Step) -> Trail:
-    """The trail with another effect in a finding's place, if with all refitted that is clearly better."""
-    own = set(joints_of(trail.model, finding.term))
-    others = {(f.term.effect, f.term.joint) for f in trail.findings if f.term != finding.term}
-    effects = trail.model.library.effects
-    terms = [
-        t
-        for t in without.base.terms()
-        if own & set(joints_of(trail.model, t))
-        and not any((g, t.joint) in others for g in effects[t.effect].generalises)
-    ]
-    ranking = _ranked(without, terms)
-    best, mine = ranking.best, ranking.of(finding.term)
-    if best is None or best.term == finding.term or best.term in trail.taken_back:
-        return trail
-    if mine is not None and mine.passes and best.evidence.net - mine.evidence.net < ALIKE:
-        return trail
-    return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail
 
 
 def _in_its_place(trail: Trail, finding: Step, other: Candidate) -> Step:
@@ -345,7 +354,8 @@ def without_replaced(trail: Trail) -> Trail:
         return trail
     trail = trail.rebuilt(kept, {}, [f.term for f in trail.findings if f not in kept])
     last = trail.last
-    return trail.to(replace(last, chosen=refitted(last.previous, last, last.candidate)))
+    own = replace(last.candidate, evidence=NOT_WEIGHED)
+    return trail.to(replace(last, chosen=refitted(last.previous, last, own)))
 
 
 # a runner-up with a second of its own --------------------------------------------------------------------------------
@@ -376,11 +386,11 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
         alone = trail.refitted(start, one)
         pair = trail.refitted({**start, first.term: dict(one.shapes[first.term])}, one)
         cost = first.evidence.price + other.evidence.price - finding.candidate.evidence.price - second.evidence.price
-        each = refitted(alone, pair, first), refitted(one, pair, other)
+        each = refitted(alone, pair, replace(first, evidence=NOT_WEIGHED)), refitted(one, pair, other)
         if all(c.passes for c in each) and preferred(pair, both, acting(trail.model, first.term), cost):
             trail = trail.rebuilt([f for f in trail.findings if f is not finding], {}, (finding.term,))
             for candidate in each:
-                made = _refitted(trail, candidate)
+                made = _refitted(trail, candidate, stale=True)
                 trail = trail.to(made.step.after(trail.last, made.candidate, finding.ranking))
             return trail
     return None

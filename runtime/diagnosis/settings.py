@@ -92,6 +92,10 @@ HEARD_SIGMAS: Final = 2.33
 """standard deviations; recordings that were not fitted bear an effect out beyond it, and repay half its square of the
 price: one per cent of a normal distribution, on one side."""
 
+IDLE: Final = 0.1
+"""part of the stretches of a recording that was not fitted, the longest: what two fits make of a time in which they
+hardly differ is not asked; a choice."""
+
 AS_WELL: Final = 0.5
 """natural logarithm; a whole order explains as well as a line's own within it; one standard deviation of a
 normal distribution; a choice, with simulated lines at 45.5 periods a turn in view."""

@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 class Errors:
     """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖.
 
-    left   of recordings that were not fitted, by joint (m,): the residual's rows that count
+    left   by joint (m,): the residual's rows that count
     ties   by joint, rows that hang together: a period of the band's end
     """
 
@@ -84,7 +84,9 @@ class Step:
     ) -> Step:
         """A fit with the errors of its joints; joints: the series of the fit where they are there already."""
         found = series(fit) if joints is None else joints
-        fitted = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found))
+        motion = fit.motion
+        left = tuple(r[motion.moving(i)] for i, r in enumerate(fit.residual))
+        fitted = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found), left, _ties(motion))
         return cls(fit, found, fitted, held_out)
 
     def after(
@@ -327,13 +329,16 @@ def with_witnessed(fit: Fit, witnessed: Mapping[Term, Mapping[str, Estimate]]) -
 
 def errors_elsewhere(fit: Fit, motion: Motion) -> Errors:
     """Error of a fit, all its values as they are, on another motion."""
-    found, kept, ties, motion = [], [], [], fit.on(motion)
+    found, kept, motion = [], [], fit.on(motion)
     for i, left in enumerate(residuals_elsewhere(fit, motion)):
         use = motion.moving(i)
         found.append(errors(left[use], motion.recorded(i, fit.skew)[use]))
         kept.append(left[use])
-        ties.append(max(1, round(motion.row_rate(i) / motion.cutoff(i))))
-    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found), tuple(kept), tuple(ties))
+    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found), tuple(kept), _ties(motion))
+
+
+def _ties(motion: Motion) -> tuple[int, ...]:
+    return tuple(max(1, round(motion.row_rate(i) / motion.cutoff(i))) for i in range(motion.n))
 
 
 def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
