@@ -119,8 +119,8 @@ STEADY: Final = Gate(
     "above",
     1.645,
     "standard deviations",
-    "what helps at one moment and harms at others bends to something else; 95 per cent of a normal distribution, on one "
-    "side",
+    "what helps at one moment and harms at others bends to something else; 95 per cent of a normal distribution, on "
+    "one side",
     "a real axis on which a spring helps for one of five laps",
 )
 SIZE: Final = Gate(
