@@ -66,11 +66,8 @@ _REFITTED = (SHARE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
 
 def between(without: Step, beside: Step, price: float = 0.0, repaid: float = 0.0) -> Evidence:
     """Of two fits, whitened by what the second leaves."""
-    return _yardstick(beside).evidence(without.fit.residual, beside.fit.residual, price, repaid)
-
-
-def _yardstick(step: Step) -> Yardstick:
-    return Yardstick.of(step.base.system.joints, step.fit.residual)
+    scale = Yardstick.of(beside.base.system.joints, beside.fit.residual)
+    return scale.evidence(without.fit.residual, beside.fit.residual, price, repaid)
 
 
 def told(one: Step, other: Step, term: Term) -> Heard:
@@ -95,13 +92,8 @@ def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: 
         said = heard(other.held_out, best.held_out, groups)
         if said.clear or said.falls_to >= 1:
             return said.clear
-    return _likelier(other, best, cost)
-
-
-def _likelier(one: Step, other: Step, cost: float) -> bool:
-    scale = _yardstick(one)
-    gained = scale.evidence(other.fit.residual, one.fit.residual, cost)
-    return gained.net > ALIKE and scale.apart(one.fit.residual, other.fit.residual) > VUONG_APART
+    likelier = between(best, other, cost).net > ALIKE
+    return likelier and steadily(other.fitted, best.fitted, groups) > VUONG_APART
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:
@@ -119,11 +111,6 @@ def above_noise(step: Step, joints: Sequence[int]) -> bool:
     return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
 
 
-def error_falls(before: Step, after: Step, joint: int) -> bool:
-    """Whether a joint's error (0-based) is above the noise and falls."""
-    return above_noise(before, (joint,)) and FALL.asked(_fall(before, after, joint)).passes
-
-
 def _share(before: Step, after: Step, term: Term) -> GateResult:
     """Part of what is above the noise that a term takes away, at that of its joints where it is most."""
     info, parts = after.fit.model.library.effects[term.effect], []
@@ -133,9 +120,14 @@ def _share(before: Step, after: Step, term: Term) -> GateResult:
     return SHARE.asked(max(parts), SHARE.limit / 2 if info.several else None)
 
 
+def error_falls(before: Step, after: Step, joint: int) -> bool:
+    """Whether a joint's error (0-based) is above the noise and falls."""
+    return FALL.asked(_fall(before, after, joint)).passes
+
+
 def _fall(before: Step, after: Step, joint: int) -> float:
-    was = before.fitted.rms[joint]
-    return 1 - after.fitted.rms[joint] / was if was > 0 else 0.0
+    """Part by which a joint's error (0-based) falls; 0 where it is at the noise already."""
+    return 1 - after.fitted.rms[joint] / before.fitted.rms[joint] if above_noise(before, (joint,)) else 0.0
 
 
 # is it an effect of its kind? ----------------------------------------------------------------------------------------

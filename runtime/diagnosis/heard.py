@@ -15,9 +15,22 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.gates import HELD_OUT
 from runtime.diagnosis.settings import HEARD_SIGMAS, IDLE, OUTWEIGHED, STRETCHES
-from runtime.diagnosis.steps import Errors
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖.
+
+    left   by joint (m,): the residual's rows that count
+    ties   by joint, rows that hang together: a period of the band's end
+    """
+
+    rms: tuple[float, ...]
+    relative: tuple[float, ...]
+    left: tuple[Array, ...] = ()
+    ties: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,18 +73,25 @@ def steadily(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> f
 
 
 def _at(one: Errors, other: Errors, joints: Collection[int]) -> Heard:
-    """Of one fit against another at some joints (0-based), each in units of its error with the other."""
-    pairs = [(one.left[i], other.left[i], other.rms[i], other.ties[i]) for i in joints if len(one.left[i])]
-    stretches = [_stretched(left / rms, before / rms, tie) for left, before, rms, tie in pairs if rms > 0]
-    left, before, sizes = (np.concatenate([x[k] for x in stretches] or [np.zeros(0)]) for k in range(3))
-    if not len(left) or not np.isfinite([*left, *before]).all():
+    """Of one fit against another at some joints (0-based)."""
+    own = [i for i in joints if len(one.left[i]) and other.rms[i] > 0]
+    return compared([one.left[i] for i in own], [other.left[i] for i in own], [one.ties[i] for i in own])
+
+
+def compared(left: Sequence[Array], before: Sequence[Array], ties: Sequence[int]) -> Heard:
+    """Of residuals (m,) of some joints against others, each joint in units of its error before; ties: numbers of rows
+    that hang together."""
+    units = [max(float(np.sqrt(np.mean(r**2))), 1e-300) for r in before]
+    parts = [_stretched(a / u, b / u, tie) for a, b, u, tie in zip(left, before, units, ties, strict=True)]
+    now, was, sizes = (np.concatenate([part[k] for part in parts] or [np.zeros(0)]) for k in range(3))
+    if not len(now) or not np.isfinite([*now, *was]).all():
         return _DENIED
-    logs = np.log(before / left)
+    logs = np.log(was / now)
     spread = float(np.std(logs, ddof=1)) / len(logs) ** 0.5 if len(logs) > 1 else float("inf")
     sigmas = float(np.mean(logs)) / spread if spread > 0 else 0.0
     # The longest stretches are those in which the fits hardly differ.
     busy = np.argsort(-sizes, kind="stable")[round(IDLE * len(sizes)) :]
-    return Heard(float(left[busy].sum() / before[busy].sum()), sigmas)
+    return Heard(float(now[busy].sum() / was[busy].sum()), sigmas)
 
 
 def _stretched(left: Array, before: Array, tie: int) -> tuple[Array, Array, Array]:

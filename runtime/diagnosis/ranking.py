@@ -17,6 +17,7 @@ from runtime.diagnosis import coupling, score
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors
 from runtime.diagnosis.gates import EDGE, ENCODERS, MODEL, PART, RESOLUTION, SCORE, TORQUE, GateResult
+from runtime.diagnosis.heard import compared
 from runtime.diagnosis.score import Evidence
 from runtime.diagnosis.settings import (
     ALIKE,
@@ -26,7 +27,6 @@ from runtime.diagnosis.settings import (
     VUONG_APART,
     WORTH_A_LOOK,
 )
-from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.progress import of_each
 from runtime.regression.noise import Whitening
@@ -283,7 +283,7 @@ def weigh(base: FittedBase, candidates: Sequence[Candidate], floors: Sequence[fl
     found = [beside.weighed(c, b) for c, b in zip(finalists, blocks, strict=True)]
     found = _at_both_joints(beside, found, blocks)
     found.sort(key=lambda one: (not one[0].passes, -one[0].evidence.net))
-    return Ranking(tuple(c for c, _ in found), _rivals(base.model, beside.white, found))
+    return Ranking(tuple(c for c, _ in found), _rivals(base, found))
 
 
 def _at_both_joints(
@@ -319,19 +319,18 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
     return list({c.term: c for c in chosen}.values())
 
 
-def _rivals(
-    model: Model, white: LinearSystem, ranked: Sequence[tuple[Candidate, tuple[Array, ...]]]
-) -> tuple[Term, ...]:
-    """Those that pass, too, and that neither Vuong's test nor the likelihood sets apart from the first; what acts on
-    none of its joints explains something else."""
+def _rivals(base: FittedBase, ranked: Sequence[tuple[Candidate, tuple[Array, ...]]]) -> tuple[Term, ...]:
+    """Those that pass, too, and that the likelihood does not set apart from the first over most stretches of time; what
+    acts on none of its joints explains something else."""
     first, left = ranked[0]
     if not first.passes:
         return ()
-    found, own, rows = [], set(joints_of(model, first.term)), [r.independent for r in white.joints]
+    found, own, motion = [], joints_of(base.model, first.term), base.motion
+    ties = [max(1, round(motion.row_rate(i) / motion.cutoff(i))) for i in own]
     for other, residual in ranked[1:]:
-        near = first.evidence.net - other.evidence.net < ALIKE
-        if not (other.passes and own & set(joints_of(model, other.term))):
+        if not (other.passes and set(own) & set(joints_of(base.model, other.term))):
             continue
-        if near or score.apart(rows, left, residual) < VUONG_APART:
+        near = first.evidence.net - other.evidence.net < ALIKE
+        if near or compared([left[i] for i in own], [residual[i] for i in own], ties).sigmas < VUONG_APART:
             found.append(other.term)
     return tuple(found)

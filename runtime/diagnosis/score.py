@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import HEARD_SIGMAS, LEAST_PRICE, STRETCHES
-from runtime.regression.noise import Whitening, lag_by_lag
+from runtime.regression.noise import Whitening
 from runtime.regression.rows import JointRows
 
 Array = NDArray[np.float64]
@@ -95,21 +95,6 @@ class Yardstick:
         before, after = self.white(without), self.white(beside)
         found = gain(self.independent, before, after), dispersion(self.independent, before, after)
         return Evidence(*found, price, repaid)
-
-    def apart(self, better: Residuals, worse: Residuals) -> float:
-        """As `apart`, of residuals that are not whitened yet."""
-        return apart(self.independent, self.white(better), self.white(worse))
-
-
-def apart(independent: Sequence[int], better: Residuals, worse: Residuals) -> float:
-    """Standard deviations by which one fit is likelier than another that it does not contain, of whitened residuals;
-    the variance is robust to autocorrelation. Source: Vuong 1989."""
-    total = variance = 0.0
-    for n, a, b in zip(independent, better, worse, strict=True):
-        if n and a.any():
-            each = n / len(a) * (b**2 - a**2) / (2 * float(np.mean(a**2)))
-            total, variance = total + float(each.sum()), variance + lag_by_lag(each)
-    return total / float(np.sqrt(max(variance, 1e-300)))
 
 
 def gain(independent: Sequence[int], before: Residuals, after: Residuals) -> float:

@@ -22,10 +22,11 @@ from runtime.diagnosis.acceptance import (
     refitted,
 )
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import FALL, REST, SCORE
+from runtime.diagnosis.gates import FALL, REST, SCORE, STEADY
 from runtime.diagnosis.ranking import Ranking, rank, weigh
 from runtime.diagnosis.score import NOT_WEIGHED
 from runtime.diagnosis.settings import (
+    ABOVE_NOISE,
     ALIKE,
     HEARD_SIGMAS,
     LEAST_MOVING_S,
@@ -145,21 +146,28 @@ def _refitted(trail: Trail, candidate: Candidate, stale: bool = False) -> Refitt
     """stale: the candidate was weighed beside another step than the last."""
     last = trail.last
     if stale:
-        candidate = weigh(last.base, [candidate], last.floors).of(candidate.term) or candidate
+        candidate = _anew(last, candidate)
     step = trail.with_candidates(last, candidate)
     return Refitted(refitted(last, step, candidate), step)
 
 
+def _anew(step: Step, candidate: Candidate) -> Candidate:
+    """A candidate weighed beside another step."""
+    found = weigh(step.base, [candidate], step.floors).of(candidate.term)
+    return replace(candidate, evidence=NOT_WEIGHED) if found is None else found
+
+
 def lengthened(trail: Trail) -> Trail:
     """The trail with the best candidate of every joint at which one holds once all is refitted, the likeliest first."""
-    winners, asked = [], []
+    winners: list[tuple[Refitted, tuple[Term, ...]]] = []
+    asked: list[Candidate] = []
     for joint in dict.fromkeys(c.term.joint for c in trail.ranking.candidates):
         for batch in _batches(_able(trail, joint)):
             those = [_refitted(trail, c) for c in batch]
             asked += [one.candidate for one in those]
-            best = _best(trail, [one for one in those if one.candidate.passes])
-            if best is not None:
-                winners.append((best, _alike(trail, best, those)))
+            found = _best(trail, those)
+            if found is not None:
+                winners.append(found)
                 break
     trail = replace(trail, ranking=trail.ranking.with_refitted(asked))
     winners.sort(key=lambda item: -item[0].candidate.evidence.net)
@@ -196,47 +204,46 @@ def _hopeful(candidate: Candidate) -> bool:
     return [r.gate for r in candidate.failed] == [SCORE] and candidate.evidence.score > 0.5 * HEARD_SIGMAS**2
 
 
-def _best(trail: Trail, those: Sequence[Refitted]) -> Refitted | None:
-    """The likeliest of some refits of one joint, or the special case of it that is hardly less likely."""
-    if not those:
+def _best(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Term, ...]] | None:
+    """Of some refits of one joint the simplest of those that are as likely as the best, and its rivals; None where none
+    holds."""
+    able = [one for one in those if one.candidate.passes]
+    if not able:
         return None
-    best = max(those, key=lambda one: one.candidate.evidence.net)
-    for one in those:
+    best = max(able, key=lambda one: one.candidate.evidence.net)
+    for one in able:
         if one is not best and preferred(one.step, best.step, acting(trail.model, one.term), _dearer(one, best)):
             best = one
-    special = trail.model.library.effects[best.term.effect].generalises
-    for one in those:
-        if one.term.effect in special and not _surely_wider(one, best):
-            return one
-    return best
+    # What helps at some moments only is no finding, but it may be as likely as one.
+    others = [one for one in those if all(r.gate is STEADY for r in one.candidate.failed)]
+    alike = [one for one in others if one is best or not _clearly_worse(trail, one, best)]
+    first = min(
+        (one for one in alike if one.candidate.passes),
+        key=lambda one: (one.candidate.evidence.price, -one.candidate.evidence.gain),
+    )
+    rivals = [one.term for one in alike if one is not first]
+    ranked = trail.ranking
+    if ranked.candidates and ranked.candidates[0].term in (first.term, *rivals):
+        tried = {one.term for one in those}
+        rivals += [t for t in ranked.rivals if t not in tried and t.joint == first.term.joint]
+    return first, tuple(rivals)
 
 
 def _dearer(one: Refitted, other: Refitted) -> float:
     return one.candidate.evidence.price - other.candidate.evidence.price
 
 
-def _surely_wider(narrow: Refitted, wide: Refitted) -> bool:
-    """Whether the wider of two laws holds more than its special case, by the score of what it adds."""
-    return between(narrow.step, wide.step).score > LEAST_PRICE
-
-
-def _alike(trail: Trail, best: Refitted, those: Sequence[Refitted]) -> tuple[Term, ...]:
-    """Terms from which the data cannot separate the best: those that hold, refitted, and are not clearly worse."""
+def _clearly_worse(trail: Trail, one: Refitted, best: Refitted) -> bool:
     effects = trail.model.library.effects
-    found = []
-    for one in those:
-        if one is best or not one.candidate.passes:
-            continue
-        if one.term.effect in effects[best.term.effect].generalises:
-            worse = _surely_wider(one, best)
-        else:
-            worse = preferred(best.step, one.step, acting(trail.model, best.term), _dearer(best, one))
-        if not worse:
-            found.append(one.term)
-    if trail.ranking.candidates and trail.ranking.candidates[0].term in (best.term, *found):
-        tried = {one.term for one in those}
-        found += [t for t in trail.ranking.rivals if t not in tried and t.joint == best.term.joint]
-    return tuple(found)
+    if one.term.effect in effects[best.term.effect].generalises:
+        # Of two laws of which one contains the other: the score of what the wider one adds.
+        return between(one.step, best.step).score > LEAST_PRICE
+    joint = best.step.joints[own_joints(trail.model, best.term)[0]]
+    if effects[one.term.effect].has_gap and joint.rms > ABOVE_NOISE * joint.floor.spectrum:
+        # The blows in a gap follow from motion above the band, which a simulation does not know: an error of theirs
+        # says little where what stands in their place leaves far more than noise as well.
+        return False
+    return preferred(best.step, one.step, acting(trail.model, best.term), _dearer(best, one))
 
 
 def add_further(trail: Trail, term: Term) -> Trail:
@@ -285,7 +292,7 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     """The trail with a finding dropped, swapped, or as it is; later: terms added since that share a joint with it."""
     without = trail.without(finding.term)
     ranking = _in_the_place(trail, finding, without)
-    own = ranking.of(finding.term) or replace(finding.candidate, evidence=NOT_WEIGHED)
+    own = ranking.of(finding.term) or _anew(without, finding.candidate)
     if not refitted(without, trail.last, own).passes:
         return _dropped(trail, finding.term)
     for term in (t for t in later if may_be_the_rest(trail.model, finding.term, t)):
@@ -354,7 +361,7 @@ def without_replaced(trail: Trail) -> Trail:
         return trail
     trail = trail.rebuilt(kept, {}, [f.term for f in trail.findings if f not in kept])
     last = trail.last
-    own = replace(last.candidate, evidence=NOT_WEIGHED)
+    own = _anew(last.previous, last.candidate)
     return trail.to(replace(last, chosen=refitted(last.previous, last, own)))
 
 
@@ -386,7 +393,7 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
         alone = trail.refitted(start, one)
         pair = trail.refitted({**start, first.term: dict(one.shapes[first.term])}, one)
         cost = first.evidence.price + other.evidence.price - finding.candidate.evidence.price - second.evidence.price
-        each = refitted(alone, pair, replace(first, evidence=NOT_WEIGHED)), refitted(one, pair, other)
+        each = refitted(alone, pair, _anew(alone, first)), refitted(one, pair, other)
         if all(c.passes for c in each) and preferred(pair, both, acting(trail.model, first.term), cost):
             trail = trail.rebuilt([f for f in trail.findings if f is not finding], {}, (finding.term,))
             for candidate in each:

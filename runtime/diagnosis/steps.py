@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.gates import TORQUE
+from runtime.diagnosis.heard import Errors
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
@@ -42,20 +43,6 @@ from runtime.motion.motion import Motion
 from runtime.progress import is_late
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖.
-
-    left   by joint (m,): the residual's rows that count
-    ties   by joint, rows that hang together: a period of the band's end
-    """
-
-    rms: tuple[float, ...]
-    relative: tuple[float, ...]
-    left: tuple[Array, ...] = ()
-    ties: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
