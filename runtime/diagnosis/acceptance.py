@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, REST, SCORE, SHARE, SIZE, STEADY, TURN, GateResult
-from runtime.diagnosis.heard import Heard, heard, steadily
+from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, ONCE, REST, SCORE, SHARE, SIZE, STEADY, TURN, GateResult
+from runtime.diagnosis.heard import Heard, heard, spread_over, steadily
 from runtime.diagnosis.score import Evidence, Yardstick
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
@@ -51,17 +51,18 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     results = [
         SCORE.asked(evidence.score, evidence.due),
         *kept,
-        *([] if said and said.repays else [_share(before, after, term)]),
+        *([] if said and said.repays else _without_another_recording(before, after, term)),
         FALL.asked(max(_fall(before, after, i) for i in own_joints(model, term))),
         STEADY.asked(steadily(after.fitted, before.fitted, acting(model, term))),
         SIZE.asked(float(_at_a_bound(after, term))),
         *_of_its_kind(after, term),
+        *_rest(before, after, term),
         *([HELD_OUT.asked(said.falls_to)] if said else []),
     ]
     return replace(candidate, evidence=evidence, results=tuple(results))
 
 
-_REFITTED = (SHARE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
+_REFITTED = (SHARE, ONCE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
 
 
 def between(without: Step, beside: Step, price: float = 0.0, repaid: float = 0.0) -> Evidence:
@@ -111,13 +112,15 @@ def above_noise(step: Step, joints: Sequence[int]) -> bool:
     return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
 
 
-def _share(before: Step, after: Step, term: Term) -> GateResult:
-    """Part of what is above the noise that a term takes away, at that of its joints where it is most."""
+def _without_another_recording(before: Step, after: Step, term: Term) -> list[GateResult]:
+    """Of the gates that recordings answer better which were not fitted: the part of what is above the noise that a term
+    takes away, at that of its joints where it is most, and over how much time."""
     info, parts = after.fit.model.library.effects[term.effect], []
     for i in own_joints(after.fit.model, term):
         was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
         parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
-    return SHARE.asked(max(parts), SHARE.limit / 2 if info.several else None)
+    spread = max(spread_over(after.fitted, before.fitted, i) for i in own_joints(after.fit.model, term))
+    return [SHARE.asked(max(parts), SHARE.limit / 2 if info.several else None), ONCE.asked(spread)]
 
 
 def error_falls(before: Step, after: Step, joint: int) -> bool:
@@ -210,10 +213,10 @@ def _with_shape(step: Step, term: Term, shape: Values) -> Step:
 
 
 def may_be_the_rest(model: Model, one: Term, other: Term) -> bool:
-    """Whether of two terms at a joint one may be what the other's law lacks: they act over the same quantities, or the
-    first's law is one form of many."""
+    """Whether of two terms that share a joint one may be what the other's law lacks: they act over the same quantities,
+    or the first's law is one form of many."""
     one_info, other_info = (model.library.effects[t.effect] for t in (one, other))
-    if one.joint is None or one.joint != other.joint or one.effect == other.effect:
+    if one.effect == other.effect or not set(joints_of(model, one)) & set(joints_of(model, other)):
         return False
     contained = one.effect in other_info.generalises or other.effect in one_info.generalises
     return not contained and (one_info.one_form or _same_signals(one_info, other_info))
@@ -226,8 +229,18 @@ def _same_signals(one: EffectInfo, other: EffectInfo) -> bool:
 def lost_without(none: Step, alone: Step, both: Step, joint: int) -> float:
     """Part of the fall of the squared error with two terms at a joint (0-based), from `none` to `both`, that one of
     them alone does not reach."""
-    whole = none.fitted.rms[joint] ** 2 - both.fitted.rms[joint] ** 2
-    return 1 - (none.fitted.rms[joint] ** 2 - alone.fitted.rms[joint] ** 2) / max(whole, 1e-300)
+    was, one, now = (step.fitted.rms[joint] ** 2 for step in (none, alone, both))
+    return (one - now) / max(was - now, 1e-300)
+
+
+def _rest(before: Step, after: Step, term: Term) -> list[GateResult]:
+    """Whether a term is only what the law of one that was found before lacks."""
+    model, parts, own = after.fit.model, [], set(joints_of(after.fit.model, term))
+    for finding in before.findings:
+        if finding.term != term and may_be_the_rest(model, finding.term, term):
+            shared = own & set(joints_of(model, finding.term))
+            parts.append(max(lost_without(finding.previous, before, after, i) for i in shared))
+    return [REST.asked(min(parts))] if parts else []
 
 
 def only_nearest(first: Step, last: Step, joint: int) -> bool:

@@ -72,6 +72,14 @@ def steadily(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> f
     return max((_at(one, other, group).sigmas for group in groups), default=0.0)
 
 
+def spread_over(one: Errors, other: Errors, joint: int) -> float:
+    """Over how many of STRETCHES even stretches of time the difference of two fits is spread at a joint (0-based): all
+    of them if it is even, 1 if it happened in one."""
+    squares = (one.left[joint] - other.left[joint]) ** 2
+    parts = np.array([float(x.sum()) for x in np.array_split(squares, STRETCHES)])
+    return float(parts.sum() ** 2 / max(float(parts @ parts), 1e-300))
+
+
 def _at(one: Errors, other: Errors, joints: Collection[int]) -> Heard:
     """Of one fit against another at some joints (0-based)."""
     own = [i for i in joints if len(one.left[i]) and other.rms[i] > 0]

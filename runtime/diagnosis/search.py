@@ -22,7 +22,7 @@ from runtime.diagnosis.acceptance import (
     refitted,
 )
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import FALL, REST, SCORE, STEADY
+from runtime.diagnosis.gates import FALL, ONCE, REST, SCORE, SHARE, STEADY
 from runtime.diagnosis.ranking import Ranking, rank, weigh
 from runtime.diagnosis.score import NOT_WEIGHED
 from runtime.diagnosis.settings import (
@@ -59,8 +59,8 @@ def _ranked(step: Step, terms: Iterable[Term]) -> Ranking:
 
 
 def undecided(trail: Trail, joint: int) -> Candidate | None:
-    """What a recording that is not fitted would decide of a joint (0-based), the likeliest: its score alone is short of
-    its price; None where there is such a recording, or nothing that depends on one."""
+    """What a recording that is not fitted would decide of a joint (0-based), the likeliest; None where there is such a
+    recording, or nothing that depends on one."""
     if trail.held_out is not None:
         return None
     open_ones = [c for c in trail.ranking.candidates if joint in own_joints(trail.model, c.term) and _repayable(c)]
@@ -68,10 +68,10 @@ def undecided(trail: Trail, joint: int) -> Candidate | None:
 
 
 def _repayable(candidate: Candidate) -> bool:
-    """Whether only the price stands against a candidate, and recordings that are surely better explained by it would
-    repay as much."""
-    missed = [r.gate for r in candidate.failed]
-    return missed == [SCORE] and candidate.evidence.score > candidate.evidence.price - 0.5 * HEARD_SIGMAS**2
+    """Whether only that stands against a candidate which recordings that were not fitted answer."""
+    missed = {r.gate.name for r in candidate.failed}
+    near = candidate.evidence.score > candidate.evidence.price - 0.5 * HEARD_SIGMAS**2
+    return bool(missed) and missed <= {SCORE.name, SHARE.name, ONCE.name} and near
 
 
 def not_borne_out(trail: Trail, joint: int) -> Candidate | None:
@@ -295,10 +295,11 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     own = ranking.of(finding.term) or _anew(without, finding.candidate)
     if not refitted(without, trail.last, own).passes:
         return _dropped(trail, finding.term)
-    for term in (t for t in later if may_be_the_rest(trail.model, finding.term, t)):
-        gone = _rest_of_the_other(trail, finding.term, term, without)
-        if gone is not None:
-            return _dropped(trail, gone)
+    if any(may_be_the_rest(trail.model, t, finding.term) for t in later):
+        # One law that does it nearly alone stands before two.
+        joint = finding.joint_index
+        if not REST.asked(lost_without(finding.previous, without, trail.last, joint)).passes:
+            return _dropped(trail, finding.term)
     best = ranking.best
     if best is None or best.term == finding.term or best.term in trail.taken_back:
         return trail
@@ -324,18 +325,6 @@ def _in_the_place(trail: Trail, finding: Step, without: Step) -> Ranking:
 
 def _dropped(trail: Trail, term: Term) -> Trail:
     return trail.rebuilt([f for f in trail.findings if f.term != term], {}, (term,))
-
-
-def _rest_of_the_other(trail: Trail, earlier: Term, later: Term, without: Step) -> Term | None:
-    """Which of two terms over the same quantities is what the other's law lacks; None if either has its own."""
-    added = [(t, v) for t, v in trail.added() if t not in (earlier, later)]
-    none = trail.refitted(trail.structure(added), trail.last)
-    own, joint = trail.without(later), (earlier.joint or 1) - 1
-    by_later, by_earlier = (lost_without(none, alone, trail.last, joint) for alone in (own, without))
-    # One law that does it nearly alone stands before two.
-    if not REST.asked(by_later).passes and by_later <= by_earlier:
-        return later
-    return earlier if not REST.asked(by_earlier).passes else None
 
 
 def _in_its_place(trail: Trail, finding: Step, other: Candidate) -> Step:
@@ -382,7 +371,9 @@ def paired(trail: Trail) -> Trail:
 
 def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | None:
     kept = [(t, v) for t, v in trail.added() if t != finding.term]
-    both = trail.with_candidates(trail.last, second)
+    made = _refitted(trail, second)
+    rest = [finding.candidate, *([second] if made.candidate.passes else [])]
+    own = made.step if made.candidate.passes else trail.last
     for first in _runners_up(trail, finding):
         one = trail.refitted(trail.structure([*kept, (first.term, first.shape)]), trail.last)
         beside = [t for t in one.base.terms() if t.joint == first.term.joint]
@@ -392,9 +383,13 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
         start = trail.structure([*kept, (other.term, other.shape)])
         alone = trail.refitted(start, one)
         pair = trail.refitted({**start, first.term: dict(one.shapes[first.term])}, one)
-        cost = first.evidence.price + other.evidence.price - finding.candidate.evidence.price - second.evidence.price
+        cost = first.evidence.price + other.evidence.price - sum(c.evidence.price for c in rest)
         each = refitted(alone, pair, _anew(alone, first)), refitted(one, pair, other)
-        if all(c.passes for c in each) and preferred(pair, both, acting(trail.model, first.term), cost):
+        if may_be_the_rest(trail.model, first.term, other.term) or may_be_the_rest(trail.model, other.term, first.term):
+            lost = [lost_without(finding.previous, x, pair, finding.joint_index) for x in (alone, one)]
+            if not REST.asked(min(lost)).passes:
+                continue
+        if all(c.passes for c in each) and preferred(pair, own, acting(trail.model, first.term), cost):
             trail = trail.rebuilt([f for f in trail.findings if f is not finding], {}, (finding.term,))
             for candidate in each:
                 made = _refitted(trail, candidate, stale=True)

@@ -128,6 +128,11 @@ class Step:
         return self.before
 
     @property
+    def findings(self) -> tuple[Step, ...]:
+        """The steps up to this one that added something, the first first."""
+        return () if self.before is None else (*self.before.findings, self)
+
+    @property
     def joint_index(self) -> int:
         """Of the joint (0-based) at which it shows: its own, or for one of the whole arm that where it shows most."""
         if self.term.joint is not None:
@@ -221,19 +226,16 @@ class Trail:
     @property
     def steps(self) -> tuple[Step, ...]:
         """From the first to the last."""
-        found = [self.last]
-        while found[-1].before is not None:
-            found.append(found[-1].before)
-        return tuple(reversed(found))
+        return (self.first, *self.findings)
 
     @property
     def first(self) -> Step:
-        return self.steps[0]
+        return self.findings[0].previous if self.findings else self.last
 
     @property
     def findings(self) -> tuple[Step, ...]:
         """The steps that added something."""
-        return self.steps[1:]
+        return self.last.findings
 
     def to(self, last: Step) -> Trail:
         """The trail that ends at another step."""
