@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from runtime.diagnosis.candidates import FittedBase
-from runtime.diagnosis.grammar_search import Draft
+from runtime.diagnosis.grammar_search import Draft, Wider
 from runtime.diagnosis.ranking import rank
 from runtime.diagnosis.stages import begin, diagnose, follow
 from runtime.diagnosis.steps import Trail
@@ -138,7 +138,7 @@ def suspected(model: Model, recordings: Sequence[Recording]) -> tuple[Suspicion,
 
 def diagnosed_by(arm: CompiledArm, recordings: Sequence[Recording]) -> Diagnosis:
     """As `tendon diagnose` calls it: with guesses at hand."""
-    return diagnose(arm.model(), recordings)
+    return diagnose(arm.model(), recordings, wider=arm.model_with_guesses)
 
 
 def proposed(arm: CompiledArm, recordings: Sequence[Recording]) -> Draft | None:
@@ -159,7 +159,7 @@ def gains(model: Model, recordings: Sequence[Recording]) -> dict[Term, float]:
     base = begin(model, recordings).last.base
     found = {term: base.search(term) for term in base.terms()}
     whole = base.excerpt[1].solution.sse
-    return {term: candidate.fall / whole for term, candidate in found.items() if candidate is not None}
+    return {term: candidate.gain / whole for term, candidate in found.items() if candidate is not None}
 
 
 def judged(case: Case) -> Line:
@@ -177,7 +177,7 @@ class KeptVerbs:
         patch.setattr("runtime.diagnosis.stages.diagnose", self._diagnose)
         patch.setattr("runtime.loop.improve.propose", self._propose)
 
-    def _diagnose(self, _: Model, recordings: Sequence[Recording], budget: int) -> Diagnosis:  # noqa: ARG002
+    def _diagnose(self, _: Model, recordings: Sequence[Recording], wider: Wider, budget: int) -> Diagnosis:  # noqa: ARG002
         self.asked = wider.__self__, recordings
         return kept(diagnosed_by, *self.asked)
 

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from runtime.diagnosis import credibility
 from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.gates import ERROR, LIKELIHOOD
 from runtime.diagnosis.grammar_search import Draft
 from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.steps import Step, after_effect
@@ -149,9 +150,13 @@ def ranking_entries(ranking: Ranking, model: Model) -> list[RankedCandidate]:
 
 def evidence_entry(candidate: Candidate, model: Model) -> EvidenceEntry:
     """What the gates were asked of a candidate, and what they said."""
-    twist = candidate.twist
+    likelihood, twist = candidate.value(LIKELIHOOD), candidate.twist
     return EvidenceEntry(
-        eff=candidate.eff, share_of_excess=0.5, delta_bic=2*candidate.evidence.score, cv_gain=0.5, cv_log_likelihood_gain=0.5,
+        eff=candidate.eff,
+        share_of_excess=candidate.share,
+        delta_bic=candidate.delta_bic,
+        cv_gain=reasons.squared_fall(candidate.value(ERROR)),
+        cv_log_likelihood_gain=likelihood if np.isfinite(likelihood) else None,
         failed_gates=reasons.closed_gates(candidate, model),
         twist=UNSET
         if twist is None

@@ -174,7 +174,53 @@ def _resolution(result: GateResult, candidate: Candidate, model: Model) -> str:
     return f"its {name} of {result.value:.2g} {unit} is no wider than the {result.limit:.2g} that its encoder resolves"
 
 
-_GATES = {g.name: (lambda r, *_: f"{r.gate.name} {r.value:.3g} {r.limit:.3g}") for g in gates.GATES}
+_GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
+    gates.BIC.name: lambda r, *_: f"whitened BIC falls by {whole_apart(r.value, r.limit)}, not by {r.limit:g}",
+    gates.TORQUE.name: lambda r, *_: (
+        f"its own torque is {told_apart(r.value, r.limit)} of the noise floor, not more than {r.limit:g}"
+    ),
+    gates.SHARE.name: lambda r, *_: (
+        f"it alone explains {whole_apart(100 * r.value, 100 * r.limit)} % of the excess, not {100 * r.limit:.0f} %"
+    ),
+    gates.EDGE.name: lambda *_: "its shape lies at the edge of what was searched",
+    gates.LIKELIHOOD.name: lambda r, *_: (
+        f"cross-validated log-likelihood changes by {whole_apart(r.value, r.limit)}; at least {r.limit:g} is required"
+    ),
+    gates.ERROR.name: lambda r, *_: (
+        f"cross-validated squared error {fall(squared_fall(r.value), percent)}; it must fall by "
+        f"{percent(squared_fall(r.limit))}"
+    ),
+    gates.RESOLUTION.name: _resolution,
+    gates.MODEL.name: lambda r, *_: f"the model as it is can produce all but {100 * r.value:.2g} % of its torque",
+    gates.ENCODERS.name: lambda *_: "another reading of the encoders would give another torque",
+    gates.LAG.name: lambda r, *_: f"the link-side encoder does not show it: the link lags by {_part(r)}",
+    gates.RIGID.name: lambda r, *_: (
+        f"the link-side encoder shows that the transmission gives way instead: the lag makes up {_part(r)}"
+    ),
+    gates.MORE_PLAY.name: _play,
+    gates.LESS_PLAY.name: _play,
+    gates.ON_LINK.name: lambda r, *_: (
+        f"the torque sensor at the output does not feel it, as it would on the link: {_part(r)}"
+    ),
+    gates.ON_MOTOR.name: lambda r, *_: (
+        f"the torque sensor at the output feels it, as it would not on the motor: {_part(r)}"
+    ),
+    gates.BOUND.name: lambda r, *_: f"it may be none: its 95 % interval begins at {r.value:.3g}",
+    gates.BOTH_JOINTS.name: lambda r, *_: (
+        f"its torque at one of its two joints lowers whitened BIC by {whole_apart(r.value, r.limit)}, "
+        f"not by {r.limit:g}"
+    ),
+    gates.EACH_SHARE.name: lambda r, *_: (
+        f"it alone explains {whole_apart(100 * r.value, 100 * r.limit)} % of the excess at one of its two joints, "
+        f"not {100 * r.limit:.0f} %"
+    ),
+    gates.PROPORTION.name: lambda r, *_: (
+        f"its torques at two joints are not in proportion: {100 * r.value:.0f} % of what they explain is lost for that"
+    ),
+    gates.RECORDINGS.name: lambda *_: (
+        "the recordings contradict each other, so that what is missing in which of them is not known"
+    ),
+}
 
 WORDED = frozenset(_GATES)
 """Names of the gates that have a sentence."""
@@ -222,7 +268,7 @@ def reason(diagnosis: Diagnosis) -> str:
     """Why a diagnosis decided so: what is missing at which joints, what is said of the others, lines of the torque that
     lie above the band, and what the model file has a little wrong; of a search that was cut, a second sentence."""
     why, last, compared = diagnosis.decisive.why, diagnosis.searched.last, diagnosis.recordings
-    believed = why not in ("wrong data", "unsound fit", "none")
+    believed = why not in ("wrong data", "unsound fit", "outdone")
     apart = f"{_contradictory(compared)}; " if compared.contradictory and why != "contradiction" else ""
     before = f"{apart}{_first_in_file(last) if believed else ''}"
     said = f"{before}{_arm(diagnosis)}{_above_band(last)}{_also_in_file(last) if believed else ''}"
@@ -311,7 +357,7 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
             return _excitation(first.fit, i)
         case "comes nearest":
             return _comes_nearest(diagnosis, said)
-        case "none":
+        case "outdone":
             return _outdone(said)
         case "found":
             return f"the model lacks {'; '.join(_sentence(f, last) for f in said.named)}"

@@ -132,9 +132,10 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         out.amount = " ".join(f"{x:.4g}" for x in made.amounts)
         made = logged(made)
         out.gains = _gains(made)
-        model = opened(made.model).compiled.model()
+        compiled = opened(made.model).compiled
+        model = compiled.model()
         start = time.process_time()
-        found = diagnose(model, [made.recording], [made.held_out] if held_out else [])
+        found = diagnose(model, [made.recording], [made.held_out] if held_out else [], compiled.model_with_guesses)
         answer = diagnosed(found).to_json()
         out.seconds = time.process_time() - start
         _judge(out, made, found, answer, experiments)

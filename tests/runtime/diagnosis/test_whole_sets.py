@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from runtime.diagnosis.search import mended as without_insignificant
+from runtime.diagnosis.pruning import without_insignificant
 from runtime.diagnosis.ranking import weigh
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.steps import Step, Trail
