@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from runtime.diagnosis.candidates import FittedBase
-from runtime.diagnosis.grammar_search import Draft, Wider
+from runtime.diagnosis.grammar_search import Draft
 from runtime.diagnosis.ranking import rank
 from runtime.diagnosis.stages import begin, diagnose, follow
 from runtime.diagnosis.steps import Trail
@@ -159,7 +159,7 @@ def gains(model: Model, recordings: Sequence[Recording]) -> dict[Term, float]:
     base = begin(model, recordings).last.base
     found = {term: base.search(term) for term in base.terms()}
     whole = base.excerpt[1].solution.sse
-    return {term: candidate.gain / whole for term, candidate in found.items() if candidate is not None}
+    return {term: candidate.fall / whole for term, candidate in found.items() if candidate is not None}
 
 
 def judged(case: Case) -> Line:
