@@ -411,8 +411,8 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
         case "not borne out":
             assert said.undecided is not None
             return (
-                f"{said.undecided.term} passes every gate beside the fitted model, but not once all is refitted with "
-                f"it: {'; '.join(closed_gates(said.undecided, diagnosis.model))}; record longer, or with more speeds"
+                f"{said.undecided.term} passes every gate beside the fitted model, but not once all is refitted: "
+                f"{'; '.join(closed_gates(said.undecided, diagnosis.model))}; record longer, or with more speeds"
             )
         case "above the floor":
             known = here.floor.source == "repeats"
