@@ -83,7 +83,10 @@ class EvidenceEntry(Document, frozen=True, kw_only=True):
     gain: Annotated[float, key("gain of the log-likelihood on whitened rows", "1")]
     dispersion: Annotated[float, key("of the term's own score: 1 where its law is right and the noise white", "1")]
     score: Annotated[float, key("gain over the dispersion, if that is above 1", "1")]
-    price: Annotated[float, key("what the score must exceed: the joints, shapes and unknowns that were searched", "1")]
+    price: Annotated[
+        float,
+        key("what the score must exceed: joints, shapes and unknowns searched, less what held-out data repay", "1"),
+    ]
     failed_gates: Annotated[list[str], key("a sentence for each gate that the candidate failed")]
     twist: Annotated[TwistEvidence | UnsetType, key("evidence of the link-side encoder; absent without it")] = UNSET
 

@@ -315,16 +315,13 @@ def in_place_of(other: RankedCandidate, finding: FindingEntry, context: Context)
         return (
             f"is set aside: it acts at another joint, and was weighed again with {context.called(finding)} in the model"
         )
-    less = (named.gain - named.price) - (weighed.gain - weighed.price)
-    if less < 0:
+    if weighed.gain > named.gain:
         return (
             "is ruled out: it passes every gate by itself, but with it added and everything refitted, the error falls "
             f"less than with {finding.effect}"
         )
-    return (
-        f"is ruled out: it passes every gate by itself, but gains {whole(less)} less than {context.called(finding)}, "
-        "each less its price"
-    )
+    less = f"{whole(named.gain - weighed.gain)} less than {context.called(finding)}"
+    return f"is ruled out: it passes every gate by itself, but gains {less}"
 
 
 def _as_reason(why: str) -> str:

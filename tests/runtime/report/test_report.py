@@ -29,7 +29,7 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import EDGE, SHARE, GateResult
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
 from runtime.diagnosis.score import Evidence
-from runtime.diagnosis.steps import Errors, SearchWork, Step, Trail
+from runtime.diagnosis.steps import Errors, RepeatingResidual, SearchWork, Step, Trail
 from runtime.diagnosis.verdict import Diagnosis, JointVerdict
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
@@ -42,7 +42,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion import spectra
 from runtime.recordings.recording import Recording
-from runtime.report import diagnosed, findings, fits, loop, terminal
+from runtime.report import diagnosed, findings, fits, loop, reasons, terminal
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
@@ -409,9 +409,7 @@ def test_why_a_candidate_was_not_named(summary):
     assert why(behind, (ELASTICITY,)) == (
         "is not ruled out: it is as likely as stribeck within what the data tell (gain 100 against 456)"
     )
-    assert why(behind) == (
-        "is ruled out: it passes every gate by itself, but gains 356 less than stribeck at joint 1, each less its price"
-    )
+    assert why(behind) == ("is ruled out: it passes every gate by itself, but gains 356 less than stribeck at joint 1")
     assert "the error falls less than with stribeck" in why(ranked(ELASTICITY, model, gain=1000.0))
     elsewhere = context._replace(places={**context.places, 2: context.places[1]})
     other = ranked(Term("elasticity", 2), model)
@@ -632,6 +630,20 @@ def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
     assert out.startswith("UNEXPLAINED: ")
     assert "--draft guess.py" in out
     assert len(out.splitlines()) < 40
+
+
+def test_improve_says_effect_where_what_was_added_holds(improvement, monkeypatch):
+    """With the size of what is left; not where the error on recordings that were not fitted rose."""
+    monkeypatch.setattr(reasons, "after_effect", lambda *_: RepeatingResidual(0.5, "velocity", True))
+    more = replace(improvement, left=replace(improvement.left, joints=NOTHING_EXPLAINS))
+    document = ResultSummary(more).document
+    assert (document.verdict, document.joints[0].verdict, document.more_is_left) == ("effect", "unexplained", True)
+    assert document.reason.endswith(" % of its torque is left, 1 × the floor: coloured, follows velocity")
+    before = improvement.steps[0].held_out
+    worse = Errors(tuple(2 * rms for rms in before.rms), before.relative)
+    rose = replace(more, found=changed(more.found, lambda s: replace(s, held_out=worse if s.chosen else before)))
+    assert (rose.verdict, ResultSummary(rose).document.more_is_left) == ("unexplained", False)
+    assert reasons.of_improvement(rose) == reasons.reason(rose.left)
 
 
 def test_joints_are_called_by_their_names_too(improvement, capsys):

@@ -207,7 +207,7 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
     """Many effects gain much by themselves: the gain alone reads as a contradiction."""
     ranking = [
         weighed("stribeck", 900.0, []),
-        weighed("viscous_power", 720.0, [], price=20.0),
+        weighed("viscous_power", 720.0, []),
         weighed("friction_patch", 950.0, []),
         weighed("lugre", 100.0, ["its score of 4 does not reach the price of 13", "another"]),
         weighed("offset", 1.0, []),
@@ -219,8 +219,8 @@ def test_what_was_not_chosen_is_said_with_the_reason(capsys: pytest.CaptureFixtu
     out = capsys.readouterr().out
     assert "these data cannot separate it from cable at joint 1 (elbow)" in out
     assert [line for line in out.splitlines() if "ruled out" in line] == [
-        "  viscous_power at joint 1 (elbow) is ruled out: it passes every gate by itself, but gains 200 less than "
-        "stribeck at joint 1 (elbow), each less its price",
+        "  viscous_power at joint 1 (elbow) is ruled out: it passes every gate by itself, but gains 180 less than "
+        "stribeck at joint 1 (elbow)",
         "  friction_patch at joint 1 (elbow) is ruled out: it passes every gate by itself, but with it added and "
         "everything refitted, the error falls less than with stribeck",
         "  lugre at joint 1 (elbow) is ruled out: its score of 4 does not reach the price of 13; another",
