@@ -297,16 +297,16 @@ def _added(improvement: Improvement, joint: int) -> str:
     what = "noise" if verdict == "clean" else _coloured(found or remainder(last, joint))
     return (
         f"{names} explain{'s' if len(here) == 1 else ''} {percent(part, 0)} of {of} at joint {_called(joint, last)}; "
-        f"{percent(series.relative, 1)} of its torque is left, {times} × the floor{what and f': {what}'}"
+        f"{percent(series.relative, 1)} of its torque is left, {times} × the floor: {what}"
     )
 
 
 def _coloured(found: Remainder | None) -> str:
-    """In a word what is left of a joint that is more than noise."""
+    """In a word what is left of a joint that is more than noise, or not known to be noise."""
     if isinstance(found, Disturbance):
         return "coloured, does not come back with the motion" if found.repeats else "coloured"
     if found is None:
-        return ""
+        return "as even as noise"
     return f"coloured, follows {found.follows}" if found.follows else "coloured, comes back with the motion"
 
 
