@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 AS_GIVEN = "file, refitted"
 """The first step of a loop: the effects of the model file, whose values are fitted to the recordings, too."""
@@ -75,17 +75,6 @@ def fixed(value: float, digits: int = 3) -> str:
 def whole(value: float) -> str:
     """The nearest whole number."""
     return f"{round(value):d}".replace("-", "−") if math.isfinite(value) else "–"
-
-
-def fall(by: float, said: Callable[[float], str] = whole) -> str:
-    """falls by ..., or rises by ... if negative."""
-    return f"{'rises' if by < 0 else 'falls'} by {said(abs(by))}"
-
-
-def whole_apart(value: float, other: float) -> str:
-    """The nearest whole number; if that is the other's too, as few digits as show on which side it lies."""
-    near = math.isfinite(value) and math.isfinite(other) and round(value) == round(other)
-    return told_apart(value, other) if near else whole(value)
 
 
 def _raised(exponent: int | str) -> str:

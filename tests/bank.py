@@ -6,7 +6,7 @@ joints), `spatial_wrist` (six joints). What is computed from them is kept, see `
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from runtime.diagnosis.candidates import FittedBase
-from runtime.diagnosis.grammar_search import Draft, Wider
+from runtime.diagnosis.grammar_search import Draft
 from runtime.diagnosis.ranking import rank
 from runtime.diagnosis.stages import begin, diagnose, follow
 from runtime.diagnosis.steps import Trail
@@ -28,7 +28,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
 from runtime.report.reasons import closed_gates
-from runtime.workspace.source import CompiledArm, Source
+from runtime.workspace.source import Source
 from tests import plants, spatial_wrist, wrist
 from tests.judge import bodies
 from tests.judge.cases import Case
@@ -136,14 +136,9 @@ def suspected(model: Model, recordings: Sequence[Recording]) -> tuple[Suspicion,
     return suspicions(identify(model, recordings))
 
 
-def diagnosed_by(arm: CompiledArm, recordings: Sequence[Recording]) -> Diagnosis:
-    """As `tendon diagnose` calls it: with guesses at hand."""
-    return diagnose(arm.model(), recordings, wider=arm.model_with_guesses)
-
-
-def proposed(arm: CompiledArm, recordings: Sequence[Recording]) -> Draft | None:
+def proposed(arm: Model, recordings: Sequence[Recording], wider: Model, guesses: Collection[str]) -> Draft | None:
     """As `tendon diagnose --draft` calls it."""
-    return propose(kept(diagnosed_by, arm, recordings), *arm.model_with_guesses())
+    return propose(kept(diagnose, arm, recordings), wider, guesses)
 
 
 def doubts(model: Model, recordings: Sequence[Recording], terms: Sequence[Term]) -> dict[str, str]:
@@ -159,7 +154,7 @@ def gains(model: Model, recordings: Sequence[Recording]) -> dict[Term, float]:
     base = begin(model, recordings).last.base
     found = {term: base.search(term) for term in base.terms()}
     whole = base.excerpt[1].solution.sse
-    return {term: candidate.gain / whole for term, candidate in found.items() if candidate is not None}
+    return {term: candidate.fall / whole for term, candidate in found.items() if candidate is not None}
 
 
 def judged(case: Case) -> Line:
@@ -177,9 +172,9 @@ class KeptVerbs:
         patch.setattr("runtime.diagnosis.stages.diagnose", self._diagnose)
         patch.setattr("runtime.loop.improve.propose", self._propose)
 
-    def _diagnose(self, _: Model, recordings: Sequence[Recording], wider: Wider, budget: int) -> Diagnosis:  # noqa: ARG002
-        self.asked = wider.__self__, recordings
-        return kept(diagnosed_by, *self.asked)
+    def _diagnose(self, arm: Model, recordings: Sequence[Recording], budget: int) -> Diagnosis:  # noqa: ARG002
+        self.asked = arm, recordings
+        return kept(diagnose, *self.asked)
 
-    def _propose(self, *_: object) -> Draft | None:
-        return kept(proposed, *self.asked)
+    def _propose(self, _: Diagnosis, wider: Model, guesses: Collection[str]) -> Draft | None:
+        return kept(proposed, *self.asked, wider, guesses)

@@ -80,11 +80,12 @@ class EvidenceEntry(Document, frozen=True, kw_only=True):
     """What speaks for and against a candidate."""
 
     eff: Annotated[float, key("torque that only this effect explains, rms", "the joint's `unit`")]
-    share_of_excess: Annotated[float, key("eff² over the residual variance above the noise floor", "1")]
-    delta_bic: Annotated[float, key("decrease of BIC on whitened rows", "1")]
-    cv_gain: Annotated[float, key("relative decrease of the cross-validated squared error", "1")]
-    cv_log_likelihood_gain: Annotated[
-        float | None, key("gain of the cross-validated log-likelihood on whitened rows; null if it is not finite", "1")
+    gain: Annotated[float, key("gain of the log-likelihood on whitened rows", "1")]
+    dispersion: Annotated[float, key("of the term's own score: 1 where its law is right and the noise white", "1")]
+    score: Annotated[float, key("gain over the dispersion, if that is above 1", "1")]
+    price: Annotated[
+        float,
+        key("what the score must exceed: joints, shapes and unknowns searched, less what held-out data repay", "1"),
     ]
     failed_gates: Annotated[list[str], key("a sentence for each gate that the candidate failed")]
     twist: Annotated[TwistEvidence | UnsetType, key("evidence of the link-side encoder; absent without it")] = UNSET

@@ -13,7 +13,7 @@ from runtime.diagnosis.grammar_search import Draft, best
 from runtime.diagnosis.settings import BUDGET
 from runtime.diagnosis.stages import begin, complete, conclude
 from runtime.diagnosis.steps import Step, residuals_elsewhere
-from runtime.diagnosis.verdict import Diagnosis
+from runtime.diagnosis.verdict import Diagnosis, Verdict
 from runtime.documents.fits import FitDocument
 from runtime.identification.compare import JointSeries, series_on
 from runtime.identification.drive_gains import with_gains_of
@@ -48,8 +48,6 @@ class CompiledModel(Protocol):
 
     def model(self) -> Model: ...
 
-    def model_with_guesses(self) -> tuple[Model, Collection[str]]: ...
-
 
 class ModelSource(Protocol):
     """A model file that can be edited and compiled, as in runtime/workspace/source.py."""
@@ -83,6 +81,15 @@ class Improvement:
     @property
     def findings(self) -> tuple[Step, ...]:
         return self.found.findings
+
+    @property
+    def verdict(self) -> Verdict:
+        """An effect where one was added and no error on recordings that were not fitted rose by it; else what is said
+        of what is left."""
+        before, after = self.steps[0].held_out, self.steps[-1].held_out
+        joints = [f.joint_index for f in self.findings]
+        rose = before is not None and after is not None and any(after.rms[i] > before.rms[i] for i in joints)
+        return "effect" if joints and not rose else self.left.verdict
 
 
 def improve(

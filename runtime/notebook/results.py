@@ -184,7 +184,7 @@ class _Judged(_Loop[J]):
 
     @property
     def verdict(self) -> Literal["effect", "clean", "unexplained", "refused"]:
-        """On the model as given; after improve, on what is left."""
+        """On the model as given; after improve, an effect where one was added that holds, else on what is left."""
         return self.document.verdict
 
     @property

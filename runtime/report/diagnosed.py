@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
 
 from runtime.diagnosis import credibility
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import ERROR, LIKELIHOOD
 from runtime.diagnosis.grammar_search import Draft
 from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.steps import Step, after_effect
@@ -150,13 +148,13 @@ def ranking_entries(ranking: Ranking, model: Model) -> list[RankedCandidate]:
 
 def evidence_entry(candidate: Candidate, model: Model) -> EvidenceEntry:
     """What the gates were asked of a candidate, and what they said."""
-    likelihood, twist = candidate.value(LIKELIHOOD), candidate.twist
+    said, twist = candidate.evidence, candidate.twist
     return EvidenceEntry(
         eff=candidate.eff,
-        share_of_excess=candidate.share,
-        delta_bic=candidate.delta_bic,
-        cv_gain=reasons.squared_fall(candidate.value(ERROR)),
-        cv_log_likelihood_gain=likelihood if np.isfinite(likelihood) else None,
+        gain=said.gain,
+        dispersion=said.dispersion,
+        score=said.score,
+        price=said.due,
         failed_gates=reasons.closed_gates(candidate, model),
         twist=UNSET
         if twist is None
@@ -165,11 +163,13 @@ def evidence_entry(candidate: Candidate, model: Model) -> EvidenceEntry:
 
 
 def improved(improvement: Improvement) -> ImprovementBase:
-    """As `tendon improve --json`, without the keys that follow from it."""
+    """As `tendon improve --json`, without the keys that follow from it: what is left, and the word for the whole."""
     found = improvement.found
     first, last = found.steps[0].fit, found.last.fit
     return _plain(improvement.left).as_part_of(
         ImprovementBase,
+        verdict=improvement.verdict,
+        reason=reasons.of_improvement(improvement),
         sensors=[worth.document() for worth in sensors.worth(found)],
         history=[_history(found, step) for step in found.steps],
         identification=FitsEntry(before=fit_document(first), after=fit_document(last)),

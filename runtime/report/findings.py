@@ -40,12 +40,13 @@ from runtime.report.sections import (
     texts,
     words,
 )
-from runtime.wording import fall, number, percent, quantity, sentence, times_floor, told_apart, unit, whole
+from runtime.wording import number, percent, quantity, sentence, times_floor, told_apart, unit, whole
 from symbolic.model_file.checks import at_joint
 
 _NOTHING = 0.05
 """Part of the noise floor below which a candidate's own torque is negligible, whatever its other figures."""
-_LEAST_SHARE = 0.05
+_LEAST_GAIN = 0.05
+"""Part of a finding's gain; a candidate in its place that gains less is not listed on the terminal."""
 _MOST_CANDIDATES = 3
 """Candidates listed on the terminal."""
 _MOST_COLUMNS = 3
@@ -108,7 +109,7 @@ def brief(finding: FindingEntry, context: Context) -> list[Section]:
         if key(e) not in context.also
         and key(e) not in rivals
         and (e.joint in (None, finding.joint) or finding.joint is None)
-        and e.evidence.share_of_excess > _LEAST_SHARE
+        and e.evidence.gain > _LEAST_GAIN * finding.evidence.gain
     ]
     why = [f"{context.called(e)} {in_place_of(e, finding, context)}" for e in others[:_MOST_CANDIDATES]]
     left = [f"left over: {finding.remainder}"] if finding.remainder else []
@@ -182,15 +183,13 @@ def evidence(weighed: EvidenceEntry, place: JointEntry) -> Facts:
     """What speaks for a candidate."""
     twist = given(weighed.twist)
     own = _own(weighed, place) if twist is None else quantity(twist.eff, twist.unit, 3)
-    facts = [
+    facts = (
         (f"{'torque' if twist is None else 'twist'} that only it explains", own),
-        ("BIC", fall(weighed.delta_bic)),
-        ("cross-validated squared error", fall(weighed.cv_gain, percent)),
-    ]
-    gain = weighed.cv_log_likelihood_gain
-    if gain is not None:
-        facts.append(("cross-validated log-likelihood", fall(-gain)))
-    return Facts(tuple(facts))
+        ("gain of the log-likelihood", whole(weighed.gain)),
+        ("dispersion", number(weighed.dispersion, 3)),
+        ("score", f"{whole(weighed.score)}, for a price of {whole(weighed.price)}"),
+    )
+    return Facts(facts)
 
 
 def _own(weighed: EvidenceEntry, place: JointEntry) -> str:
@@ -219,11 +218,9 @@ def _candidates(finding: FindingEntry, context: Context) -> list[Section]:
     weighed = {key(e) for e in finding.ranking}
     pair = (
         f"Not ruled out: in place of {finding.effect}, beside the other findings, it fits about as well; "
-        "BIC does not separate the two."
+        "the likelihood does not separate the two."
     )
-    rows += [
-        (Cell(context.called(r), note="rival"), "–", "–", "–", "–", pair) for k, r in rivals.items() if k not in weighed
-    ]
+    rows += [(Cell(context.called(r), note="rival"), *"–––––", pair) for k, r in rivals.items() if k not in weighed]
     shown = _table(rows, "Candidates for its place")
     return [TableSection(shown.columns, shown.rows, shown.caption, bold=(0,)), *_rest(rest, context, finding)]
 
@@ -254,23 +251,24 @@ def _row(e: RankedCandidate, kind: str, why: str, place: JointEntry, context: Co
     return (
         Cell(context.called(e), note=kind),
         _own(e.evidence, place),
-        percent(min(e.evidence.share_of_excess, 1.0), 0),
-        percent(e.evidence.cv_gain, 1),
-        whole(e.evidence.delta_bic),
+        whole(e.evidence.gain),
+        number(e.evidence.dispersion, 3),
+        whole(e.evidence.score),
+        whole(e.evidence.price),
         why,
     )
 
 
 def _table(rows: Iterable[Sequence[str | Cell]], caption: str) -> TableSection:
-    heads = ("torque that only it explains", "of the excess", "cross-validated squared error falls by")
-    return table((words("candidate"), *heads, "BIC falls by", words("why, or why not")), rows, caption)
+    heads = ("torque that only it explains", "gain", "dispersion", "score", "price")
+    return table((words("candidate"), *heads, words("why, or why not")), rows, caption)
 
 
 def _rest(candidates: Sequence[RankedCandidate], context: Context, finding: FindingEntry | None) -> list[Section]:
-    """Candidates that need no row: those that explain next to nothing, and those whose parameters cost more."""
+    """Candidates that need no row: those that explain next to nothing, and those that gain nothing."""
     texts_ = []
     for kind, what in (
-        ("unearned", "Ruled out because BIC rises with their parameters"),
+        ("unearned", "Ruled out because the likelihood gains nothing with them"),
         ("nothing", "Ruled out because they explain next to nothing that the fitted model does not"),
     ):
         own = [context.called(e) for e in candidates if _group(e, context.at(e, finding)) == kind]
@@ -284,14 +282,14 @@ def _group(e: RankedCandidate, place: JointEntry) -> str:
         return ""
     if e.evidence.eff < _NOTHING * place.floor:
         return "nothing"
-    return "unearned" if e.evidence.delta_bic <= 0 else ""
+    return "unearned" if e.evidence.score <= 0 else ""
 
 
 def _failing(e: RankedCandidate, place: JointEntry) -> str:
     if _group(e, place) == "nothing":
         return "is ruled out: it explains next to nothing that the fitted model does not"
     if _group(e, place) == "unearned":
-        return f"is ruled out: its parameters cost more than it explains; with it, BIC {fall(e.evidence.delta_bic)}"
+        return "is ruled out: the likelihood gains nothing with it"
     return f"is ruled out: {'; '.join(e.evidence.failed_gates)}"
 
 
@@ -308,36 +306,26 @@ def in_place_of(other: RankedCandidate, finding: FindingEntry, context: Context)
     named, weighed = finding.evidence, other.evidence
     if key(other) in context.also and key(other) != key(finding):
         return f"is named too: beside {finding.effect}, it is a finding of its own"
-    shares = f"alone explains {_share(weighed)} of the excess, {finding.effect} {_share(named)}"
-    better = finding if named.delta_bic > weighed.delta_bic else other
-    apart = abs(named.delta_bic - weighed.delta_bic)
-    bic = "BIC is the same for both" if apart < 0.5 else f"BIC prefers {context.called(better)} by {whole(apart)}"
     if key(other) in map(key, finding.rivals):
-        return (
-            f"is not ruled out: it passes every gate too and {shares}. {bic}; by Vuong's test of the likelihoods that "
-            "is not enough to separate the two"
-        )
+        gains = f"gain {whole(weighed.gain)} against {whole(named.gain)}"
+        return f"is not ruled out: it is as likely as {finding.effect} within what the data tell ({gains})"
     if weighed.failed_gates:
         return _failing(other, context.at(other, finding))
     if None not in (other.joint, finding.joint) and other.joint != finding.joint:
         return (
             f"is set aside: it acts at another joint, and was weighed again with {context.called(finding)} in the model"
         )
-    if weighed.delta_bic > named.delta_bic:
+    if weighed.gain > named.gain:
         return (
             "is ruled out: it passes every gate by itself, but with it added and everything refitted, the error falls "
             f"less than with {finding.effect}"
         )
-    less = "" if weighed.share_of_excess >= named.share_of_excess else f"{shares}. "
-    return f"is ruled out: it passes every gate by itself, but {less}{bic}, and Vuong's test of the likelihoods agrees"
+    less = f"{whole(named.gain - weighed.gain)} less than {context.called(finding)}"
+    return f"is ruled out: it passes every gate by itself, but gains {less}"
 
 
 def _as_reason(why: str) -> str:
     return sentence(why.removeprefix("is "))
-
-
-def _share(weighed: EvidenceEntry) -> str:
-    return percent(min(weighed.share_of_excess, 1.0), 0)
 
 
 # --- a guess ---
@@ -363,12 +351,18 @@ def draft(guess: DraftEntry, names: Names) -> list[Section]:
 # --- detection limits ---
 
 
+def only_noise(document: DiagnosisBase) -> bool:
+    """Whether all that is left at any joint is noise."""
+    said = {joint.verdict for joint in document.joints}
+    return document.verdict in ("clean", "effect") and said - {"refused"} == {"clean"}
+
+
 def limits_table(document: DiagnosisBase) -> list[Section]:
-    """All detection limits in one table for a clean verdict, which is only as good as they are; else their number."""
+    """All detection limits in one table where noise is left, which is only as sure as they are; else their number."""
     limits = document.would_have_seen
     if not limits:
         return []
-    if document.verdict != "clean":
+    if not only_noise(document):
         return [Paragraph(f"These recordings give {len(limits)} detection limits; --report and --json list them.")]
     joints = sorted({s.joint for s in limits}, key=lambda joint: joint or len(limits))
     rows: list[list[str]] = []

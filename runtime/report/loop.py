@@ -70,10 +70,14 @@ def diagnosis(document: DiagnosisDocument) -> list[Section]:
 
 
 def improvement(document: ImprovementDocument) -> list[Section]:
-    """The error after every step, fitted and held out, what was added, and the verdict on what is left."""
+    """The verdict in one sentence, the error after every step, fitted and held out, and what was added."""
     added = [finding for step in document.history if (finding := given(step.finding)) is not None]
     around = context(document, added)
-    made = [*errors(document), *replays.errors(given(document.replay) or [])]
+    made = [
+        *texts([f"{document.verdict.upper()}: {document.reason}", ""]),
+        *errors(document),
+        *replays.errors(given(document.replay) or []),
+    ]
     for finding in added:
         made += findings.brief(finding, around)
     before, after = document.identification.before, document.identification.after
@@ -83,7 +87,7 @@ def improvement(document: ImprovementDocument) -> list[Section]:
         *fits.delays(document.delay),
         fits.parameters(after, before, around.names),
         *texts(fits.drives(document.joints)),
-        *texts([*balance(document), f"What is left: {document.verdict.upper()}: {document.reason}", ""]),
+        *texts([*balance(document), ""]),
         *findings.closest(document, around),
         *texts(peaks(document)),
         *findings.limits_table(document),
@@ -132,7 +136,7 @@ def context(document: DiagnosisBase, named: Sequence[FindingEntry]) -> Context:
 
 def peaks(document: Judged) -> list[str]:
     """Peaks in the spectrum of a residual that counts as noise."""
-    if document.verdict != "clean" or not document.peaks:
+    if not document.peaks or not findings.only_noise(document):
         return []
     names = fits.names_of(document.joints)
     found = [
@@ -170,7 +174,7 @@ def in_short(document: LoopDocument | JudgedFitDocument | Any) -> list[str]:
     if isinstance(document, JudgedFitDocument):
         return fits.judged_in_short(document)
     if isinstance(document, ImprovementDocument):
-        return [*map(_step, document.history), f"What is left: {fits.verdict_line(document)}"]
+        return [fits.verdict_line(document), *map(_step, document.history)]
     joints = [fits.joint_in_short(joint) for joint in document.joints[:_MOST_LINES]]
     if isinstance(document, CompareDocument):
         return joints

@@ -16,6 +16,7 @@ from runtime.diagnosis.steps import (
     Disturbance,
     Remainder,
     Step,
+    after_effect,
     lines_above,
     physics,
     remainder,
@@ -26,13 +27,14 @@ from runtime.fit_warnings import Suspicion, improper_inertia, warnings
 from runtime.identification.compare import JointSeries
 from runtime.identification.fit import Fit, places, quantile
 from runtime.identification.identify import Unsound, unsound
+from runtime.loop.improve import Improvement
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.motion.settings import RESOLVED
 from runtime.report import mounting
 from runtime.wording import (
-    fall,
     joints_said,
+    number,
     numbered,
     per_turn,
     percent,
@@ -40,7 +42,6 @@ from runtime.wording import (
     sentence,
     times_floor,
     told_apart,
-    whole_apart,
 )
 
 _MOVE_MORE = "move over more speeds, accelerations and positions"
@@ -152,9 +153,15 @@ def closed_gates(candidate: Candidate, model: Model) -> list[str]:
     return [_GATES[result.gate.name](result, candidate, model) for result in candidate.failed]
 
 
-def squared_fall(fall_of_error: float) -> float:
-    """Part by which a squared error falls, from that by which the error falls."""
-    return 1 - (1 - fall_of_error) ** 2
+def _told(text: str, scale: float = 1.0) -> Callable[[GateResult, Candidate, Model], str]:
+    """A sentence with a value and its limit, with as few digits as tell the two apart."""
+
+    def said(result: GateResult, *_: object) -> str:
+        value, limit = scale * result.value, scale * result.limit
+        middle = 0.5 * (value + limit)
+        return text.format(told_apart(value, middle), told_apart(limit, middle))
+
+    return said
 
 
 def _part(result: GateResult) -> str:
@@ -175,20 +182,21 @@ def _resolution(result: GateResult, candidate: Candidate, model: Model) -> str:
 
 
 _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
-    gates.BIC.name: lambda r, *_: f"whitened BIC falls by {whole_apart(r.value, r.limit)}, not by {r.limit:g}",
-    gates.TORQUE.name: lambda r, *_: (
-        f"its own torque is {told_apart(r.value, r.limit)} of the noise floor, not more than {r.limit:g}"
-    ),
-    gates.SHARE.name: lambda r, *_: (
-        f"it alone explains {whole_apart(100 * r.value, 100 * r.limit)} % of the excess, not {100 * r.limit:.0f} %"
-    ),
+    gates.SCORE.name: _told("its score of {} does not reach the price of {}"),
+    gates.TORQUE.name: _told("its own torque is {} of the noise floor, not more than {}"),
+    gates.PART.name: _told("it is {} % of the joint's torque, not more than {} %", 100),
     gates.EDGE.name: lambda *_: "its shape lies at the edge of what was searched",
-    gates.LIKELIHOOD.name: lambda r, *_: (
-        f"cross-validated log-likelihood changes by {whole_apart(r.value, r.limit)}; at least {r.limit:g} is required"
+    gates.SHARE.name: _told("with everything refitted it takes away {} % of the excess, not {} %", 100),
+    gates.FALL.name: _told("with it and everything refitted, the error falls by {} %, not by {} %", 100),
+    gates.STEADY.name: _told(
+        "what helps at one moment harms at others: the error falls by {} standard deviations over stretches, not by {}"
     ),
-    gates.ERROR.name: lambda r, *_: (
-        f"cross-validated squared error {fall(squared_fall(r.value), percent)}; it must fall by "
-        f"{percent(squared_fall(r.limit))}"
+    gates.SIZE.name: lambda *_: "its refitted size lies at its bound, or in a sum with inertial parameters",
+    gates.CONTACT.name: lambda *_: "its torque resists motion more than it pushes back",
+    gates.TURN.name: lambda *_: "it does not repeat a whole number of times a turn, of the motor or of the joint",
+    gates.REST.name: _told("a law over the same signals explains all but {} % of what both explain", 100),
+    gates.HELD_OUT.name: _told(
+        "recordings that were not fitted: it leaves {} % of their squared error, not less than {} %", 100
     ),
     gates.RESOLUTION.name: _resolution,
     gates.MODEL.name: lambda r, *_: f"the model as it is can produce all but {100 * r.value:.2g} % of its torque",
@@ -206,14 +214,8 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
         f"the torque sensor at the output feels it, as it would not on the motor: {_part(r)}"
     ),
     gates.BOUND.name: lambda r, *_: f"it may be none: its 95 % interval begins at {r.value:.3g}",
-    gates.BOTH_JOINTS.name: lambda r, *_: (
-        f"its torque at one of its two joints lowers whitened BIC by {whole_apart(r.value, r.limit)}, "
-        f"not by {r.limit:g}"
-    ),
-    gates.EACH_SHARE.name: lambda r, *_: (
-        f"it alone explains {whole_apart(100 * r.value, 100 * r.limit)} % of the excess at one of its two joints, "
-        f"not {100 * r.limit:.0f} %"
-    ),
+    gates.BOTH_JOINTS.name: _told("its torque at one of its two joints gains {}, not {}"),
+    gates.EACH_SHARE.name: _told("it alone explains {} % of the excess at one of its two joints, not {} %", 100),
     gates.PROPORTION.name: lambda r, *_: (
         f"its torques at two joints are not in proportion: {100 * r.value:.0f} % of what they explain is lost for that"
     ),
@@ -267,11 +269,54 @@ def _disturbance(found: Disturbance) -> str:
 def reason(diagnosis: Diagnosis) -> str:
     """Why a diagnosis decided so: what is missing at which joints, what is said of the others, lines of the torque that
     lie above the band, and what the model file has a little wrong; of a search that was cut, a second sentence."""
+    return _whole(diagnosis, _arm(diagnosis))
+
+
+def of_improvement(improvement: Improvement) -> str:
+    """What was added and what it left, then what is said of the other joints; else why what is left is called so."""
+    left = improvement.left
+    if improvement.verdict != "effect":
+        return reason(left)
+    joints = list(dict.fromkeys(f.joint_index for f in improvement.findings))
+    others = [v for v in left.joints if v.joint not in joints and v.why not in ("standstill", "cut")]
+    return _whole(left, "; ".join([*(_added(improvement, i) for i in joints), *_others(left, others, "")]))
+
+
+def _added(improvement: Improvement, joint: int) -> str:
+    """What was added at a joint (0-based), and how much it left of what."""
+    here = [f for f in improvement.findings if f.joint_index == joint]
+    first, last = improvement.steps[0], improvement.steps[-1]
+    shown = all(f.candidate.twist for f in here)
+    part, of = (here[-1].share(), "the twist") if shown else (explained(first, last, joint), "what was missing")
+    names = " and ".join(
+        " or ".join(dict.fromkeys((f.term.effect + _order(f.term, last), *(t.effect for t in f.rivals)))) for f in here
+    )
+    series, verdict = last.joints[joint], improvement.left.joints[joint].verdict
+    times = number(times_floor(series.rms, series.floor.value), 2)
+    found = after_effect(last, joint, last.fit.model.library.effects[here[-1].term.effect])
+    what = "noise" if verdict == "clean" else _coloured(found or remainder(last, joint))
+    return (
+        f"{names} explain{'s' if len(here) == 1 else ''} {percent(part, 0)} of {of} at joint {_called(joint, last)}; "
+        f"{percent(series.relative, 1)} of its torque is left, {times} × the floor: {what}"
+    )
+
+
+def _coloured(found: Remainder | None) -> str:
+    """In a word what is left of a joint that is more than noise, or not known to be noise."""
+    if isinstance(found, Disturbance):
+        return "coloured, does not come back with the motion" if found.repeats else "coloured"
+    if found is None:
+        return "as even as noise"
+    return f"coloured, follows {found.follows}" if found.follows else "coloured, comes back with the motion"
+
+
+def _whole(diagnosis: Diagnosis, said: str) -> str:
+    """A reason with what the model file has wrong, lines above the band, and where the search was cut."""
     why, last, compared = diagnosis.decisive.why, diagnosis.searched.last, diagnosis.recordings
-    believed = why not in ("wrong data", "unsound fit", "outdone")
+    believed = why not in ("wrong data", "unsound fit")
     apart = f"{_contradictory(compared)}; " if compared.contradictory and why != "contradiction" else ""
     before = f"{apart}{_first_in_file(last) if believed else ''}"
-    said = f"{before}{_arm(diagnosis)}{_above_band(last)}{_also_in_file(last) if believed else ''}"
+    said = f"{before}{said}{_above_band(last)}{_also_in_file(last) if believed else ''}"
     return f"{said}. {sentence(_cut(diagnosis))}" if diagnosis.search.ended != "complete" else said
 
 
@@ -357,19 +402,17 @@ def of_joint(diagnosis: Diagnosis, said: JointVerdict) -> str:
             return _excitation(first.fit, i)
         case "comes nearest":
             return _comes_nearest(diagnosis, said)
-        case "outdone":
-            return _outdone(said)
         case "found":
             return f"the model lacks {'; '.join(_sentence(f, last) for f in said.named)}"
         case "nothing explains":
             found = remainder(last, i)
             rest = "" if found is None else left_over(found)
-            return f"no effect of the library explains the residual: {rest}{_undecided(said)}"
+            return f"no effect of the library explains the residual: {rest}{_undecided(said, diagnosis.model)}"
         case "not borne out":
             assert said.undecided is not None
             return (
-                f"{said.undecided.term} passes every gate, but once all is refitted with it its values do not bear it "
-                "out: what is left is hardly more than noise, yet not noise alone; record longer, or with more speeds"
+                f"{said.undecided.term} passes every gate beside the fitted model, but not once all is refitted: "
+                f"{'; '.join(closed_gates(said.undecided, diagnosis.model))}; record longer, or with more speeds"
             )
         case "above the floor":
             known = here.floor.source == "repeats"
@@ -412,26 +455,13 @@ def _comes_nearest(diagnosis: Diagnosis, said: JointVerdict) -> str:
     return f"{near} comes nearest, but explains only {share:.0f} % of what is above the noise: {left}"
 
 
-def _outdone(said: JointVerdict) -> str:
-    assert said.draft is not None
-    step = said.draft.step
-    near = ", ".join(str(f.term) for f in said.withdrawn)
-    info = step.fit.model.library.effects[step.term.effect]
-    return (
-        f"{near} came nearest, but a term that no effect of the library has explains far more, {info.equation}: "
-        "physics is missing that is not in the library"
-    )
-
-
-def _undecided(said: JointVerdict) -> str:
+def _undecided(said: JointVerdict, model: Model) -> str:
     """What a second recording would decide, as the end of a sentence."""
     near = said.undecided
     if near is None:
         return ""
-    return (
-        f"; {near.term} would explain {100 * near.share:.0f} % of what is above the noise floor, which stretches that "
-        "were left out in turn do not bear out: record the motion again and give that as --held-out"
-    )
+    closed = "; ".join(closed_gates(near, model))
+    return f"; {near.term} is not named: {closed}; record the motion again and give that as --held-out"
 
 
 def _sentence(finding: Step, last: Step) -> str:

@@ -202,10 +202,10 @@ class ResultSummary:
     @property
     def more_is_left(self) -> bool:
         """Whether effects were found, and what they leave is more than noise."""
+        if isinstance(self.result, Improvement):
+            return self.result.verdict == "effect" and bool(self.result.left.unexplained)
         if self.diagnosis is None or self.diagnosis.verdict != "effect":
             return False
-        if isinstance(self.result, Improvement):
-            return bool(self.result.left.unexplained)
         effects = self.diagnosis.model.library.effects
         named = any(after_effect(self.last, f.joint_index, effects[f.term.effect]) for f in self.findings)
         return named or any(physics(self.last, i) for i in range(len(self.last.joints)))

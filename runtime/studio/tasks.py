@@ -169,7 +169,7 @@ def diagnose(loaded: LoadedSession, report: Reporter, step: int) -> TaskResult:
 
     trail = complete(trail, reached)
     report.part(LIMITS)
-    result = conclude(trail, loaded.source.compiled.model_with_guesses)
+    result = conclude(trail)
     report.part(DRAWING)
     first, last = result.steps[0], result.last
     ends = [first] if first is last else [first, last]

@@ -20,7 +20,7 @@ import numpy as np
 from harness import SHORT, show, sized
 from traced import TracedNumber, logged, nearest
 
-from runtime.diagnosis.gates import BIC, GATES
+from runtime.diagnosis.gates import GATES, TORQUE
 from runtime.diagnosis.stages import follow
 from runtime.diagnosis.steps import Trail
 from runtime.diagnosis.verdict import decide
@@ -243,7 +243,7 @@ def test_thresholds() -> None:
             known = {(name, factor) for where, name, factor, *_ in rows if where == asked.name}
             left = [(r, n, f) for r, n, f in todo if (n, f"{f:g}") not in known]
             print(f"{asked.name}: {asked.answer('diagnosis')}, {len(left)} changes to try", flush=True)
-            with put(f"gate {BIC.name}", float("inf")):
+            with put(f"gate {TORQUE.name}", float("inf")):
                 assert asked.answer("diagnosis").named == ()
             with path.open("a", newline="") as file:
                 for row in measure(asked, left, until):

@@ -135,7 +135,7 @@ def line(case: Case, held_out: bool = False, compared: bool = False, experiments
         compiled = opened(made.model).compiled
         model = compiled.model()
         start = time.process_time()
-        found = diagnose(model, [made.recording], [made.held_out] if held_out else [], compiled.model_with_guesses)
+        found = diagnose(model, [made.recording], [made.held_out] if held_out else [])
         answer = diagnosed(found).to_json()
         out.seconds = time.process_time() - start
         _judge(out, made, found, answer, experiments)

@@ -17,7 +17,6 @@ from runtime.documents.parts import given
 from runtime.documents.provenance import Provenance
 from runtime.identification.compare import as_written, structure_entries, structure_shares
 from runtime.identification.identify import fit_document
-from runtime.loop.improve import Improvement
 from runtime.model.terms import Term
 from runtime.motion import spectra
 from runtime.motion.settings import MORE_THAN_NOISE
@@ -123,14 +122,10 @@ def verdict(summary: ResultSummary) -> PageVerdict:
     diagnosis = summary.diagnosis
     if diagnosis is None:
         return PageVerdict("comparison", TAGS["comparison"], _compared(summary), "")
-    more = []
-    if isinstance(summary.result, Improvement) and summary.findings:
-        left = summary.result.left
-        more.append(f"With that added, what is left is {TAGS[left.verdict]}: {sentence(reasons.reason(left))}")
-    if not isinstance(document := summary.document, CompareDocument):
-        more += loop.peaks(document)
-    kind = "more" if summary.more_is_left else diagnosis.verdict
-    return PageVerdict(kind, TAGS[kind], sentence(reasons.reason(diagnosis)), " ".join(more))
+    document = summary.document
+    assert not isinstance(document, CompareDocument)
+    kind = "more" if summary.more_is_left else document.verdict
+    return PageVerdict(kind, TAGS[kind], sentence(document.reason), " ".join(loop.peaks(document)))
 
 
 def _compared(summary: ResultSummary) -> str:
@@ -330,10 +325,9 @@ def _findings(summary: ResultSummary, drawings: dict[str, Markup]) -> list[Group
     if not summary.findings:
         return []
     about = Paragraph(
-        "A candidate is judged by the torque that only it explains beside the fitted model, by that torque's part of "
-        "the excess (the residual's variance above the noise floor), by the error and the likelihood on parts of the "
-        "recording that were left out of its fit (cross-validated), and by BIC, which charges for every parameter, on "
-        "whitened residuals. It must pass all gates.",
+        "A candidate is judged by the torque that only it explains beside the fitted model, and by its score: the gain "
+        "of the log-likelihood on whitened residuals over the dispersion, which is 1 where its law is right and the "
+        "noise white. The score must exceed the price of having searched. It must pass all gates.",
         "note",
     )
     cards: list[Section] = [about]

@@ -14,7 +14,6 @@ from runtime.report.page.html import ReportPage
 from runtime.report.page.reports import TAGS, PageVerdict, headline_of, origin_group
 from runtime.report.sections import Group, Section, texts
 from runtime.report.summary import LoopDocument
-from runtime.wording import sentence
 
 
 def of_document(document: LoopDocument | IdentifyDocument | ReplayDocument) -> ReportPage:
@@ -51,11 +50,7 @@ def _verdict_of(document: LoopDocument | IdentifyDocument | ReplayDocument) -> P
     if isinstance(document, CompareDocument):
         every = "; ".join(map(fits.joint_in_short, document.joints))
         return PageVerdict("comparison", TAGS["comparison"], every, "")
-    added = [step.added for step in document.history if step.added] if isinstance(document, ImprovementDocument) else []
-    if isinstance(document, ImprovementDocument) and added:
-        kind = "more" if document.more_is_left else "effect"
-        left = f"What is left is {TAGS[document.verdict]}: {sentence(document.reason)}"
-        return PageVerdict(kind, TAGS[kind], f"Added to the model: {', '.join(added)}", left)
     if document.verdict == "fitted":
         return PageVerdict("comparison", document.verdict, document.reason, "")
-    return PageVerdict(document.verdict, TAGS[document.verdict], document.reason, "")
+    kind = "more" if isinstance(document, ImprovementDocument) and document.more_is_left else document.verdict
+    return PageVerdict(kind, TAGS[kind], document.reason, "")

@@ -47,7 +47,7 @@ def check_named(model: str, hidden: str) -> None:
     record(model, f"{hidden}:{','.join(f'{name}={value}' for name, value in values.items())}", "check")
     found = typed("improve", model, run, "--held-out", check)
     assert [step["added"] for step in found["history"]] == [None, hidden]
-    assert found["verdict"] == "clean"
+    assert (found["verdict"], {joint["verdict"] for joint in found["joints"]}) == ("effect", {"clean"})
     joint = int(hidden.partition("@")[2]) - 1
     before, after = (step["held_out"][joint] for step in found["history"])
     assert after < 0.7 * before

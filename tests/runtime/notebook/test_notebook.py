@@ -151,7 +151,7 @@ def test_a_result_has_its_figures_as_attributes_and_as_a_dict(improved) -> None:
 
 def test_a_notebook_shows_a_result_as_text_with_everything_folded(improved) -> None:
     shown = improved._repr_html_()
-    assert "<p><b>file, refitted: " in shown
+    assert "<p><b>EFFECT: Stribeck explains " in shown
     assert shown.index("<details>") < shown.index("<table") < shown.index("</details>")
     assert "<script" not in shown
 

@@ -26,9 +26,10 @@ from scipy.signal import lfilter
 from runtime import wording
 from runtime.diagnosis import credibility, detection_limits
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import BIC, EDGE, ERROR, LIKELIHOOD, SHARE, GateResult
+from runtime.diagnosis.gates import EDGE, SHARE, GateResult
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
-from runtime.diagnosis.steps import Errors, SearchWork, Step, Trail
+from runtime.diagnosis.score import Evidence
+from runtime.diagnosis.steps import Errors, RepeatingResidual, SearchWork, Step, Trail
 from runtime.diagnosis.verdict import Diagnosis, JointVerdict
 from runtime.documents.diagnosis import RankedCandidate
 from runtime.documents.parts import EffectAt
@@ -41,7 +42,7 @@ from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion import spectra
 from runtime.recordings.recording import Recording
-from runtime.report import diagnosed, findings, fits, loop, terminal
+from runtime.report import diagnosed, findings, fits, loop, reasons, terminal
 from runtime.report.page import page_figures, reports
 from runtime.report.page.html import fragment
 from runtime.report.plots import joint_plots, style
@@ -115,14 +116,9 @@ def improvement(drive, one) -> Improvement:
     return Improvement("", found, left)
 
 
-def evidence(
-    term: Term, *closed: GateResult, delta_bic: float = 456.0, eff: float = 0.123, share: float = 0.9
-) -> Candidate:
+def evidence(term: Term, *closed: GateResult, gain: float = 456.0, eff: float = 0.123) -> Candidate:
     """closed: results of gates that a candidate does not pass."""
-    opened = {BIC: delta_bic, SHARE: share, LIKELIHOOD: 234.0, ERROR: 1 - 0.5**0.5}
-    kept = {gate: value for gate, value in opened.items() if gate not in [result.gate for result in closed]}
-    results = (*(gate.asked(value) for gate, value in kept.items()), *closed)
-    return Candidate(term, {}, 0, 1.0, np.inf, eff=eff, parameters=9, results=results)
+    return Candidate(term, {}, 0, 1.0, np.inf, eff=eff, evidence=Evidence(gain, 1.5, 12.0), results=closed)
 
 
 def rendered(result) -> str:
@@ -409,19 +405,12 @@ def test_why_a_candidate_was_not_named(summary):
         own = msgspec.structs.replace(finding, rivals=[EffectAt(effect=t.effect, joint=t.joint) for t in rivals])
         return findings.in_place_of(other, own, around)
 
-    behind = {"delta_bic": 100.0, "share": 0.4}
-    assert why(ranked(ELASTICITY, model, **behind), (ELASTICITY,)) == (
-        "is not ruled out: it passes every gate too and alone explains 40 % of the excess, stribeck 90 %. BIC prefers "
-        "stribeck at joint 1 by 356; by Vuong's test of the likelihoods that is not enough to separate the two"
+    behind = ranked(ELASTICITY, model, gain=100.0)
+    assert why(behind, (ELASTICITY,)) == (
+        "is not ruled out: it is as likely as stribeck within what the data tell (gain 100 against 456)"
     )
-    assert why(ranked(ELASTICITY, model, **behind)).startswith(
-        "is ruled out: it passes every gate by itself, but alone explains 40"
-    )
-    assert why(ranked(ELASTICITY, model, delta_bic=100.0, share=1.0)) == (
-        "is ruled out: it passes every gate by itself, but BIC prefers stribeck at joint 1 by 356, and Vuong's test of "
-        "the likelihoods agrees"
-    )
-    assert "the error falls less than with stribeck" in why(ranked(ELASTICITY, model, delta_bic=1000.0))
+    assert why(behind) == ("is ruled out: it passes every gate by itself, but gains 356 less than stribeck at joint 1")
+    assert "the error falls less than with stribeck" in why(ranked(ELASTICITY, model, gain=1000.0))
     elsewhere = context._replace(places={**context.places, 2: context.places[1]})
     other = ranked(Term("elasticity", 2), model)
     assert findings.in_place_of(other, finding, elsewhere).startswith("is set aside: it acts at another joint")
@@ -429,11 +418,12 @@ def test_why_a_candidate_was_not_named(summary):
     assert findings.in_place_of(other, finding, named).startswith("is named too")
     failing = ranked(ELASTICITY, model, SHARE.asked(0.03), EDGE.asked(0.0))
     assert why(failing) == (
-        "is ruled out: it alone explains 3 % of the excess, not 20 %; its shape lies at the edge of what was searched"
+        "is ruled out: with everything refitted it takes away 3 % of the excess, not 20 %; its shape lies at the edge "
+        "of what was searched"
     )
     assert "next to nothing" in why(failing, scale=1000.0)
-    useless = ranked(ELASTICITY, model, SHARE.asked(0.03), delta_bic=-12.3)
-    assert findings.why_not_named(useless, context, held_out=False).endswith("with it, BIC rises by 12")
+    useless = ranked(ELASTICITY, model, SHARE.asked(0.03), gain=-12.3)
+    assert findings.why_not_named(useless, context, held_out=False).endswith("the likelihood gains nothing with it")
     passing = findings.why_not_named(ranked(ELASTICITY, model), context, held_out=True)
     assert passing.endswith("or by the held-out recording")
 
@@ -454,21 +444,21 @@ def test_every_finalist_has_its_reason(improvement):
     order = [rows.index(name) for name in ("stribeck at joint 1 named", "elasticity at joint 1 rival", "gravity rival")]
     assert order == sorted(order)
     for why in (
-        "Not ruled out: it passes every gate too",
+        "Not ruled out: it is as likely as stribeck",
         "it fits about as well",
-        "Ruled out: it alone explains 3 % of the excess, not 20 %.",
+        "Ruled out: with everything refitted it takes away 3 % of the excess, not 20 %.",
     ):
         assert why in rows
 
 
-def test_what_does_not_earn_its_parameters_takes_no_row(improvement):
+def test_what_gains_nothing_takes_no_row(improvement):
     """But what was named too does: many candidates of an arm of seven joints are of no account to a finding."""
-    weak = evidence(Term("cable", 1), SHARE.asked(0.03), delta_bic=-7.0)
+    weak = evidence(Term("cable", 1), SHARE.asked(0.03), gain=-7.0)
     read = card_of(improvement, Ranking((improvement.findings[0].candidate, weak)), ())
     assert [tag for tag, attributes in read.tags if tag == "th" and attributes.get("scope") == "row"] == ["th"]
-    assert "Ruled out because BIC rises with their parameters: cable at joint 1." in read.text
+    assert "Ruled out because the likelihood gains nothing with them: cable at joint 1." in read.text
     last = replace(improvement.found, ranking=Ranking((weak,)))
-    assert "BIC rises with their parameters: cable at joint 1." in Reader(worded(ResultSummary(last))).text
+    assert "the likelihood gains nothing with them: cable at joint 1." in Reader(worded(ResultSummary(last))).text
 
 
 def test_an_effect_with_a_memory_is_drawn_over_the_time_in_which_it_acts(improvement):
@@ -626,7 +616,9 @@ def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
     terminal.show(loop.sections(summary.document))
     out = capsys.readouterr().out
     assert "stribeck at joint 1" in out
-    assert "What is left: CLEAN: the residual is noise" in out
+    assert out.startswith("EFFECT: stribeck or elasticity explains ")
+    said = r" % of what was missing at joint 1; [\d.]+ % of its torque is left, 1 × the floor: noise"
+    assert re.search(said, out)
     assert re.search(r"Gained, error of the torque: joint 1 [\d.]+ % -> [\d.]+ % \(held out [\d.]+ %", out)
     assert "Unexplained:" not in out
     assert re.search(r"held out: joint 1 [\d.]+ N m \((repeats|spectrum)\)", out)
@@ -638,6 +630,20 @@ def test_terminal_is_short_and_says_the_same(summary, unexplained, capsys):
     assert out.startswith("UNEXPLAINED: ")
     assert "--draft guess.py" in out
     assert len(out.splitlines()) < 40
+
+
+def test_improve_says_effect_where_what_was_added_holds(improvement, monkeypatch):
+    """With the size of what is left; not where the error on recordings that were not fitted rose."""
+    monkeypatch.setattr(reasons, "after_effect", lambda *_: RepeatingResidual(0.5, "velocity", True))
+    more = replace(improvement, left=replace(improvement.left, joints=NOTHING_EXPLAINS))
+    document = ResultSummary(more).document
+    assert (document.verdict, document.joints[0].verdict, document.more_is_left) == ("effect", "unexplained", True)
+    assert document.reason.endswith(" % of its torque is left, 1 × the floor: coloured, follows velocity")
+    before = improvement.steps[0].held_out
+    worse = Errors(tuple(2 * rms for rms in before.rms), before.relative)
+    rose = replace(more, found=changed(more.found, lambda s: replace(s, held_out=worse if s.chosen else before)))
+    assert (rose.verdict, ResultSummary(rose).document.more_is_left) == ("unexplained", False)
+    assert reasons.of_improvement(rose) == reasons.reason(rose.left)
 
 
 def test_joints_are_called_by_their_names_too(improvement, capsys):
@@ -671,7 +677,7 @@ def test_text_of_the_user_stays_text(improvement):
     assert HOSTILE in read.text
     assert "<img" not in page
     assert [tag for tag, _ in read.tags].count("script") == 5  # the motion, the signals, what shows each, the result
-    assert json.loads(read.scripts[-1])["reason"].startswith("the residual is noise")
+    assert json.loads(read.scripts[-1])["reason"].startswith("stribeck or elasticity explains")
 
 
 class Renamed:
