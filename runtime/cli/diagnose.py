@@ -68,7 +68,7 @@ def diagnose(
     from runtime.diagnosis.stages import diagnose as diagnosed
 
     with terminal.working("looking for missing effects"), within(time_limit):
-        result = diagnosed(loaded, data, wider=source.compiled.model_with_guesses, budget=budget)
+        result = diagnosed(loaded, data, budget=budget)
     from runtime.report.summary import ResultSummary
 
     summary = ResultSummary(result, invocation, drafted=draft is not None)

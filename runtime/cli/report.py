@@ -225,7 +225,7 @@ def _computed_again(document: LoopDocument, provenance: Provenance, effects: Pat
         model = source.compiled.model()
         if isinstance(document, CompareDocument):
             return ResultSummary(compare(model, fitted), invocation)
-        found = diagnose(model, fitted, wider=source.compiled.model_with_guesses, budget=_budget(document.search))
+        found = diagnose(model, fitted, budget=_budget(document.search))
         return ResultSummary(found, invocation)
 
 

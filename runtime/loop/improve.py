@@ -108,7 +108,7 @@ def improve(
     trail = begin(source.compiled.model(), recordings, held_out)
     tell(_progress(trail.last))
     trail = complete(trail, lambda step: tell(_progress(step)), budget)
-    found = conclude(trail, source.compiled.model_with_guesses)
+    found = conclude(trail)
     last, edits = found.last, source.edits
     for finding in found.findings:
         edits = edits.add(finding.term.name, finding.term.joint, last.values[finding.term])

@@ -69,7 +69,7 @@ def diagnose(arm: LoadedArm, recordings: Recordings, budget: int = BUDGET) -> Di
     """Which physical effect is missing? `result.verdict` is "effect", "clean", "unexplained" or "refused";
     budget: refits that the search may try."""
     data, _ = read_both(arm, recordings)
-    result = stages.diagnose(arm.model, data, wider=arm.source.compiled.model_with_guesses, budget=budget)
+    result = stages.diagnose(arm.model, data, budget=budget)
     return DiagnosisResult(result, ResultSummary(result, _invocation("diagnose", arm, data)))
 
 

@@ -1,1 +1,1 @@
-"""Linear systems: bounded least squares, cross-validation, whitening."""
+"""Linear systems: bounded least squares, whitening."""

@@ -20,8 +20,8 @@ import numpy as np
 from harness import SHORT, show, sized
 from traced import TracedNumber, logged, nearest
 
-from runtime.diagnosis.gates import GATES, TORQUE
-from runtime.diagnosis.stages import follow
+from runtime.diagnosis.gates import GATES
+from runtime.diagnosis.stages import complete
 from runtime.diagnosis.steps import Trail
 from runtime.diagnosis.verdict import decide
 from runtime.identification.identify import prepared
@@ -100,7 +100,7 @@ class Asked:
             trail = replace(self.begun, last=replace(self.begun.last))
         else:
             trail = self._begin(prepared(self.model, self.recordings) if room == "motion" else self.motion)
-        found = decide(follow(trail))
+        found = decide(complete(trail))
         rivals = found.findings[0].rivals if found.findings else ()
         return Answer(found.verdict, tuple(str(f.term) for f in found.findings), tuple(map(str, rivals)))
 
@@ -243,7 +243,7 @@ def test_thresholds() -> None:
             known = {(name, factor) for where, name, factor, *_ in rows if where == asked.name}
             left = [(r, n, f) for r, n, f in todo if (n, f"{f:g}") not in known]
             print(f"{asked.name}: {asked.answer('diagnosis')}, {len(left)} changes to try", flush=True)
-            with put(f"gate {TORQUE.name}", float("inf")):
+            with put("LEAST_PRICE", float("inf")):
                 assert asked.answer("diagnosis").named == ()
             with path.open("a", newline="") as file:
                 for row in measure(asked, left, until):

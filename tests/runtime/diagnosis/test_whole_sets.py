@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runtime.diagnosis.pruning import without_insignificant
 from scipy.signal import lfilter
 
-from runtime.diagnosis.pruning import without_insignificant
 from runtime.diagnosis.ranking import weigh
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.steps import Step, Trail

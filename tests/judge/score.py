@@ -1,0 +1,113 @@
+"""Scores of the diagnosis: what speaks for every finalist beside a model, and how a search went.
+
+    python -m tests.judge.score drive demo-report/fitted.csv.gz
+    python -m tests.judge.score drive run.csv --beside stribeck@1 load_friction@1
+    python -m tests.judge.score drive run.csv --held-out other.csv --search
+
+The likeliest comes first: the gain of the log-likelihood, its dispersion, their ratio (the score), the price that this
+must exceed with what other recordings repay of it, the torque that only the term explains in noise floors, and the
+gates that stay closed with their values. --search follows the search: what was refitted, with these figures after the
+refit, and what was added and dropped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from runtime.cli.inputs import TypedInputs
+from runtime.diagnosis.candidates import Candidate
+from runtime.diagnosis.gates import FALL, TORQUE
+from runtime.diagnosis.ranking import Ranking
+from runtime.diagnosis.search import compared
+from runtime.diagnosis.stages import begin, complete
+from runtime.diagnosis.steps import Step, Trail
+from runtime.diagnosis.verdict import decide
+from runtime.model.terms import Term
+from runtime.simulation.simulate import parse_hidden
+from runtime.wording import number, percent
+
+HEAD = ("term", "gain", "dispersion", "score", "price", "floors", "closed gates")
+
+
+def row(candidate: Candidate) -> tuple[str, ...]:
+    """A candidate's cells under HEAD."""
+    e = candidate.evidence
+    floors = next((r.value for r in candidate.results if r.gate is TORQUE), float("nan"))
+    due = f" → {e.due:.1f}" if e.repaid else ""
+    closed = ", ".join(f"{r.gate.name} {number(r.value, 3)}" for r in candidate.failed)
+    figures = (f"{e.gain:.0f}", f"{e.dispersion:.1f}", f"{e.score:.1f}", f"{e.price:.1f}{due}", number(floors, 3))
+    return str(candidate.term), *figures, closed
+
+
+def table(candidates: Iterable[Candidate]) -> str:
+    """The likeliest first."""
+    rows = [HEAD, *(row(c) for c in sorted(candidates, key=lambda c: -c.evidence.gain))]
+    widths = [max(len(cells[k]) for cells in rows) for k in range(len(HEAD))]
+    return "\n".join("  ".join(c.ljust(w) for c, w in zip(cells, widths, strict=True)).rstrip() for cells in rows)
+
+
+def beside(trail: Trail, terms: Iterable[Term]) -> Trail:
+    """The trail with these terms added one after another, everything refitted. Raises ValueError."""
+    for term in terms:
+        base = trail.last.base
+        found = base.search(term) if term in base.terms() else None
+        if found is None:
+            raise ValueError(f"--beside {term}: the model has it, or these recordings say nothing of it")
+        found = base.refine(found)
+        trail = trail.to(trail.with_candidates(trail.last, found).after(trail.last, found))
+    return trail
+
+
+def told(step: Step) -> str:
+    """The errors of a step, joint by joint."""
+    held = "" if step.held_out is None else f"; held out {', '.join(map(percent, step.held_out.relative))}"
+    return f"error {', '.join(map(percent, step.fitted.relative))}{held}"
+
+
+def searched(trail: Trail) -> list[str]:
+    """A whole search, round by round, its final set and the verdict."""
+    lines, known, seen = [f"as given: {told(trail.last)}"], list[Term](), set[Ranking]()
+
+    def show(step: Step, end: bool = False) -> None:
+        path = trail.to(step).findings
+        for ranking in [f.ranking for f in path] + ([done.ranking] if end else []):
+            asked = [c for c in ranking.candidates if any(r.gate is FALL for r in c.results)]
+            if asked and ranking not in seen:
+                lines.append(f"refitted:\n{table(asked)}")
+            seen.add(ranking)
+        now = {f.term: f for f in path}
+        lines.extend(f"− {term}" for term in known if term not in now)
+        lines.extend(f"+ {'  '.join(row(f.candidate)).rstrip()}" for t, f in now.items() if t not in known)
+        lines.extend([told(step)] if told(step) != lines[-1] else [])
+        known[:] = now
+
+    done = complete(trail, show)
+    show(done.last, end=True)
+    found = (f"{f.term} (or {', '.join(map(str, f.rivals))})" if f.rivals else str(f.term) for f in done.findings)
+    lines.append(f"{done.work.refits} refits; found: {', '.join(found) or 'nothing'}")
+    return [*lines, *(f"joint {v.joint + 1}: {v.verdict}, {v.why}" for v in decide(done).joints)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("recordings", type=Path, nargs="+")
+    parser.add_argument("--held-out", type=Path, nargs="+", default=[])
+    parser.add_argument("--beside", nargs="+", default=[], metavar="TERM", help="EFFECT@JOINT, added first")
+    parser.add_argument("--search", action="store_true", help="follow the whole search")
+    given = parser.parse_args()
+    try:
+        _, data, model = TypedInputs(given.model, given.recordings, given.held_out, allow_gaps=True).read()
+        terms = [parse_hidden(text, model, "--beside").term for text in given.beside]
+        fitted = len(given.recordings)
+        trail = beside(begin(model, data[:fitted], data[fitted:]), terms)
+    except (ValueError, OSError) as error:
+        sys.exit(str(error))
+    print("\n".join(searched(trail)) if given.search else table(compared(trail).ranking.candidates))
+
+
+if __name__ == "__main__":
+    main()
