@@ -230,7 +230,7 @@ class Weighing:
         left = taken.beyond(self._white_block.torque(theta))
         rows, start, x, r = own.joints, 0, [], []
         for joint, e in zip(rows, own.solution.residual, strict=True):
-            x.append(left[start : start + joint.count] / joint.weight)
+            x.append(left[start : start + joint.count] / (joint.weight or 1.0))
             r.append(joint.used(e))
             start += joint.count
         return score.dispersion([joint.independent for joint in rows], [a + b for a, b in zip(x, r, strict=True)], r)

@@ -37,7 +37,7 @@ from runtime.diagnosis.settings import (
     SHOWN_ALIKE,
     WORTH_A_REFIT,
 )
-from runtime.diagnosis.steps import Step, Trail, seconds_moving, with_witnessed
+from runtime.diagnosis.steps import CutShort, Step, Trail, seconds_moving, with_witnessed
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.model.terms import Term, joints_of
 
@@ -161,23 +161,35 @@ def lengthened(trail: Trail) -> Trail:
     """The trail with the best candidate of every joint at which one holds once all is refitted, the likeliest first."""
     winners: list[tuple[Refitted, tuple[Term, ...]]] = []
     asked: list[Candidate] = []
-    for joint in dict.fromkeys(c.term.joint for c in trail.ranking.candidates):
-        for batch in _batches(_able(trail, joint)):
-            those = [_refitted(trail, c) for c in batch]
-            asked += [one.candidate for one in those]
-            found = _best(trail, those)
-            if found is not None:
-                winners.append(found)
-                break
+    try:
+        for joint in dict.fromkeys(c.term.joint for c in trail.ranking.candidates):
+            winners += _winner(trail, joint, asked)
+    except CutShort:
+        pass  # what was found before is named
     trail = replace(trail, ranking=trail.ranking.with_refitted(asked))
     winners.sort(key=lambda item: -item[0].candidate.evidence.net)
     ranking = trail.ranking
     for best, rivals in winners:
         last = trail.last
-        made = best if best is winners[0][0] else _refitted(trail, best.candidate, stale=True)
+        try:
+            made = best if best is winners[0][0] else _refitted(trail, best.candidate, stale=True)
+        except CutShort:
+            break
         if made.candidate.passes:
             trail = trail.to(made.step.after(last, made.candidate, ranking, rivals))
     return trail
+
+
+def _winner(trail: Trail, joint: int | None, asked: list[Candidate]) -> list[tuple[Refitted, tuple[Term, ...]]]:
+    """The best candidate of a joint (from 1) that holds, with its rivals; none where none does. asked: gets those that
+    were refitted."""
+    for batch in _batches(_able(trail, joint)):
+        those = [_refitted(trail, c) for c in batch]
+        asked += [one.candidate for one in those]
+        found = _best(trail, those)
+        if found is not None:
+            return [found]
+    return []
 
 
 def _able(trail: Trail, joint: int | None) -> list[Candidate]:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runtime.diagnosis.pruning import without_insignificant
 from scipy.signal import lfilter
 
 from runtime.diagnosis.ranking import weigh
-from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.search import with_rivals_decided
+from runtime.diagnosis.stages import begin, diagnose, follow
 from runtime.diagnosis.steps import Step, Trail
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.fitting import fit_motion
@@ -22,7 +22,7 @@ from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
 from runtime.report.diagnosed import finding_entry
 from runtime.workspace.source import Source
-from tests import bank, spatial_wrist
+from tests import spatial_wrist
 from tests.kept import kept
 from tests.upright import Upright, model, record
 from tests.variants import slow
@@ -109,26 +109,35 @@ def disturbed_at_the_first_joint(seed: int) -> Recording:
     return replace(made, tau=tau)
 
 
-def test_what_the_data_no_longer_tell_is_taken_back_and_nothing_else(opened) -> None:
-    """A load friction was found; a spring and an offset that are not there stand beside it."""
+def test_what_a_later_finding_makes_needless_is_dropped(opened) -> None:
+    """A spring and an offset that are not there stand in the trail before load friction is sought."""
     recording = kept(record, Upright(gravity=9.81, by_load=0.2), 10)
-    trail = longer = kept(bank.advanced, opened(gravity=9.81), [recording])
-    assert [str(f.term) for f in trail.findings] == ["load_friction@1"]
+    trail = begin(opened(gravity=9.81), [recording])
     for effect in ("linear_spring", "offset"):
-        longer = longer.to(forced(longer, Term(effect, 1)))
-    pruned = without_insignificant(longer)
-    assert [str(f.term) for f in pruned.findings] == ["load_friction@1"]
-    assert len(longer.findings) == 3
-    assert pruned.last.shapes.keys() == trail.last.shapes.keys()
-    assert without_insignificant(pruned) is pruned
+        trail = trail.to(forced(trail, Term(effect, 1)))
+    found = follow(trail)
+    assert [str(f.term) for f in found.findings] == ["load_friction@1"]
+    assert found.taken_back == {Term("linear_spring", 1), Term("offset", 1)}
 
 
-def forced(trail: Trail, term: Term) -> Step:
-    """A term added against all gates."""
+def test_a_likelier_rival_is_swapped_in(opened) -> None:
+    """A spring stands where gravity is, which bends the load that friction reads."""
+    recording = kept(record, Upright(gravity=9.81, by_load=0.2), 10)
+    trail = begin(opened(), [recording])
+    trail = trail.to(replace(forced(trail, Term("linear_spring", 1), Term("gravity")), rivals=(Term("gravity"),)))
+    trail = trail.to(forced(trail, Term("load_friction", 1)))
+    found = with_rivals_decided(trail)
+    assert sorted(str(f.term) for f in found.findings) == ["gravity", "load_friction@1"]
+    assert found.last.fitted.rms[0] < trail.last.fitted.rms[0]
+
+
+def forced(trail: Trail, term: Term, *rivals: Term) -> Step:
+    """A term added against all gates, weighed beside some rivals."""
     before = trail.last
-    candidate = before.base.search(term)
+    found = [before.base.search(t) for t in (term, *rivals)]
+    ranking = weigh(before.base, [c for c in found if c is not None], before.floors)
+    candidate = ranking.of(term)
     assert candidate is not None
-    ranking = weigh(before.base, [candidate], before.floors)
     shapes = {**before.shapes, term: dict(candidate.shape)}
     after = Step.of(fit_motion(trail.model, trail.motion, shapes, start=before.fit))
-    return after.after(before, ranking.candidates[0], ranking)
+    return after.after(before, candidate, ranking)
