@@ -46,7 +46,6 @@ ELSEWHERE = {
     "diagnosis/candidates.py: _search_beside_grid": "numerics: where a simplex begins and ends",
     "diagnosis/detection_limits.py: _between": "how finely a limit is said",
     "diagnosis/steps.py: lines_above": "a hundredth of an order, less than a motor's lines are apart",
-    "diagnosis/search.py: _beside": "a step for a derivative",
     "regression/bounded.py": "numerics of least squares: what is rounding, and where a solver ends",
     "regression/noise.py: Whitening": "what is rounding",
     "regression/rows.py: Block": "where squares overflow",

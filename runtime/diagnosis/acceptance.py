@@ -14,7 +14,7 @@ import numpy as np
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, ONCE, REST, SCORE, SHARE, SIZE, STEADY, TURN, GateResult
 from runtime.diagnosis.heard import Heard, heard, spread_over, steadily
-from runtime.diagnosis.score import Evidence, Yardstick
+from runtime.diagnosis.score import Evidence, Yardstick, likelihood
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
     ALIKE,
@@ -93,8 +93,9 @@ def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: 
         said = heard(other.held_out, best.held_out, groups)
         if said.clear or said.falls_to >= 1:
             return said.clear
-    likelier = between(best, other, cost).net > ALIKE
-    return likelier and steadily(other.fitted, best.fitted, groups) > VUONG_APART
+    joints = best.base.system.joints
+    gained = likelihood(joints, other.fit.residual) - likelihood(joints, best.fit.residual)
+    return gained - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > VUONG_APART
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:

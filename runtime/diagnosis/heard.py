@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +53,6 @@ class Heard:
         return self.repays > 0
 
 
-_DENIED = Heard(float("inf"), 0.0)
-
-
 def heard(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> Heard:
     """Of one fit's errors against another's, at that of some groups of joints (0-based) at which it falls most; no
     joint may lose more than a part of what is gained there."""
@@ -63,7 +61,7 @@ def heard(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> Hear
     gained = -np.log(best.falls_to)
     against = [_at(other, one, (i,)) for i in range(len(one.rms))]
     lost = sum(-np.log(h.falls_to) for h in against if h.clear)
-    return best if lost <= OUTWEIGHED * max(gained, 0.0) else _DENIED
+    return best if lost <= OUTWEIGHED * max(gained, 0.0) else Heard(inf, 0.0)
 
 
 def steadily(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> float:
@@ -93,9 +91,9 @@ def compared(left: Sequence[Array], before: Sequence[Array], ties: Sequence[int]
     parts = [_stretched(a / u, b / u, tie) for a, b, u, tie in zip(left, before, units, ties, strict=True)]
     now, was, sizes = (np.concatenate([part[k] for part in parts] or [np.zeros(0)]) for k in range(3))
     if not len(now) or not np.isfinite([*now, *was]).all():
-        return _DENIED
+        return Heard(inf, 0.0)
     logs = np.log(was / now)
-    spread = float(np.std(logs, ddof=1)) / len(logs) ** 0.5 if len(logs) > 1 else float("inf")
+    spread = float(np.std(logs, ddof=1)) / len(logs) ** 0.5 if len(logs) > 1 else inf
     sigmas = float(np.mean(logs)) / spread if spread > 0 else 0.0
     # The longest stretches are those in which the fits hardly differ.
     busy = np.argsort(-sizes, kind="stable")[round(IDLE * len(sizes)) :]

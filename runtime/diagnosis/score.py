@@ -97,6 +97,16 @@ class Yardstick:
         return Evidence(*found, price, repaid)
 
 
+def likelihood(joints: Sequence[JointRows], residual: Residuals) -> float:
+    """Logarithm, up to a constant, of a fit's residuals with the noise model that is likeliest for them: each fit is
+    whitened by a filter of its own, so that neither of two laws is judged by the other's noise."""
+    own = Yardstick.of(joints, residual)
+    white = own.white(residual)
+    # Filters begin with 1: they change no volume.
+    pairs = [(n, float(np.mean(r**2))) for n, r in zip(own.independent, white, strict=True) if n]
+    return -0.5 * sum(n * float(np.log(max(square, 1e-300))) for n, square in pairs)
+
+
 def gain(independent: Sequence[int], before: Residuals, after: Residuals) -> float:
     """Of the log-likelihood, of whitened residuals."""
     found = 0.0

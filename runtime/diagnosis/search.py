@@ -162,28 +162,45 @@ def lengthened(trail: Trail) -> Trail:
     winners: list[tuple[Refitted, tuple[Term, ...]]] = []
     asked: list[Candidate] = []
     try:
-        for joint in dict.fromkeys(c.term.joint for c in trail.ranking.candidates):
-            winners += _winner(trail, joint, asked)
+        for place in dict.fromkeys(_place(trail, c.term) for c in trail.ranking.candidates):
+            winners += _winner(trail, place, asked)
     except CutShort:
         pass  # what was found before is named
     trail = replace(trail, ranking=trail.ranking.with_refitted(asked))
     winners.sort(key=lambda item: -item[0].candidate.evidence.net)
-    ranking = trail.ranking
+    return _chained(trail, winners)
+
+
+def _chained(trail: Trail, winners: Sequence[tuple[Refitted, tuple[Term, ...]]]) -> Trail:
+    """The trail with the winners of all places one after another; one that does not hold beside those before, but would
+    do as well in the place of one of them, is its rival."""
+    ranking, added = trail.ranking, list[Refitted]()
     for best, rivals in winners:
         last = trail.last
         try:
-            made = best if best is winners[0][0] else _refitted(trail, best.candidate, stale=True)
+            made = best if not added else _refitted(trail, best.candidate, stale=True)
         except CutShort:
             break
         if made.candidate.passes:
             trail = trail.to(made.step.after(last, made.candidate, ranking, rivals))
+            added.append(best)
+            continue
+        for other in added:
+            if _share_a_joint(trail, other.term, best.term) and not _clearly_worse(trail, best, other):
+                known = next(f.rivals for f in trail.findings if f.term == other.term)
+                trail = with_rivals(trail, {other.term: (*known, best.term)})
     return trail
 
 
-def _winner(trail: Trail, joint: int | None, asked: list[Candidate]) -> list[tuple[Refitted, tuple[Term, ...]]]:
-    """The best candidate of a joint (from 1) that holds, with its rivals; none where none does. asked: gets those that
-    were refitted."""
-    for batch in _batches(_able(trail, joint)):
+def _place(trail: Trail, term: Term) -> int | None:
+    """The joint (from 1) at which a term competes with others; None of one that acts on several."""
+    return 1 if trail.model.n == 1 else term.joint
+
+
+def _winner(trail: Trail, place: int | None, asked: list[Candidate]) -> list[tuple[Refitted, tuple[Term, ...]]]:
+    """The best candidate of a place that holds, with its rivals; none where none does. asked: gets those that were
+    refitted."""
+    for batch in _batches(_able(trail, place)):
         those = [_refitted(trail, c) for c in batch]
         asked += [one.candidate for one in those]
         found = _best(trail, those)
@@ -192,11 +209,10 @@ def _winner(trail: Trail, joint: int | None, asked: list[Candidate]) -> list[tup
     return []
 
 
-def _able(trail: Trail, joint: int | None) -> list[Candidate]:
-    """Candidates of a joint (from 1) that pass, or may once recordings that are not fitted are heard, the likeliest
-    first."""
+def _able(trail: Trail, place: int | None) -> list[Candidate]:
+    """Candidates of a place that pass, or may once recordings that are not fitted are heard, the likeliest first."""
     heard = trail.held_out is not None
-    here = [c for c in trail.ranking.candidates if c.term.joint == joint and c.term not in trail.taken_back]
+    here = [c for c in trail.ranking.candidates if _place(trail, c.term) == place and c.term not in trail.taken_back]
     able = [c for c in here if c.passes or (heard and _hopeful(c))]
     able = [c for c in able if seconds_moving(trail.motion, joints_of(trail.model, c.term)[0]) >= LEAST_MOVING_S]
     return sorted(able, key=lambda c: -c.evidence.gain)
@@ -237,7 +253,7 @@ def _best(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Term
     ranked = trail.ranking
     if ranked.candidates and ranked.candidates[0].term in (first.term, *rivals):
         tried = {one.term for one in those}
-        rivals += [t for t in ranked.rivals if t not in tried and t.joint == first.term.joint]
+        rivals += [t for t in ranked.rivals if t not in tried and _place(trail, t) == _place(trail, first.term)]
     return first, tuple(rivals)
 
 

@@ -35,7 +35,7 @@ VUONG_APART: Final = 2.33
 trial of a method."""
 
 ALIKE: Final = 5.0
-"""natural logarithm; two candidates are told apart beyond it: "very strong" (Kass & Raftery 1995)."""
+"""natural logarithm; two candidates are told apart beyond it; "very strong" (Kass & Raftery 1995)."""
 
 # the search over candidates -----------------------------------------------------------------------------------------
 
