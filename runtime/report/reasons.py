@@ -188,9 +188,7 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
     gates.EDGE.name: lambda *_: "its shape lies at the edge of what was searched",
     gates.SHARE.name: _told("with everything refitted it takes away {} % of the excess, not {} %", 100),
     gates.FALL.name: _told("with it and everything refitted, the error falls by {} %, not by {} %", 100),
-    gates.ONCE.name: lambda r, *_: (
-        f"it acts in {_told(r.value, r.limit)[0]} of 40 stretches of time: what happened once may be anything"
-    ),
+    gates.ONCE.name: _told("it acts in {} of 40 stretches of time, not in more than {}: it may be anything"),
     gates.STEADY.name: _told(
         "what helps at one moment harms at others: the error falls by {} standard deviations over stretches, not by {}"
     ),
