@@ -134,7 +134,7 @@ class FittedBase:
         system, smoothed = self.fit.linearised, smoothing_change(self.fit)
         if smoothed:
             # Between the load that is smoothed and the one that is not lies the truth.
-            system = system.with_block(replace(change("smoothing", smoothed, 0.0, 1.0), change=False))
+            system = system.with_block(change("smoothing", smoothed, 0.0, 1.0))
         return system.over([self._rows(i, rows) for i, rows in enumerate(system.joints)])
 
     def _rows(self, joint: int, rows: JointRows) -> JointRows:

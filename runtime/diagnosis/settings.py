@@ -90,10 +90,10 @@ half a noise floor and more are 0.07 to 0.4 wide on development recordings."""
 
 HEARD_SIGMAS: Final = 2.33
 """standard deviations; recordings that were not fitted bear an effect out beyond it, and repay half its square of the
-price: one per cent of a normal distribution, on one side."""
+price; one per cent of a normal distribution, on one side."""
 
 IDLE: Final = 0.1
-"""part of the stretches of a recording that was not fitted, the longest: what two fits make of a time in which they
+"""part of the stretches of a recording that was not fitted, the longest; what two fits make of a time in which they
 hardly differ is not asked; a choice."""
 
 AS_WELL: Final = 0.5

@@ -200,7 +200,7 @@ def _inertias(model: Model, q: Array, lumps: Array) -> Array:
 def change(key: Hashable, columns: Mapping[int, Array], lower: float = -np.inf, upper: float = np.inf) -> Block:
     """A block of one column, (M,) by joint, without noise: what a change of a parameter adds to the torque."""
     rows = {joint: Columns(np.stack([np.zeros_like(x), x])) for joint, x in columns.items()}
-    return Block(key, rows, np.array([lower]), np.array([upper]), change=True, version=(key, object()))
+    return Block(key, rows, np.array([lower]), np.array([upper]), version=(key, object()))
 
 
 def _arm(regressors: Regressors, joint: int) -> Array:

@@ -140,13 +140,3 @@ def lag_by_lag(scores: Array) -> float:
     for lag in range(1, lags + 1):
         variance += 2 * (1 - lag / (lags + 1)) * float(centred[lag:] @ centred[:-lag])
     return variance
-
-
-def vuong(better: Array, worse: Array) -> float:
-    """Vuong's statistic of two residuals (N,) with a variance robust to autocorrelation.
-
-    Source: Vuong 1989.
-    """
-    variance = float(better @ better) / len(better)
-    gain = (worse**2 - better**2) / (2 * variance)
-    return float(gain.sum() / np.sqrt(max(lag_by_lag(gain), 1e-300)))

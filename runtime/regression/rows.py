@@ -105,15 +105,14 @@ class Columns:
 class Block:
     """A term's columns by joint (0-based), and the bounds (k,) of its coefficients.
 
-    key: the term's; version: equal for equal columns; change: whether its unknowns are changes of fitted values, so
-    that zero is neutral; near (k,): where a coefficient stays of which no row says anything, None: at zero
+    key: the term's; version: equal for equal columns; near (k,): where a coefficient stays of which no row says
+    anything, None: at zero
     """
 
     key: Hashable
     columns: Mapping[int, Columns]
     lower: Array
     upper: Array
-    change: bool = False
     near: Array | None = None
     version: Hashable = None
 

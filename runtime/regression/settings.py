@@ -22,8 +22,3 @@ noise correction of linear prediction, where the band's filter leaves a hundredt
 LEAST_OWN: Final = 1e-4
 """part of a column's square; so much the base must leave of it for the column to count as the candidate's own: a
 hundredth of its size; development recordings."""
-
-SHRINKAGE: Final = 0.01
-"""part of what all rows tell of an effect's coefficient; so much speaks for zero where a stretch is left out: where the
-rest tells a hundredth, as of a stop that is only brushed there, its noise does not decide; where it tells nine tenths,
-the coefficient moves by a hundredth; a choice, and simulated recordings of a stop touched once and brushed once."""

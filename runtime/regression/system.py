@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
 from runtime.regression.noise import Whitening
 from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, merged
-from runtime.regression.settings import LEAST_OWN, SHRINKAGE
+from runtime.regression.settings import LEAST_OWN
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -42,12 +42,11 @@ class BlockPlace:
     lower: Array
     upper: Array
     near: Array
-    change: bool
 
     @classmethod
     def of(cls, block: Block, start: int) -> BlockPlace:
         near = np.zeros(len(block.lower)) if block.near is None else block.near
-        return cls(block.key, start, block.lower, block.upper, near, block.change)
+        return cls(block.key, start, block.lower, block.upper, near)
 
     @property
     def rows(self) -> Places:
@@ -269,12 +268,6 @@ class LinearSystem:
         return Alike(self.normal[None], *self.bounds, ends=self._ends, core=core)
 
     @cached_property
-    def _rests(self) -> Alike:
-        core = None if self.base is None else self.base._rests
-        grams = self._whole.grams - self._folds + np.diag(self._shrinkage)
-        return Alike(grams, *self.bounds, ends=self._ends, core=core)
-
-    @cached_property
     def _ends(self) -> list[Sides]:
         """On which bounds coefficients may end: where those of the base do, whatever other systems over it have found,
         so that no solution depends on the order of candidates."""
@@ -283,32 +276,6 @@ class LinearSystem:
         theta, (lower, upper) = self.base.solution.coefficients, self.base.bounds
         sides = np.where(theta == lower, 1, np.where(theta == upper, -1, 0))
         return [np.append(sides, np.zeros(len(self.unknown) - len(theta))).astype(np.int8)]
-
-    @cached_property
-    def _shrinkage(self) -> Array:
-        """(K,) what pulls coefficients to zero where a fold is left out.
-
-        An effect may act in one fold alone: what the others say of it then is noise. Only candidates are pulled, and
-        changes of fitted values. Zero is no neutral value of a torque that has a part without coefficient, nor of one
-        in the place of a block that is left out, whose whole torque it has.
-        """
-        found = np.zeros(len(self.unknown))
-        if self.base is not None:
-            before, own = len(self.base.unknown), self.blocks[-1]
-            found[:before] = self.base._shrinkage
-            whole = self.gram.sum(axis=0)
-            if whole[own.start, own.start] == 0 and not self.zero:
-                cross = whole[own.rows][:, self.base.unknown]
-                alone = np.diagonal(whole)[own.rows] - ((cross @ self.base.projection) * cross).sum(axis=1)
-                found[before:] = SHRINKAGE * np.maximum(alone, 0.0)
-            return found
-        changes = np.concatenate([np.zeros(0, dtype=bool), *(np.full(len(b.lower), b.change) for b in self.blocks)])
-        free = np.flatnonzero(self.bounds[0] < self.bounds[1])
-        gram = self._whole.grams[0][np.ix_(free, free)]
-        for k in free[changes[free]]:
-            spread = solve(gram, (free == k).astype(float))[free == k][0]
-            found[k] = SHRINKAGE / spread if spread > 0 else 0.0
-        return found
 
     # solutions -------------------------------------------------------------------------------------------------------
 
@@ -557,38 +524,6 @@ class Solution:
         (moments, squares), theta = self._moments, self.coefficients[None]
         left = _left(self.system._whole.grams, moments.sum(axis=0)[None], squares.sum()[None], theta)
         return float(left[0] + self.system.level.sum())
-
-    @cached_property
-    def held_out(self) -> tuple[Array, Array]:
-        """Squared errors (FOLDS,) on each fold of the solution of the others, and on these."""
-        (moments, squares), level = self._moments, self.system.level
-        others, rest = moments.sum(axis=0) - moments, squares.sum() - squares
-        theta = self.system._rests.solve(others)
-        held = _left(self.system._folds, moments, squares, theta)
-        trained = _left(self.system._whole.grams - self.system._folds, others, rest, theta)
-        return held + level, trained + level.sum() - level
-
-    @property
-    def bic(self) -> float:
-        """Of all that is solved for here; shapes that were searched come on top."""
-        return bic(self.sse, self.system.count, self.system.rank)
-
-    @cached_property
-    def log_likelihood(self) -> float:
-        """Gaussian, of each fold with the variance of the others.
-
-        Minus infinity where compensation leaves no variance: such a model explains noise.
-        """
-        (held, trained), sizes = self.held_out, self.system.sizes
-        if np.any(trained <= 0):
-            return float("-inf")
-        variance = trained / (sizes.sum() - sizes)
-        return float(np.sum(-0.5 * sizes * np.log(2 * np.pi * variance) - held / (2 * variance)))
-
-
-def bic(sse: float, count: int, parameters: int) -> float:
-    """Bayesian information criterion of a sum of squares over `count` rows, up to a constant. Source: Schwarz 1978."""
-    return count * float(np.log(max(sse, 1e-300) / count)) + parameters * float(np.log(count))
 
 
 def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:

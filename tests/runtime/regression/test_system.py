@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from runtime.regression.noise import Whitening, autoregression, vuong
+from runtime.regression.noise import Whitening, autoregression
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.settings import FOLDS, WHITE_LEAST
 from runtime.regression.system import LinearSystem
@@ -31,15 +31,15 @@ class Joint:
     unknowns: tuple[int, ...] = ()
 
 
-def system(*joints: Joint, change: int | None = None) -> LinearSystem:
-    """All unknowns free; change: the number of one that is a change of what was fitted."""
+def system(*joints: Joint) -> LinearSystem:
+    """All unknowns free."""
     of = [one.unknowns or tuple(range(len(one.base))) for one in joints]
     rows = [whole(one.y) for one in joints]
     blocks = []
     for k in range(max(n for own in of for n in own) + 1):
         at = [(j, own.index(k)) for j, own in enumerate(of) if k in own]
         columns = {j: columns_of(joints[j], i) for j, i in at}
-        blocks.append(Block(f"base {k}", columns, np.full(1, -np.inf), np.full(1, np.inf), change=k == change))
+        blocks.append(Block(f"base {k}", columns, np.full(1, -np.inf), np.full(1, np.inf)))
     return LinearSystem.of(rows, blocks).over(rows)
 
 
@@ -58,10 +58,6 @@ def block(*columns: Array, fixed: Array | None = None, lower: float = -np.inf, j
     first = np.zeros(x.shape[1]) if fixed is None else fixed
     bounds = np.full(len(x), lower), np.full(len(x), np.inf)
     return Block("candidate", {joint: Columns(np.vstack([first, x]))}, *bounds)
-
-
-def held_out(of: LinearSystem) -> float:
-    return float(of.solution.held_out[0].sum())
 
 
 def test_quick_and_full_errors_agree() -> None:
@@ -101,7 +97,7 @@ def test_a_system_is_freed_at_once() -> None:
     gone = weakref.ref(made)
     gc.disable()
     try:
-        assert made.solution.sse > made.solution.held_out[1].min() > 0
+        assert made.solution.sse > 0
         del made
         assert gone() is None
     finally:
@@ -116,39 +112,6 @@ def test_what_joints_share_counts_once() -> None:
     shared = system(one, two)
     assert shared.with_block(block(first)).solution.sse < 1e-9 < 1.0 < shared.solution.sse
     assert system(one).solution.sse < 1e-9
-
-
-def test_cross_validation_rewards_truth_and_punishes_noise() -> None:
-    rng = np.random.default_rng(1)
-    truth, noise = rng.standard_normal(2000), rng.standard_normal((30, 2000))
-    found = system(Joint(0.5 * truth + rng.standard_normal(2000), np.ones((1, 2000))))
-    assert held_out(found.with_block(block(truth))) < 0.85 * held_out(found)
-    assert held_out(found.with_block(block(*noise))) > held_out(found)
-
-
-def test_what_one_stretch_alone_tells_hides_no_effect() -> None:
-    """A change of the moment at which a load is taken up shows in one fold; where that is left out, the noise of the
-    others would say what it is."""
-    rng = np.random.default_rng(7)
-    truth, moment = rng.standard_normal(2000), 1e-3 * rng.standard_normal(2000)
-    moment[1040:1050] = 1.0
-    joint = Joint(0.3 * truth + rng.standard_normal(2000), np.vstack([np.ones(2000), moment]))
-    pulled = system(joint, change=1)
-    before, after = held_out(pulled), held_out(pulled.with_block(block(truth)))
-    assert held_out(system(joint)) > 1.5 * before
-    assert before == pytest.approx(1.09 * 2000, rel=0.1)
-    assert 1 - after / before == pytest.approx(0.09 / 1.09, abs=0.03)
-
-
-def test_what_replaces_a_large_torque_is_not_pulled_to_zero() -> None:
-    """A law of two sides in the place of one that is a hundred times the noise."""
-    rng = np.random.default_rng(11)
-    rate = rng.standard_normal(2000)
-    sides = np.maximum(rate, 0.0), np.minimum(rate, 0.0)
-    joint = Joint(100.0 * sides[0] + 101.0 * sides[1] + rng.standard_normal(2000), rate[None])
-    plain = system(joint)
-    one_sided = plain.without([plain.blocks[0].key]).with_block(block(*sides))
-    assert held_out(one_sided) < 0.9 * held_out(plain)
 
 
 def test_autoregression_is_recovered() -> None:
@@ -167,12 +130,13 @@ def test_autoregression_is_recovered() -> None:
     assert np.isclose(np.std(found.whitening(r)(r)), left, rtol=0.02)
 
 
-def bic_fall(of: LinearSystem, candidate: Block) -> float:
-    """Of whitened rows, by what makes the candidate's residual white."""
+def gained(of: LinearSystem, candidate: Block) -> float:
+    """Of the log-likelihood on whitened rows, by what makes the candidate's residual white."""
     left = of.with_block(candidate).solution.residual
     by = [rows.whitening(r) for rows, r in zip(of.joints, left, strict=True)]
     white = of.whitened(by, left)
-    return white.solution.bic - white.with_block(candidate.whitened(by)).solution.bic
+    after = white.with_block(candidate.whitened(by)).solution.sse
+    return 0.5 * white.count * float(np.log(white.solution.sse / after))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -189,9 +153,9 @@ def test_evidence_at_a_joint_does_not_hang_on_what_other_joints_leave(seed: int)
         of.over([whole(rows.tau, weight) for rows, weight in zip(of.joints, weights, strict=False)])
         for of in (system(one), system(one, *others))
     ]
-    expected = bic_fall(both[0], block(column))
-    assert expected > 100
-    assert bic_fall(both[1], block(column)) == pytest.approx(expected, rel=0.2)
+    expected = gained(both[0], block(column))
+    assert expected > 50
+    assert gained(both[1], block(column)) == pytest.approx(expected, rel=0.2)
 
 
 @pytest.mark.parametrize("missing", ["none", "rows", "stretch"])
@@ -246,13 +210,6 @@ def test_unknowns_left_out_are_as_good_as_never_there() -> None:
     y = rng.standard_normal(300)
     others = system(Joint(y, base[[0, 2]])).solution.sse
     assert np.isclose(system(Joint(y, base)).without(["base 1"]).solution.sse, others)
-
-
-def test_vuong_tells_better_from_equal() -> None:
-    rng = np.random.default_rng(4)
-    r = rng.standard_normal(5000)
-    assert vuong(r, 1.1 * r + 0.3 * rng.standard_normal(5000)) > 2.33
-    assert abs(vuong(r + 0.05 * rng.standard_normal(5000), r + 0.05 * rng.standard_normal(5000))) < 2.33
 
 
 def test_folds_are_contiguous_and_even() -> None:
