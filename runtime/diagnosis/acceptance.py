@@ -51,7 +51,7 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     results = [
         SCORE.asked(evidence.score, evidence.due),
         *kept,
-        *([] if said and said.repays else _without_another_recording(before, after, term)),
+        *([] if said and said.repays else _without_another_recording(before, after, candidate)),
         FALL.asked(max(_fall(before, after, i) for i in own_joints(model, term))),
         STEADY.asked(steadily(after.fitted, before.fitted, acting(model, term))),
         SIZE.asked(float(_at_a_bound(after, term))),
@@ -113,15 +113,18 @@ def above_noise(step: Step, joints: Sequence[int]) -> bool:
     return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
 
 
-def _without_another_recording(before: Step, after: Step, term: Term) -> list[GateResult]:
+def _without_another_recording(before: Step, after: Step, candidate: Candidate) -> list[GateResult]:
     """Of the gates that recordings answer better which were not fitted: the part of what is above the noise that a term
-    takes away, at that of its joints where it is most, and over how much time."""
-    info, parts = after.fit.model.library.effects[term.effect], []
-    for i in own_joints(after.fit.model, term):
+    takes away, at that of its joints where it is most, and over how much time, if other laws come near."""
+    model, parts = after.fit.model, []
+    own = own_joints(model, candidate.term)
+    for i in own:
         was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
         parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
-    spread = max(spread_over(after.fitted, before.fitted, i) for i in own_joints(after.fit.model, term))
-    return [SHARE.asked(max(parts), SHARE.limit / 2 if info.several else None), ONCE.asked(spread)]
+    several = model.library.effects[candidate.term.effect].several
+    share = SHARE.asked(max(parts), SHARE.limit / 2 if several else None)
+    spread = max(spread_over(after.fitted, before.fitted, i) for i in own)
+    return [share] if candidate.alone else [share, ONCE.asked(spread)]
 
 
 def error_falls(before: Step, after: Step, joint: int) -> bool:

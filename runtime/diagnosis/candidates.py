@@ -51,6 +51,7 @@ class Candidate:
     fall        of the squared error on the excerpt
     edge        distance of the shape from an end of what was searched, part of the stretch
     eff         RMS torque that only it explains, N m (N)
+    alone       whether no other law comes near it at its joints
     twist       set where a link-side encoder's rows were weighed in the place of the torque's: then eff is 0
     evidence    what speaks for it beside the fitted model     results  of the gates, in their order
     """
@@ -62,6 +63,7 @@ class Candidate:
     edge: float
     among: int = 1
     eff: float = 0.0
+    alone: bool = False
     twist: TwistResidual | None = None
     evidence: Evidence = NOT_WEIGHED
     results: tuple[GateResult, ...] = ()

@@ -106,11 +106,11 @@ SHARE: Final = Gate(
 ONCE: Final = Gate(
     "once",
     "number of even stretches of time, of 40, over which its torque is spread; not asked where recordings that were "
-    "not fitted bear it out",
+    "not fitted bear it out, or no other law has half its gain",
     "above",
     2.0,
     "stretches",
-    "what happened once may be anything",
+    "what happened once may be any of several laws",
     "a choice: twice, or for a twentieth of the time",
 )
 FALL: Final = Gate(

@@ -7,7 +7,7 @@ A set that was scored is never scored again by these rules: a term that was drop
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from runtime.diagnosis.acceptance import (
@@ -22,7 +22,7 @@ from runtime.diagnosis.acceptance import (
     refitted,
 )
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import FALL, ONCE, REST, SCORE, SHARE, STEADY
+from runtime.diagnosis.gates import FALL, HELD_OUT, ONCE, REST, SCORE, SHARE, STEADY
 from runtime.diagnosis.ranking import Ranking, rank, weigh
 from runtime.diagnosis.score import NOT_WEIGHED
 from runtime.diagnosis.settings import (
@@ -48,7 +48,9 @@ def compared(trail: Trail) -> Trail:
     """The trail with all candidates ranked beside its last step."""
     sought = trail.sought
     terms = [t for t in trail.last.base.terms() if sought is None or sought.intersection(joints_of(trail.model, t))]
-    return replace(trail, ranking=_ranked(trail.last, terms))
+    ranking = _ranked(trail.last, terms)
+    known = (trail.refused.get(trail.company(c.term)) for c in ranking.candidates if c.passes)
+    return replace(trail, ranking=ranking.with_refitted([c for c in known if c is not None]))
 
 
 def _ranked(step: Step, terms: Iterable[Term]) -> Ranking:
@@ -166,7 +168,10 @@ def lengthened(trail: Trail) -> Trail:
             winners += _winner(trail, place, asked)
     except CutShort:
         pass  # what was found before is named
-    trail = replace(trail, ranking=trail.ranking.with_refitted(asked))
+    # What recordings that were not fitted deny hangs on all joints.
+    final = [c for c in asked if not c.passes and not any(r.gate is HELD_OUT for r in c.failed)]
+    refused = {**trail.refused, **{trail.company(c.term): c for c in final}}
+    trail = replace(trail, ranking=trail.ranking.with_refitted(asked), refused=refused)
     winners.sort(key=lambda item: -item[0].candidate.evidence.net)
     return _chained(trail, winners)
 
@@ -201,7 +206,7 @@ def _winner(trail: Trail, place: int | None, asked: list[Candidate]) -> list[tup
     """The best candidate of a place that holds, with its rivals; none where none does. asked: gets those that were
     refitted."""
     for batch in _batches(_able(trail, place)):
-        those = [_refitted(trail, c) for c in batch]
+        those = _apart([_refitted(trail, c) for c in batch])
         asked += [one.candidate for one in those]
         found = _best(trail, those)
         if found is not None:
@@ -209,11 +214,20 @@ def _winner(trail: Trail, place: int | None, asked: list[Candidate]) -> list[tup
     return []
 
 
+def _apart(those: list[Refitted]) -> list[Refitted]:
+    """Some refits of one place; the likeliest is alone if no other comes near it."""
+    first, *rest = sorted(those, key=lambda one: -one.candidate.evidence.gain)
+    if any(one.candidate.evidence.gain > WORTH_A_REFIT * first.candidate.evidence.gain for one in rest):
+        return those
+    asked = tuple(r for r in first.candidate.results if r.gate is not ONCE)
+    return [replace(first, candidate=replace(first.candidate, alone=True, results=asked)), *rest]
+
+
 def _able(trail: Trail, place: int | None) -> list[Candidate]:
     """Candidates of a place that pass, or may once recordings that are not fitted are heard, the likeliest first."""
     heard = trail.held_out is not None
     here = [c for c in trail.ranking.candidates if _place(trail, c.term) == place and c.term not in trail.taken_back]
-    able = [c for c in here if c.passes or (heard and _hopeful(c))]
+    able = [c for c in here if c.passes or (heard and _hopeful(c) and trail.company(c.term) not in trail.refused)]
     able = [c for c in able if seconds_moving(trail.motion, joints_of(trail.model, c.term)[0]) >= LEAST_MOVING_S]
     return sorted(able, key=lambda c: -c.evidence.gain)
 
@@ -240,7 +254,8 @@ def _best(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Term
         return None
     best = max(able, key=lambda one: one.candidate.evidence.net)
     for one in able:
-        if one is not best and preferred(one.step, best.step, acting(trail.model, one.term), _dearer(one, best)):
+        groups = _of_either(trail, one.term, best.term)
+        if one is not best and preferred(one.step, best.step, groups, _dearer(one, best)):
             best = one
     # What helps at some moments only is no finding, but it may be as likely as one.
     others = [one for one in those if all(r.gate is STEADY for r in one.candidate.failed)]
@@ -271,7 +286,12 @@ def _clearly_worse(trail: Trail, one: Refitted, best: Refitted) -> bool:
         # The blows in a gap follow from motion above the band, which a simulation does not know: an error of theirs
         # says little where what stands in their place leaves far more than noise as well.
         return False
-    return preferred(best.step, one.step, acting(trail.model, best.term), _dearer(best, one))
+    return preferred(best.step, one.step, _of_either(trail, one.term, best.term), _dearer(best, one))
+
+
+def _of_either(trail: Trail, one: Term, other: Term) -> list[Collection[int]]:
+    """Groups of joints (0-based) at which one of two terms must show."""
+    return [*acting(trail.model, one), *acting(trail.model, other)]
 
 
 def add_further(trail: Trail, term: Term) -> Trail:
@@ -297,18 +317,13 @@ def mended(trail: Trail, fresh: Sequence[Term]) -> Trail:
     """The trail without findings that those added last have made superfluous, or with a likelier one in their place."""
     trail = without_replaced(trail)
     for finding in trail.findings:
-        later = [t for t in fresh if t != finding.term and t in trail.last.values]
-        if finding.term not in {f.term for f in trail.findings} or finding.candidate.twist is not None:
-            continue
-        later = [t for t in later if _share_a_joint(trail, finding.term, t) and not _alike_names(finding.term, t)]
-        if later and (len(trail.findings) > 1):
+        own = finding.term
+        # Several of one effect are there because each has what the others have not.
+        others = [t for t in fresh if t in trail.last.values and (t.effect, t.joint) != (own.effect, own.joint)]
+        later = [t for t in others if _share_a_joint(trail, own, t)]
+        if later and finding.candidate.twist is None and own in {f.term for f in trail.findings}:
             trail = _asked_again(trail, finding, later)
     return trail
-
-
-def _alike_names(one: Term, other: Term) -> bool:
-    """Several of one effect are there because each has what the others have not."""
-    return (one.effect, one.joint) == (other.effect, other.joint)
 
 
 def _share_a_joint(trail: Trail, one: Term, other: Term) -> bool:
@@ -321,7 +336,7 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     without = trail.without(finding.term)
     ranking = _in_the_place(trail, finding, without)
     own = ranking.of(finding.term) or _anew(without, finding.candidate)
-    if not refitted(without, trail.last, own).passes:
+    if not refitted(without, trail.last, replace(own, alone=finding.candidate.alone)).passes:
         return _dropped(trail, finding.term)
     if any(may_be_the_rest(trail.model, t, finding.term) for t in later):
         # One law that does it nearly alone stands before two.
@@ -363,11 +378,12 @@ def _in_its_place(trail: Trail, finding: Step, other: Candidate) -> Step:
 
 def _instead(trail: Trail, finding: Step, other: Candidate, there: Step, ranking: Ranking) -> Trail | None:
     """The trail with another candidate in a finding's place if that, refitted as `there`, is clearly better."""
-    groups = [*acting(trail.model, other.term), *acting(trail.model, finding.term)]
+    groups = _of_either(trail, other.term, finding.term)
     if not preferred(there, trail.last, groups, other.evidence.price - finding.candidate.evidence.price):
         return None
-    findings = [f if f is not finding else replace(f, chosen=other, ranking=ranking, rivals=()) for f in trail.findings]
-    return trail.rebuilt(findings, {other.term: other.shape}, (finding.term,))
+    own = finding.term
+    findings = [f if f.term != own else replace(f, chosen=other, ranking=ranking, rivals=()) for f in trail.findings]
+    return trail.rebuilt(findings, {other.term: other.shape}, (own,))
 
 
 def without_replaced(trail: Trail) -> Trail:
@@ -388,12 +404,12 @@ def without_replaced(trail: Trail) -> Trail:
 def paired(trail: Trail) -> Trail:
     """The trail with two terms in the place of a finding, where one effect stood for both: a runner-up of the finding
     with the best candidate beside it, clearly better than the finding with the best beside that."""
-    for second in (c for c in trail.ranking.candidates if c.passes and c.term.joint is not None):
-        here = [f for f in trail.findings if f.term.joint == second.term.joint and f.candidate.twist is None]
-        if here and here[-1].term not in trail.taken_back:
-            found = _pair_instead(trail, here[-1], second)
-            if found is not None:
-                return found
+    seconds = {_place(trail, c.term): c for c in reversed(trail.ranking.candidates) if c.passes}
+    for place, second in seconds.items():
+        here = [f for f in trail.findings if _place(trail, f.term) == place and f.candidate.twist is None]
+        found = _pair_instead(trail, here[-1], second) if here and place is not None else None
+        if found is not None:
+            return found
     return trail
 
 
@@ -404,7 +420,7 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
     own = made.step if made.candidate.passes else trail.last
     for first in _runners_up(trail, finding):
         one = trail.refitted(trail.structure([*kept, (first.term, first.shape)]), trail.last)
-        beside = [t for t in one.base.terms() if t.joint == first.term.joint]
+        beside = [t for t in one.base.terms() if _place(trail, t) == _place(trail, first.term)]
         other = _ranked(one, beside).best
         if other is None or {first.term, other.term} == {finding.term, second.term}:
             continue
@@ -433,7 +449,7 @@ def _runners_up(trail: Trail, finding: Step) -> list[Candidate]:
     return [
         c
         for c in sorted(finding.ranking.candidates, key=lambda c: -c.evidence.gain)
-        if c.term.joint == own.joint
+        if _place(trail, c.term) == _place(trail, own)
         and c.term not in named
         and c.term not in trail.taken_back
         and c.evidence.score > LEAST_PRICE
@@ -464,7 +480,7 @@ def with_rivals_decided(trail: Trail) -> Trail:
             if swapped is not None:
                 return swapped
             cost = finding.candidate.evidence.price - candidate.evidence.price
-            if not preferred(trail.last, there, acting(trail.model, finding.term), cost):
+            if not preferred(trail.last, there, _of_either(trail, term, finding.term), cost):
                 alike.append(term)
         trail = with_rivals(trail, {finding.term: tuple(alike)})
     return trail

@@ -36,7 +36,7 @@ from runtime.identification.identify import without_beats
 from runtime.identification.problem import Problem
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
-from runtime.model.terms import Structure, Term, Values, structure
+from runtime.model.terms import Structure, Term, Values, joints_of, structure
 from runtime.motion import spectra
 from runtime.motion.band import LineAbove
 from runtime.motion.motion import Motion
@@ -195,6 +195,7 @@ class Trail:
     suspicions   what must be put right in the data before anything is sought
     last         the last step                              ranking     the last comparison of candidates
     taken_back   terms that were added once and are not added again: they would come and go for ever
+    refused      candidates that did not hold once all was refitted, by term and the findings that shared its joints
     work         of the search: what it has done and may do
     sought       joints (0-based) at which effects are sought; None: all
     """
@@ -207,6 +208,7 @@ class Trail:
     last: Step
     ranking: Ranking = NOT_RANKED
     taken_back: frozenset[Term] = field(default_factory=frozenset)
+    refused: Mapping[tuple[Term, frozenset[Term]], Candidate] = field(default_factory=dict)
     work: SearchWork = field(default_factory=SearchWork)
     sought: frozenset[int] | None = None
 
@@ -240,6 +242,11 @@ class Trail:
     def to(self, last: Step) -> Trail:
         """The trail that ends at another step."""
         return replace(self, last=last)
+
+    def company(self, term: Term) -> tuple[Term, frozenset[Term]]:
+        """A term and the findings that share a joint with it: what is found elsewhere changes no answer of it."""
+        own = set(joints_of(self.model, term))
+        return term, frozenset(f.term for f in self.findings if own & set(joints_of(self.model, f.term)))
 
     def structure(self, added: Sequence[tuple[Term, Values]]) -> Structure:
         """The structure as given with these terms in place of what they generalise, shapes as last found."""

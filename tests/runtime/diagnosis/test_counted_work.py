@@ -58,12 +58,13 @@ def test_the_answer_is_the_same_at_any_load(run: Run, command: tuple[str, ...], 
 
 def test_a_search_that_is_cut_says_so_and_calls_nothing_clean(run: Run) -> None:
     """What was found before is kept; all else is open."""
-    command = ("improve", *SIX[1:], "--budget", "1")
+    write(Path("more.csv"), bank.recording("six coupled and more"))
+    command = ("improve", "six.toml", "more.csv", "--budget", "2")
     status, cut = run(1, 1, *command)
     assert run(8, 30, *command) == (status, cut) == (1, cut)
     found = json.loads(cut)
-    assert found["search"] == {"refits": 1, "budget": 1, "ended": "budget"}
-    assert found["reason"].split(". ")[1].startswith("The search was cut by its budget of 1 refit:")
+    assert found["search"] == {"refits": 2, "budget": 2, "ended": "budget"}
+    assert found["reason"].split(". ")[1].startswith("The search was cut by its budget of 2 refits:")
     assert [step["added"] for step in found["history"]] == [None, "coupled_gear@5"]
     assert {joint["verdict"] for joint in found["joints"]} == {"refused"}
     assert found["would_have_seen"] == []
