@@ -32,6 +32,7 @@ from runtime.identification.regressors import Regressors
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values, joints_of
+from runtime.regression.rows import JointRows
 from symbolic.described import DescribedParameter
 
 # a term with everything refitted -------------------------------------------------------------------------------------
@@ -41,7 +42,7 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     """A candidate with the evidence of two fits, without it and with it, and what the gates say of these."""
     term, model = candidate.term, after.fit.model
     said = None if after.held_out is None or before.held_out is None else told(after, before, term)
-    rows = before.base.system.joints[joints_of(model, term)[0]].independent
+    rows = _rows(after)[joints_of(model, term)[0]].independent
     dear = before.base.price(term, candidate.searched, candidate.among, rows)
     evidence = between(before, after, dear, said.repays if said else 0.0)
     # A fit of all rows is not the likeliest of coloured noise: what screening found beside the same base counts, too.
@@ -67,8 +68,13 @@ _REFITTED = (SHARE, ONCE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
 
 def between(without: Step, beside: Step, price: float = 0.0, repaid: float = 0.0) -> Evidence:
     """Of two fits, whitened by what the second leaves."""
-    scale = Yardstick.of(beside.base.system.joints, beside.fit.residual)
+    scale = Yardstick.of(_rows(beside), beside.fit.residual)
     return scale.evidence(without.fit.residual, beside.fit.residual, price, repaid)
+
+
+def _rows(step: Step) -> list[JointRows]:
+    fit = step.fit
+    return [fit.problem.joint_rows(i, fit.skew) for i in range(fit.model.n)]
 
 
 def told(one: Step, other: Step, term: Term) -> Heard:
@@ -93,7 +99,7 @@ def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: 
         said = heard(other.held_out, best.held_out, groups)
         if said.clear or said.falls_to >= 1:
             return said.clear
-    joints = best.base.system.joints
+    joints = _rows(best)
     gained = likelihood(joints, other.fit.residual) - likelihood(joints, best.fit.residual)
     return gained - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > VUONG_APART
 
@@ -202,7 +208,7 @@ def _off_the_turn(after: Step, term: Term) -> float:
         whole, most = round(order.value * count) / count, ALIKE if width * count < WIDEST_ORDER else AS_WELL
         if whole and width * count < 1.0:
             there = _with_shape(after, term, {line.name: whole})
-            found.append(between(there, after).gain / most)
+            found.append(between(there, after).score / most)
     return min(found)
 
 

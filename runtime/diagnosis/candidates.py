@@ -157,14 +157,17 @@ class FittedBase:
         recorded = self.motion.recorded(joint, self.fit.skew)[self.motion.moving(joint)]
         return float(np.sqrt(np.mean(recorded**2))) if len(recorded) else 0.0
 
+    def unknowns(self, term: Term, searched: int) -> int:
+        """How many more there are with a term. What the model file predicts the size of has none of its own."""
+        info, effects = self.model.library.effects[term.effect], self.model.library.effects
+        own = searched + (0 if info.known_size else len(info.coefficients))
+        return max(own - sum(len(effects[t.effect].coefficients) for t in self.replaced(term)), 0)
+
     def price(self, term: Term, searched: int, among: int, rows: int) -> float:
         """What a term's score must exceed, sought at every joint and `among` places of its shape; rows: independent
-        ones. What the model file predicts the size of has no unknown of its own."""
-        info, effects = self.model.library.effects[term.effect], self.model.library.effects
+        ones."""
         places = 1 if term.joint is None else self.model.n
-        unknowns = searched + (0 if info.known_size else len(info.coefficients))
-        unknowns -= sum(len(effects[t.effect].coefficients) for t in self.replaced(term))
-        return price(places * among, max(unknowns, 0), rows)
+        return price(places * among, self.unknowns(term, searched), rows)
 
     @property
     def _excerpt_samples(self) -> int:

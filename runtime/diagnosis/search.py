@@ -260,16 +260,23 @@ def _best(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Term
     # What helps at some moments only is no finding, but it may be as likely as one.
     others = [one for one in those if all(r.gate is STEADY for r in one.candidate.failed)]
     alike = [one for one in others if one is best or not _clearly_worse(trail, one, best)]
-    first = min(
-        (one for one in alike if one.candidate.passes),
-        key=lambda one: (one.candidate.evidence.price, -one.candidate.evidence.gain),
-    )
+    simplest = _simplest(trail, [one.candidate for one in alike if one.candidate.passes])
+    first = next(one for one in alike if one.candidate is simplest)
     rivals = [one.term for one in alike if one is not first]
     ranked = trail.ranking
     if ranked.candidates and ranked.candidates[0].term in (first.term, *rivals):
         tried = {one.term for one in those}
         rivals += [t for t in ranked.rivals if t not in tried and _place(trail, t) == _place(trail, first.term)]
     return first, tuple(rivals)
+
+
+def _simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
+    """Of candidates that are as likely as each other that with the fewest unknowns."""
+    return min(those, key=lambda c: (_unknowns(trail, c), c.evidence.price, -c.evidence.gain))
+
+
+def _unknowns(trail: Trail, candidate: Candidate) -> int:
+    return trail.last.base.unknowns(candidate.term, candidate.searched)
 
 
 def _dearer(one: Refitted, other: Refitted) -> float:
@@ -343,10 +350,12 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
         joint = finding.joint_index
         if not REST.asked(lost_without(finding.previous, without, trail.last, joint)).passes:
             return _dropped(trail, finding.term)
-    best = ranking.best
-    if best is None or best.term == finding.term or best.term in trail.taken_back:
+    able = [c for c in ranking.candidates if c.passes and c.term not in trail.taken_back]
+    near = [c for c in able if c.evidence.net > able[0].evidence.net - ALIKE]
+    if not near or (finding.term in {c.term for c in near} and _unknowns(trail, own) <= _unknowns(trail, near[0])):
         return trail
-    if own.passes and best.evidence.net - own.evidence.net < ALIKE:
+    best = _simplest(trail, near)
+    if best.term == finding.term:
         return trail
     return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail
 
@@ -377,12 +386,18 @@ def _in_its_place(trail: Trail, finding: Step, other: Candidate) -> Step:
 
 
 def _instead(trail: Trail, finding: Step, other: Candidate, there: Step, ranking: Ranking) -> Trail | None:
-    """The trail with another candidate in a finding's place if that, refitted as `there`, is clearly better."""
-    groups = _of_either(trail, other.term, finding.term)
-    if not preferred(there, trail.last, groups, other.evidence.price - finding.candidate.evidence.price):
+    """The trail with another candidate in a finding's place if that, refitted as `there`, is clearly better, or simpler
+    and not clearly worse, which makes the two rivals."""
+    own, groups = finding.term, _of_either(trail, other.term, finding.term)
+    dearer = other.evidence.price - finding.candidate.evidence.price
+    better = preferred(there, trail.last, groups, dearer)
+    simpler = _unknowns(trail, other) < _unknowns(trail, finding.candidate)
+    if not better and not (simpler and not preferred(trail.last, there, groups, -dearer)):
         return None
-    own = finding.term
-    findings = [f if f.term != own else replace(f, chosen=other, ranking=ranking, rivals=()) for f in trail.findings]
+    rivals = () if better else (own,)
+    findings = [
+        f if f.term != own else replace(f, chosen=other, ranking=ranking, rivals=rivals) for f in trail.findings
+    ]
     return trail.rebuilt(findings, {other.term: other.shape}, (own,))
 
 

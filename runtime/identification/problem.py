@@ -305,7 +305,7 @@ class Problem:
             lower, upper, near = (x[part.unknowns] for x in (layout.lower, layout.upper, layout.stated))
             key = part.key[0] if isinstance(part.key, tuple) else part.key
             blocks.append(Block(key, part, lower, upper, near=near, version=part.key))
-        joints = [self._joint(i, skew.at) for i in range(self.model.n)]
+        joints = [self.joint_rows(i, skew.at) for i in range(self.model.n)]
         self._last = LinearSystem.of(joints, [*blocks, *self._late(skew), *beside], self._last)
         return self._last
 
@@ -374,7 +374,7 @@ class Problem:
         found = system.towards(begin, self.inertia_cuts)[own]
         return dict(zip(ranges, map(float, found), strict=True)), float(found @ system.normal[own, own] @ found)
 
-    def _joint(self, joint: int, at: float) -> JointRows:
+    def joint_rows(self, joint: int, at: float) -> JointRows:
         """A joint's rows (0-based), its torque taken `at` samples."""
         key = (joint, at, float(self.weights[joint]))
         if key not in self._joints:

@@ -1,13 +1,6 @@
-"""Scores of the diagnosis: what speaks for every finalist beside a model, and how a search went.
+"""Scores of the diagnosis: what speaks for every finalist beside a model, the likeliest first, and how a search went.
 
-    python -m tests.judge.score drive demo-report/fitted.csv.gz
-    python -m tests.judge.score drive run.csv --beside stribeck@1 load_friction@1
-    python -m tests.judge.score drive run.csv --held-out other.csv --search
-
-The likeliest comes first: the gain of the log-likelihood, its dispersion, their ratio (the score), the price that this
-must exceed with what other recordings repay of it, the torque that only the term explains in noise floors, and the
-gates that stay closed with their values. --search follows the search: what was refitted, with these figures after the
-refit, and what was added and dropped.
+python -m tests.judge.score drive run.csv --beside stribeck@1 --held-out other.csv --search
 """
 
 from __future__ import annotations
@@ -20,7 +13,6 @@ from pathlib import Path
 from runtime.cli.inputs import TypedInputs
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import FALL, TORQUE
-from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.search import compared
 from runtime.diagnosis.stages import begin, complete
 from runtime.diagnosis.steps import Step, Trail
@@ -61,38 +53,29 @@ def beside(trail: Trail, terms: Iterable[Term]) -> Trail:
     return trail
 
 
-def told(step: Step) -> str:
-    """The errors of a step, joint by joint."""
-    held = "" if step.held_out is None else f"; held out {', '.join(map(percent, step.held_out.relative))}"
-    return f"error {', '.join(map(percent, step.fitted.relative))}{held}"
-
-
 def searched(trail: Trail) -> list[str]:
-    """A whole search, round by round, its final set and the verdict."""
-    lines, known, seen = [f"as given: {told(trail.last)}"], list[Term](), set[Ranking]()
+    """A whole search: what was refitted, added and dropped, with the errors, the final set and the verdict."""
+    lines, known = list[str](), list[Step]()
 
-    def show(step: Step, end: bool = False) -> None:
-        path = trail.to(step).findings
-        for ranking in [f.ranking for f in path] + ([done.ranking] if end else []):
-            asked = [c for c in ranking.candidates if any(r.gate is FALL for r in c.results)]
-            if asked and ranking not in seen:
-                lines.append(f"refitted:\n{table(asked)}")
-            seen.add(ranking)
-        now = {f.term: f for f in path}
-        lines.extend(f"− {term}" for term in known if term not in now)
-        lines.extend(f"+ {'  '.join(row(f.candidate)).rstrip()}" for t, f in now.items() if t not in known)
-        lines.extend([told(step)] if told(step) != lines[-1] else [])
-        known[:] = now
+    def show(step: Step) -> None:
+        held = "" if step.held_out is None else f"; held out {', '.join(map(percent, step.held_out.relative))}"
+        for new in (f for f in step.findings if f.term not in {k.term for k in known}):
+            asked = [c for c in new.ranking.candidates if any(r.gate is FALL for r in c.results)]
+            lines.extend([f"refitted:\n{table(asked)}", f"+ {'  '.join(row(new.candidate)).rstrip()}"])
+        lines.extend(f"− {k.term}" for k in known if k.term not in {f.term for f in step.findings})
+        lines.append(f"error {', '.join(map(percent, step.fitted.relative))}{held}")
+        known[:] = step.findings
 
+    show(trail.last)
     done = complete(trail, show)
-    show(done.last, end=True)
+    show(done.last)
     found = (f"{f.term} (or {', '.join(map(str, f.rivals))})" if f.rivals else str(f.term) for f in done.findings)
     lines.append(f"{done.work.refits} refits; found: {', '.join(found) or 'nothing'}")
     return [*lines, *(f"joint {v.joint + 1}: {v.verdict}, {v.why}" for v in decide(done).joints)]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("model", type=Path)
     parser.add_argument("recordings", type=Path, nargs="+")
     parser.add_argument("--held-out", type=Path, nargs="+", default=[])

@@ -1,4 +1,5 @@
-"""Several recordings of one arm: the same arm, another one, and the same arm at another temperature."""
+"""Several recordings of one arm: the same arm, another one, and the same arm at another temperature; and the table of
+scores."""
 
 from __future__ import annotations
 
@@ -6,13 +7,17 @@ import re
 
 import pytest
 
-from runtime.diagnosis.stages import diagnose
+from runtime.diagnosis.search import compared
+from runtime.diagnosis.stages import begin, diagnose
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.report import loop, terminal
 from runtime.report.diagnosed import document as diagnosed
 from runtime.report.page.reports import report
 from runtime.report.summary import ResultSummary
+from runtime.simulation.options import SimulationSettings
+from runtime.simulation.simulate import parse_hidden, simulate
 from tests import bank
+from tests.judge.score import beside, searched, table
 from tests.judge.specimens import of_two_joints
 from tests.kept import kept
 
@@ -60,3 +65,18 @@ def test_page_and_terminal_show_both_tables(capsys: pytest.CaptureFixture[str]) 
     out = capsys.readouterr().out
     assert re.search(r"each recording alone +run1.csv +run2.csv", out)
     assert "They disagree on " in out
+
+
+def test_what_is_hidden_stands_first_and_is_worth_its_price() -> None:
+    """Friction at low speed in eight seconds of the drive."""
+    model = bank.model("drive")
+    hidden = parse_hidden("stribeck@1", model)
+    trail = begin(model, [simulate(model, [hidden], SimulationSettings(3, seconds=8.0))[0]])
+    term, gain, dispersion, score, price, *_ = table(compared(trail).ranking.candidates).splitlines()[1].split()
+    assert term == "stribeck@1"
+    assert float(score) == pytest.approx(float(gain) / max(float(dispersion), 1.0), rel=0.05)
+    assert float(score) > float(price)
+    assert not any(c.passes for c in compared(beside(trail, [hidden.term])).ranking.candidates)
+    lines = "\n".join(searched(trail)).splitlines()
+    assert any(line.startswith("+ stribeck@1") for line in lines)
+    assert lines[-2:] == ["1 refits; found: stribeck@1", "joint 1: effect, found"]

@@ -146,7 +146,7 @@ def test_a_dry_friction_of_ones_own_carries_a_bristle(folder: Path) -> None:
     own, theirs = (recorded(opened(folder, name), BRISTLE) for name in ("padded", "plain"))
     np.testing.assert_array_equal(own.tau, theirs.tau)
     found = [searched(opened(folder, name), theirs) for name in ("padded", "plain")]
-    own, theirs = (c and (c.term, c.shape, c.gain, c.edge) for c in found)
+    own, theirs = (c and (c.term, c.shape, c.fall, c.edge) for c in found)
     assert own is not None
     assert own == theirs
 
