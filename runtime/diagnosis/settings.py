@@ -55,7 +55,7 @@ simulated or real, fits 2 to 25: a choice, forty times as many."""
 
 # a finding, refitted ------------------------------------------------------------------------------------------------
 
-MOST_TRIED: Final = 3
+MOST_TRIED: Final = 4
 """number of candidates; of every joint so many are refitted beside each other; the hidden effect is among the first
 three of a joint in 28 of 30 recordings; time."""
 
