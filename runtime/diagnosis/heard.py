@@ -65,14 +65,12 @@ def heard(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> Hear
 
 
 def steadily(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> float:
-    """Standard deviations by which the logarithm of the squared error falls at that of some groups of joints (0-based)
-    at which this is most."""
+    """Standard deviations by which the squared error's logarithm falls, at the best of some groups of joints."""
     return max((_at(one, other, group).sigmas for group in groups), default=0.0)
 
 
 def spread_over(one: Errors, other: Errors, joint: int) -> float:
-    """Over how many of STRETCHES even stretches of time the difference of two fits is spread at a joint (0-based): all
-    of them if it is even, 1 if it happened in one."""
+    """Over how many of STRETCHES even stretches of time the difference of two fits is spread at a joint (0-based)."""
     squares = (one.left[joint] - other.left[joint]) ** 2
     parts = np.array([float(x.sum()) for x in np.array_split(squares, STRETCHES)])
     return float(parts.sum() ** 2 / max(float(parts @ parts), 1e-300))
@@ -85,8 +83,7 @@ def _at(one: Errors, other: Errors, joints: Collection[int]) -> Heard:
 
 
 def compared(left: Sequence[Array], before: Sequence[Array], ties: Sequence[int]) -> Heard:
-    """Of residuals (m,) of some joints against others, each joint in units of its error before; ties: numbers of rows
-    that hang together."""
+    """Of residuals (m,) of some joints against others; ties: numbers of rows that hang together."""
     units = [max(float(np.sqrt(np.mean(r**2))), 1e-300) for r in before]
     parts = [_stretched(a / u, b / u, tie) for a, b, u, tie in zip(left, before, units, ties, strict=True)]
     now, was, sizes = (np.concatenate([part[k] for part in parts] or [np.zeros(0)]) for k in range(3))
@@ -101,8 +98,7 @@ def compared(left: Sequence[Array], before: Sequence[Array], ties: Sequence[int]
 
 
 def _stretched(left: Array, before: Array, tie: int) -> tuple[Array, Array, Array]:
-    """(S,) squares of two residuals (m,) and numbers of rows, over stretches of at least `tie` rows that hold equal
-    parts of the squared difference."""
+    """(S,) squares of two residuals (m,) and numbers of rows, over stretches of equal squared difference."""
     apart = np.cumsum((left - before) ** 2)
     edges = [0]
     if apart[-1] > 0:

@@ -320,8 +320,7 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
 
 
 def _rivals(base: FittedBase, ranked: Sequence[tuple[Candidate, tuple[Array, ...]]]) -> tuple[Term, ...]:
-    """Those that pass, too, and that the likelihood does not set apart from the first over most stretches of time; what
-    acts on none of its joints explains something else."""
+    """Those that pass, too, and that are as likely as the first over most stretches of time, at its joints."""
     first, left = ranked[0]
     if not first.passes:
         return ()

@@ -98,8 +98,7 @@ class Yardstick:
 
 
 def likelihood(joints: Sequence[JointRows], residual: Residuals) -> float:
-    """Logarithm, up to a constant, of a fit's residuals with the noise model that is likeliest for them: each fit is
-    whitened by a filter of its own, so that neither of two laws is judged by the other's noise."""
+    """Logarithm, up to a constant, of a fit's residuals, whitened by its own filter and no other fit's."""
     own = Yardstick.of(joints, residual)
     white = own.white(residual)
     # Filters begin with 1: they change no volume.

@@ -1,8 +1,7 @@
 """The search over sets of terms: add, drop, swap. Screening proposes, a fit of all rows decides.
 
 Of every joint the best candidates are refitted, each alone; the best of them are added one after another. What was
-found before is then asked again: without it, with another in its place, with its runner-up and that one's own second.
-A set that was scored is never scored again by these rules: a term that was dropped is not added a second time.
+found before is then asked again. A term that was dropped is not added a second time.
 """
 
 from __future__ import annotations
@@ -61,8 +60,7 @@ def _ranked(step: Step, terms: Iterable[Term]) -> Ranking:
 
 
 def undecided(trail: Trail, joint: int) -> Candidate | None:
-    """What a recording that is not fitted would decide of a joint (0-based), the likeliest; None where there is such a
-    recording, or nothing that depends on one."""
+    """What a recording that is not fitted would decide of a joint (0-based), where there is none: the likeliest."""
     if trail.held_out is not None:
         return None
     open_ones = [c for c in trail.ranking.candidates if joint in own_joints(trail.model, c.term) and _repayable(c)]
@@ -77,8 +75,8 @@ def _repayable(candidate: Candidate) -> bool:
 
 
 def not_borne_out(trail: Trail, joint: int) -> Candidate | None:
-    """The likeliest candidate of a joint (0-based) that passed beside the last step and did not once all was refitted
-    with it; None where there is none, or a recording that is not fitted has decided."""
+    """The likeliest candidate of a joint (0-based) that passed beside the last step and did not once all was refitted;
+    None where a recording that is not fitted has decided."""
     if trail.held_out is not None:
         return None
     asked = [c for c in trail.ranking.candidates if any(r.gate is FALL for r in c.results) and not c.passes]
@@ -177,8 +175,7 @@ def lengthened(trail: Trail) -> Trail:
 
 
 def _chained(trail: Trail, winners: Sequence[tuple[Refitted, tuple[Term, ...]]]) -> Trail:
-    """The trail with the winners of all places one after another; one that does not hold beside those before, but would
-    do as well in the place of one of them, is its rival."""
+    """The trail with the winners of all places; one that does as well in the place of one before is its rival."""
     ranking, added = trail.ranking, list[Refitted]()
     for best, rivals in winners:
         last = trail.last
@@ -203,8 +200,7 @@ def _place(trail: Trail, term: Term) -> int | None:
 
 
 def _winner(trail: Trail, place: int | None, asked: list[Candidate]) -> list[tuple[Refitted, tuple[Term, ...]]]:
-    """The best candidate of a place that holds, with its rivals; none where none does. asked: gets those that were
-    refitted."""
+    """The best candidate of a place that holds, with its rivals; asked: gets those that were refitted."""
     for batch in _batches(_able(trail, place)):
         those = _apart([_refitted(trail, c) for c in batch])
         asked += [one.candidate for one in those]
@@ -233,8 +229,7 @@ def _able(trail: Trail, place: int | None) -> list[Candidate]:
 
 
 def _batches(able: list[Candidate]) -> Iterator[list[Candidate]]:
-    """Of some candidates those that are refitted beside each other: the likeliest and what gains nearly as much; then,
-    where none of them holds, the next."""
+    """The likeliest candidates and what gains nearly as much; then, where none of them holds, the next."""
     while able:
         batch = [c for c in able[:MOST_TRIED] if c.evidence.gain > WORTH_A_REFIT * able[0].evidence.gain]
         yield batch
@@ -247,8 +242,7 @@ def _hopeful(candidate: Candidate) -> bool:
 
 
 def _best(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Term, ...]] | None:
-    """Of some refits of one joint the simplest of those that are as likely as the best, and its rivals; None where none
-    holds."""
+    """Of some refits of one joint the simplest of those that are as likely as the best, and its rivals."""
     able = [one for one in those if one.candidate.passes]
     if not able:
         return None
@@ -271,8 +265,8 @@ def _best(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Term
 
 
 def _simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
-    """Of candidates that are as likely as each other that with the fewest unknowns."""
-    return min(those, key=lambda c: (_unknowns(trail, c), c.evidence.price, -c.evidence.gain))
+    """Of candidates that are as likely as each other that with the fewest unknowns, at one joint before all."""
+    return min(those, key=lambda c: (_unknowns(trail, c), c.evidence.price, not c.term.joint, -c.evidence.gain))
 
 
 def _unknowns(trail: Trail, candidate: Candidate) -> int:
@@ -339,7 +333,7 @@ def _share_a_joint(trail: Trail, one: Term, other: Term) -> bool:
 
 
 def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
-    """The trail with a finding dropped, swapped, or as it is; later: terms added since that share a joint with it."""
+    """The trail with a finding dropped, swapped, or as it is; later: terms added since that share a joint."""
     without = trail.without(finding.term)
     ranking = _in_the_place(trail, finding, without)
     own = ranking.of(finding.term) or _anew(without, finding.candidate)
@@ -417,8 +411,7 @@ def without_replaced(trail: Trail) -> Trail:
 
 
 def paired(trail: Trail) -> Trail:
-    """The trail with two terms in the place of a finding, where one effect stood for both: a runner-up of the finding
-    with the best candidate beside it, clearly better than the finding with the best beside that."""
+    """The trail with a finding's runner-up and the best candidate beside that, where one effect stood for two."""
     seconds = {_place(trail, c.term): c for c in reversed(trail.ranking.candidates) if c.passes}
     for place, second in seconds.items():
         here = [f for f in trail.findings if _place(trail, f.term) == place and f.candidate.twist is None]
@@ -480,8 +473,7 @@ def with_rivals_decided(trail: Trail) -> Trail:
     """The trail with its findings' rivals in their places, all else refitted: one that is clearly better is swapped in,
     those that are clearly worse are none.
 
-    A rival takes something else along (a spring in gravity's place bends the load that friction reads), so that sets
-    are apart where single effects were not.
+    A rival bends others (a spring in gravity's place the load that friction reads): sets part where effects do not.
     """
     for finding in [f for f in trail.findings if f.rivals and len(trail.findings) > 1]:
         alike = []
@@ -510,8 +502,7 @@ def with_rivals(trail: Trail, rivals: dict[Term, tuple[Term, ...]]) -> Trail:
 
 
 def no_worse(trail: Trail, shown: Sequence[Step]) -> Trail:
-    """The trail, or one that ends at the last of its steps, or of those that were shown, which explains recordings that
-    were not fitted clearly better than its end."""
+    """The trail, or one that ends at a step which explains recordings that were not fitted clearly better."""
     each = [(i,) for i in range(trail.model.n)]
     better = [s for s in (*trail.steps, *shown) if explains_better(s, trail.last, each)]
     return trail.to(better[-1]) if better else trail

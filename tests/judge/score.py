@@ -25,7 +25,6 @@ HEAD = ("term", "gain", "dispersion", "score", "price", "floors", "closed gates"
 
 
 def row(candidate: Candidate) -> tuple[str, ...]:
-    """A candidate's cells under HEAD."""
     e = candidate.evidence
     floors = next((r.value for r in candidate.results if r.gate is TORQUE), float("nan"))
     due = f" → {e.due:.1f}" if e.repaid else ""
@@ -35,7 +34,6 @@ def row(candidate: Candidate) -> tuple[str, ...]:
 
 
 def table(candidates: Iterable[Candidate]) -> str:
-    """The likeliest first."""
     rows = [HEAD, *(row(c) for c in sorted(candidates, key=lambda c: -c.evidence.gain))]
     widths = [max(len(cells[k]) for cells in rows) for k in range(len(HEAD))]
     return "\n".join("  ".join(c.ljust(w) for c, w in zip(cells, widths, strict=True)).rstrip() for cells in rows)

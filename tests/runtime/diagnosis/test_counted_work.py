@@ -57,7 +57,6 @@ def test_the_answer_is_the_same_at_any_load(run: Run, command: tuple[str, ...], 
 
 
 def test_a_search_that_is_cut_says_so_and_calls_nothing_clean(run: Run) -> None:
-    """What was found before is kept; all else is open."""
     write(Path("more.csv"), bank.recording("six coupled and more"))
     command = ("improve", "six.toml", "more.csv", "--budget", "2")
     status, cut = run(1, 1, *command)
