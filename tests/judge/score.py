@@ -27,9 +27,8 @@ HEAD = ("term", "gain", "dispersion", "score", "price", "floors", "closed gates"
 def row(candidate: Candidate) -> tuple[str, ...]:
     e = candidate.evidence
     floors = next((r.value for r in candidate.results if r.gate is TORQUE), float("nan"))
-    due = f" → {e.due:.1f}" if e.repaid else ""
     closed = ", ".join(f"{r.gate.name} {number(r.value, 3)}" for r in candidate.failed)
-    figures = (f"{e.gain:.0f}", f"{e.dispersion:.1f}", f"{e.score:.1f}", f"{e.price:.1f}{due}", number(floors, 3))
+    figures = (f"{e.gain:.0f}", f"{e.dispersion:.1f}", f"{e.score:.1f}", f"{e.due:.1f}", number(floors, 3))
     return str(candidate.term), *figures, closed
 
 
@@ -40,7 +39,6 @@ def table(candidates: Iterable[Candidate]) -> str:
 
 
 def beside(trail: Trail, terms: Iterable[Term]) -> Trail:
-    """The trail with these terms added one after another, everything refitted. Raises ValueError."""
     for term in terms:
         base = trail.last.base
         found = base.search(term) if term in base.terms() else None

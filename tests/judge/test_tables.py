@@ -77,6 +77,6 @@ def test_what_is_hidden_stands_first_and_is_worth_its_price() -> None:
     assert float(score) == pytest.approx(float(gain) / max(float(dispersion), 1.0), rel=0.05)
     assert float(score) > float(price)
     assert not any(c.passes for c in compared(beside(trail, [hidden.term])).ranking.candidates)
-    lines = "\n".join(searched(trail)).splitlines()
+    lines = searched(trail)
     assert any(line.startswith("+ stribeck@1") for line in lines)
     assert lines[-2:] == ["1 refits; found: stribeck@1", "joint 1: effect, found"]

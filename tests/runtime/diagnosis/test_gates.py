@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from runtime.diagnosis.gates import GATES, LAG, RIGID, SCORE, Gate
 from runtime.report import reasons
 
-NUMBERS = st.floats(-1e6, 1e6)
-
 
 def test_every_gate_says_what_it_measures_why_and_from_where() -> None:
     assert len({gate.name for gate in GATES}) == len(GATES)
@@ -17,7 +15,7 @@ def test_every_gate_says_what_it_measures_why_and_from_where() -> None:
     assert {gate.name for gate in GATES} == reasons.WORDED
 
 
-@given(value=NUMBERS, spread=st.floats(0.0, 1e3), gate=st.sampled_from([LAG, RIGID, SCORE]))
+@given(value=st.floats(-1e6, 1e6), spread=st.floats(0.0, 1e3), gate=st.sampled_from([LAG, RIGID, SCORE]))
 def test_a_spread_counts_in_the_candidate_s_favour(value: float, spread: float, gate: Gate) -> None:
     exact, unsure = gate.asked(value), gate.asked(value, spread=spread)
     assert unsure.passes >= exact.passes

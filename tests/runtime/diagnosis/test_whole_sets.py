@@ -134,8 +134,7 @@ def test_a_likelier_rival_is_swapped_in(opened) -> None:
 def forced(trail: Trail, term: Term, *rivals: Term) -> Step:
     """A term added against all gates, weighed beside some rivals."""
     before = trail.last
-    found = [before.base.search(t) for t in (term, *rivals)]
-    ranking = weigh(before.base, [c for c in found if c is not None], before.floors)
+    ranking = weigh(before.base, [c for t in (term, *rivals) if (c := before.base.search(t))], before.floors)
     candidate = ranking.of(term)
     assert candidate is not None
     shapes = {**before.shapes, term: dict(candidate.shape)}

@@ -216,6 +216,5 @@ def test_folds_are_contiguous_and_even() -> None:
     use = np.random.default_rng(5).random(997) > 0.3
     row = replace(whole(np.zeros(997)), use=use)
     sizes = [f.stop - f.start for f in row.folds]
-    assert len(sizes) == FOLDS
-    assert sum(sizes) == use.sum()
+    assert (len(sizes), sum(sizes)) == (FOLDS, use.sum())
     assert max(sizes) - min(sizes) <= 1
