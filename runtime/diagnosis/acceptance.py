@@ -11,19 +11,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from runtime.diagnosis import score
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, ONCE, REST, SCORE, SHARE, SIZE, STEADY, TURN, GateResult
 from runtime.diagnosis.heard import Heard, heard, spread_over, steadily
-from runtime.diagnosis.score import Evidence, Yardstick, likelihood
+from runtime.diagnosis.score import Evidence, likelihood
 from runtime.diagnosis.settings import (
     ABOVE_NOISE,
     ALIKE,
     AS_WELL,
     AT_THE_FLOOR,
     FAR_ABOVE_NOISE,
+    HEARD_SIGMAS,
     LEAST_EXPLAINED,
     MOST_LEFT,
-    VUONG_APART,
     WIDEST_ORDER,
 )
 from runtime.diagnosis.steps import Step
@@ -68,8 +69,7 @@ _REFITTED = (SHARE, ONCE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
 
 def between(without: Step, beside: Step, price: float = 0.0, repaid: float = 0.0) -> Evidence:
     """Of two fits, whitened by what the second leaves."""
-    scale = Yardstick.of(_rows(beside), beside.fit.residual)
-    return scale.evidence(without.fit.residual, beside.fit.residual, price, repaid)
+    return score.between(_rows(beside), without.fit.residual, beside.fit.residual, price, repaid)
 
 
 def _rows(step: Step) -> list[JointRows]:
@@ -101,7 +101,7 @@ def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: 
             return said.clear
     joints = _rows(best)
     gained = likelihood(joints, other.fit.residual) - likelihood(joints, best.fit.residual)
-    return gained - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > VUONG_APART
+    return gained - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > HEARD_SIGMAS
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:

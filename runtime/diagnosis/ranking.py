@@ -6,25 +6,37 @@ all rows, and every finalist has its score there. Those that pass the gates are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.diagnosis import coupling, score
+from runtime.diagnosis import score
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors
-from runtime.diagnosis.gates import EDGE, ENCODERS, MODEL, PART, RESOLUTION, SCORE, TORQUE, GateResult
+from runtime.diagnosis.gates import (
+    BOTH_JOINTS,
+    EACH_SHARE,
+    EDGE,
+    ENCODERS,
+    MODEL,
+    PART,
+    PROPORTION,
+    RESOLUTION,
+    SCORE,
+    TORQUE,
+    GateResult,
+)
 from runtime.diagnosis.heard import compared
 from runtime.diagnosis.score import Evidence
 from runtime.diagnosis.settings import (
     ALIKE,
     FINALISTS,
     FINALISTS_OF_A_JOINT,
+    HEARD_SIGMAS,
     OF_WHAT_IS_LEFT,
-    VUONG_APART,
     WORTH_A_LOOK,
 )
 from runtime.model.terms import Term, joints_of
@@ -102,6 +114,37 @@ def results(evidence: Evidence, eff: float, floor: float, edge: float) -> Iterat
     yield EDGE.asked(edge)
 
 
+def _of_two_joints(
+    plain: LinearSystem, white: LinearSystem, block: Block, white_block: Block, floors: Sequence[float]
+) -> Iterator[GateResult]:
+    """What the gates say of a block at two joints; plain: without it, white: whitened, with the best of either joint.
+
+    Where two rates are alike, or one joint's friction has another law, a torque on their sum explains what one joint
+    lacks, and its columns at the other say nothing. What is common to both must show at either.
+    """
+    before, after = plain.solution.residual, plain.with_block(block).solution.residual
+    shares = []
+    for joint in block.columns:
+        was, now = (float(left[joint] @ left[joint]) for left in (before, after))
+        excess = was - plain.joints[joint].count * floors[joint] ** 2
+        shares.append((was - now) / max(excess, was - now, 1e-300))
+    yield EACH_SHARE.asked(min(shares))
+    tied = white.with_block(white_block).solution
+    least = min(white.with_block(_part_at(white_block, {joint})).solution.sse for joint in block.columns)
+    yield BOTH_JOINTS.asked(0.5 * white.count * float(np.log(max(least, 1e-300) / max(tied.sse, 1e-300))))
+    apart = white
+    for joint in block.columns:
+        apart = apart.with_block(_part_at(white_block, {joint}))
+    fall = white.solution.sse - apart.solution.sse
+    yield PROPORTION.asked((tied.sse - apart.solution.sse) / fall if fall > 0 else 1.0)
+
+
+def _part_at(block: Block, joints: Collection[int]) -> Block:
+    """What a block has at some of its joints (0-based), with coefficients of its own."""
+    columns = {joint: part for joint, part in block.columns.items() if joint in joints}
+    return replace(block, key=(block.key, *joints), columns=columns)
+
+
 @dataclass
 class Whitened:
     """A system before and after whitening by the noise model of its best candidate.
@@ -158,7 +201,7 @@ class Whitened:
         plain, white = self.base.without(self.system, replaced), self.base.without(self.white, replaced)
         for single in (singles[i] for i in block.columns if i in singles):
             white = white.with_block(single.whitened(self.whitening))
-        found = coupling.results(plain, white, block, block.whitened(self.whitening), self.floors)
+        found = _of_two_joints(plain, white, block, block.whitened(self.whitening), self.floors)
         return replace(candidate, results=(*candidate.results, *found))
 
     def _resolution(self, candidate: Candidate) -> Iterator[GateResult]:
@@ -330,6 +373,6 @@ def _rivals(base: FittedBase, ranked: Sequence[tuple[Candidate, tuple[Array, ...
         if not (other.passes and set(own) & set(joints_of(base.model, other.term))):
             continue
         near = first.evidence.net - other.evidence.net < ALIKE
-        if near or compared([left[i] for i in own], [residual[i] for i in own], ties).sigmas < VUONG_APART:
+        if near or compared([left[i] for i in own], [residual[i] for i in own], ties).sigmas < HEARD_SIGMAS:
             found.append(other.term)
     return tuple(found)

@@ -18,13 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.settings import HEARD_SIGMAS, LEAST_PRICE, STRETCHES
-from runtime.regression.noise import Whitening
 from runtime.regression.rows import JointRows
 
 Array = NDArray[np.float64]
@@ -70,40 +68,21 @@ def price(places: int, unknowns: int, count: int) -> float:
     return max(LEAST_PRICE, float(np.log(max(places, 1))) + 0.5 * unknowns * float(np.log(max(count, 2))))
 
 
-@dataclass(frozen=True, eq=False)
-class Yardstick:
-    """One filter a joint, by which residuals are compared.
-
-    independent   (n,) rows of every joint that count and do not follow from others
-    """
-
-    by: tuple[Whitening, ...]
-    independent: tuple[int, ...]
-
-    @classmethod
-    def of(cls, joints: Sequence[JointRows], residual: Residuals) -> Self:
-        """joints: rows, and a residual that their filters make white: of the richest set that is compared."""
-        by = tuple(rows.whitening(r) for rows, r in zip(joints, residual, strict=True))
-        return cls(by, tuple(rows.independent if rows.count else 0 for rows in joints))
-
-    def white(self, residual: Residuals) -> list[Array]:
-        """By joint (M,)."""
-        return [by(r) for by, r in zip(self.by, residual, strict=True)]
-
-    def evidence(self, without: Residuals, beside: Residuals, price: float, repaid: float = 0.0) -> Evidence:
-        """Of a term: residuals without and with it, each of a fit of its own."""
-        before, after = self.white(without), self.white(beside)
-        found = gain(self.independent, before, after), dispersion(self.independent, before, after)
-        return Evidence(*found, price, repaid)
+def between(
+    joints: Sequence[JointRows], without: Residuals, beside: Residuals, price: float, repaid: float = 0.0
+) -> Evidence:
+    """Of a term: residuals without and with it, each of a fit of its own, whitened by what makes the second white."""
+    by = [rows.whitening(r) for rows, r in zip(joints, beside, strict=True)]
+    before, after = ([white(r) for white, r in zip(by, residual, strict=True)] for residual in (without, beside))
+    independent = [rows.independent if rows.count else 0 for rows in joints]
+    return Evidence(gain(independent, before, after), dispersion(independent, before, after), price, repaid)
 
 
 def likelihood(joints: Sequence[JointRows], residual: Residuals) -> float:
     """Logarithm, up to a constant, of a fit's residuals, whitened by its own filter and no other fit's."""
-    own = Yardstick.of(joints, residual)
-    white = own.white(residual)
     # Filters begin with 1: they change no volume.
-    pairs = [(n, float(np.mean(r**2))) for n, r in zip(own.independent, white, strict=True) if n]
-    return -0.5 * sum(n * float(np.log(max(square, 1e-300))) for n, square in pairs)
+    white = [(rows.independent, rows.whitening(r)(r)) for rows, r in zip(joints, residual, strict=True) if rows.count]
+    return -0.5 * sum(n * float(np.log(max(float(np.mean(r**2)), 1e-300))) for n, r in white)
 
 
 def gain(independent: Sequence[int], before: Residuals, after: Residuals) -> float:

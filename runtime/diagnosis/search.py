@@ -6,13 +6,12 @@ found before is then asked again. A term that was dropped is not added a second 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from runtime.diagnosis.acceptance import (
     above_noise,
     acting,
-    between,
     explains_better,
     lost_without,
     may_be_the_rest,
@@ -21,11 +20,21 @@ from runtime.diagnosis.acceptance import (
     refitted,
 )
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import FALL, HELD_OUT, ONCE, REST, SCORE, SHARE, STEADY
+from runtime.diagnosis.gates import FALL, HELD_OUT, ONCE, REST, SCORE, SHARE
 from runtime.diagnosis.ranking import Ranking, rank, weigh
-from runtime.diagnosis.score import NOT_WEIGHED
+from runtime.diagnosis.refits import (
+    Refitted,
+    best_of,
+    clearly_worse,
+    of_either,
+    place_of,
+    refit,
+    share_a_joint,
+    simplest,
+    unknowns,
+    weighed_anew,
+)
 from runtime.diagnosis.settings import (
-    ABOVE_NOISE,
     ALIKE,
     HEARD_SIGMAS,
     LEAST_MOVING_S,
@@ -121,7 +130,7 @@ def _fitted_to_torque(trail: Trail, one: Witnessed) -> Step | None:
     ranking = weigh(base, [base.best_of(one.term, choices)], before.floors)
     if not ranking.candidates:
         return None
-    made = _refitted(trail, ranking.candidates[0])
+    made = refit(trail, ranking.candidates[0])
     if any(r.gate in (SCORE, FALL) for r in made.candidate.failed):
         return None
     # What else the torque lacks would bend a transmission to anything.
@@ -130,39 +139,12 @@ def _fitted_to_torque(trail: Trail, one: Witnessed) -> Step | None:
     return made.step.after(before, made.candidate, ranking) if alike else None
 
 
-@dataclass(frozen=True, eq=False)
-class Refitted:
-    """A candidate with everything refitted beside it, and the gates asked again."""
-
-    candidate: Candidate
-    step: Step
-
-    @property
-    def term(self) -> Term:
-        return self.candidate.term
-
-
-def _refitted(trail: Trail, candidate: Candidate, stale: bool = False) -> Refitted:
-    """stale: the candidate was weighed beside another step than the last."""
-    last = trail.last
-    if stale:
-        candidate = _anew(last, candidate)
-    step = trail.with_candidates(last, candidate)
-    return Refitted(refitted(last, step, candidate), step)
-
-
-def _anew(step: Step, candidate: Candidate) -> Candidate:
-    """A candidate weighed beside another step."""
-    found = weigh(step.base, [candidate], step.floors).of(candidate.term)
-    return replace(candidate, evidence=NOT_WEIGHED) if found is None else found
-
-
 def lengthened(trail: Trail) -> Trail:
     """The trail with the best candidate of every joint at which one holds once all is refitted, the likeliest first."""
     winners: list[tuple[Refitted, tuple[Term, ...]]] = []
     asked: list[Candidate] = []
     try:
-        for place in dict.fromkeys(_place(trail, c.term) for c in trail.ranking.candidates):
+        for place in dict.fromkeys(place_of(trail, c.term) for c in trail.ranking.candidates):
             winners += _winner(trail, place, asked)
     except CutShort:
         pass  # what was found before is named
@@ -180,7 +162,7 @@ def _chained(trail: Trail, winners: Sequence[tuple[Refitted, tuple[Term, ...]]])
     for best, rivals in winners:
         last = trail.last
         try:
-            made = best if not added else _refitted(trail, best.candidate, stale=True)
+            made = best if not added else refit(trail, best.candidate, stale=True)
         except CutShort:
             break
         if made.candidate.passes:
@@ -188,23 +170,18 @@ def _chained(trail: Trail, winners: Sequence[tuple[Refitted, tuple[Term, ...]]])
             added.append(best)
             continue
         for other in added:
-            if _share_a_joint(trail, other.term, best.term) and not _clearly_worse(trail, best, other):
+            if share_a_joint(trail, other.term, best.term) and not clearly_worse(trail, best, other):
                 known = next(f.rivals for f in trail.findings if f.term == other.term)
                 trail = with_rivals(trail, {other.term: (*known, best.term)})
     return trail
 
 
-def _place(trail: Trail, term: Term) -> int | None:
-    """The joint (from 1) at which a term competes with others; None of one that acts on several."""
-    return 1 if trail.model.n == 1 else term.joint
-
-
 def _winner(trail: Trail, place: int | None, asked: list[Candidate]) -> list[tuple[Refitted, tuple[Term, ...]]]:
     """The best candidate of a place that holds, with its rivals; asked: gets those that were refitted."""
     for batch in _batches(_able(trail, place)):
-        those = _apart([_refitted(trail, c) for c in batch])
+        those = _apart([refit(trail, c) for c in batch])
         asked += [one.candidate for one in those]
-        found = _best(trail, those)
+        found = best_of(trail, those)
         if found is not None:
             return [found]
     return []
@@ -222,7 +199,7 @@ def _apart(those: list[Refitted]) -> list[Refitted]:
 def _able(trail: Trail, place: int | None) -> list[Candidate]:
     """Candidates of a place that pass, or may once recordings that are not fitted are heard, the likeliest first."""
     heard = trail.held_out is not None
-    here = [c for c in trail.ranking.candidates if _place(trail, c.term) == place and c.term not in trail.taken_back]
+    here = [c for c in trail.ranking.candidates if place_of(trail, c.term) == place and c.term not in trail.taken_back]
     able = [c for c in here if c.passes or (heard and _hopeful(c) and trail.company(c.term) not in trail.refused)]
     able = [c for c in able if seconds_moving(trail.motion, joints_of(trail.model, c.term)[0]) >= LEAST_MOVING_S]
     return sorted(able, key=lambda c: -c.evidence.gain)
@@ -241,60 +218,6 @@ def _hopeful(candidate: Candidate) -> bool:
     return [r.gate for r in candidate.failed] == [SCORE] and candidate.evidence.score > 0.5 * HEARD_SIGMAS**2
 
 
-def _best(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Term, ...]] | None:
-    """Of some refits of one joint the simplest of those that are as likely as the best, and its rivals."""
-    able = [one for one in those if one.candidate.passes]
-    if not able:
-        return None
-    best = max(able, key=lambda one: one.candidate.evidence.net)
-    for one in able:
-        groups = _of_either(trail, one.term, best.term)
-        if one is not best and preferred(one.step, best.step, groups, _dearer(one, best)):
-            best = one
-    # What helps at some moments only is no finding, but it may be as likely as one.
-    others = [one for one in those if all(r.gate is STEADY for r in one.candidate.failed)]
-    alike = [one for one in others if one is best or not _clearly_worse(trail, one, best)]
-    simplest = _simplest(trail, [one.candidate for one in alike if one.candidate.passes])
-    first = next(one for one in alike if one.candidate is simplest)
-    rivals = [one.term for one in alike if one is not first]
-    ranked = trail.ranking
-    if ranked.candidates and ranked.candidates[0].term in (first.term, *rivals):
-        tried = {one.term for one in those}
-        rivals += [t for t in ranked.rivals if t not in tried and _place(trail, t) == _place(trail, first.term)]
-    return first, tuple(rivals)
-
-
-def _simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
-    """Of candidates that are as likely as each other that with the fewest unknowns, at one joint before all."""
-    return min(those, key=lambda c: (_unknowns(trail, c), c.evidence.price, not c.term.joint, -c.evidence.gain))
-
-
-def _unknowns(trail: Trail, candidate: Candidate) -> int:
-    return trail.last.base.unknowns(candidate.term, candidate.searched)
-
-
-def _dearer(one: Refitted, other: Refitted) -> float:
-    return one.candidate.evidence.price - other.candidate.evidence.price
-
-
-def _clearly_worse(trail: Trail, one: Refitted, best: Refitted) -> bool:
-    effects = trail.model.library.effects
-    if one.term.effect in effects[best.term.effect].generalises:
-        # Of two laws of which one contains the other: the score of what the wider one adds.
-        return between(one.step, best.step).score > LEAST_PRICE
-    joint = best.step.joints[own_joints(trail.model, best.term)[0]]
-    if effects[one.term.effect].has_gap and joint.rms > ABOVE_NOISE * joint.floor.spectrum:
-        # The blows in a gap follow from motion above the band, which a simulation does not know: an error of theirs
-        # says little where what stands in their place leaves far more than noise as well.
-        return False
-    return preferred(best.step, one.step, _of_either(trail, one.term, best.term), _dearer(best, one))
-
-
-def _of_either(trail: Trail, one: Term, other: Term) -> list[Collection[int]]:
-    """Groups of joints (0-based) at which one of two terms must show."""
-    return [*acting(trail.model, one), *acting(trail.model, other)]
-
-
 def add_further(trail: Trail, term: Term) -> Trail:
     """More of an effect of which a joint may have several, what explains most first, as long as they hold."""
     while trail.model.library.effects[term.effect].several:
@@ -303,7 +226,7 @@ def add_further(trail: Trail, term: Term) -> Trail:
         alike = [t for t in base.terms() if (t.effect, t.joint) == (term.effect, term.joint)]
         ranking = weigh(base, [c for t in alike for c in base.each(t)], step.floors)
         able = sorted((c for c in ranking.candidates if c.passes), key=lambda c: -c.eff)
-        made = (_refitted(trail, c) for c in able)
+        made = (refit(trail, c) for c in able)
         found = next((one for one in made if one.candidate.passes), None)
         if found is None:
             return trail
@@ -321,22 +244,17 @@ def mended(trail: Trail, fresh: Sequence[Term]) -> Trail:
         own = finding.term
         # Several of one effect are there because each has what the others have not.
         others = [t for t in fresh if t in trail.last.values and (t.effect, t.joint) != (own.effect, own.joint)]
-        later = [t for t in others if _share_a_joint(trail, own, t)]
+        later = [t for t in others if share_a_joint(trail, own, t)]
         if later and finding.candidate.twist is None and own in {f.term for f in trail.findings}:
             trail = _asked_again(trail, finding, later)
     return trail
-
-
-def _share_a_joint(trail: Trail, one: Term, other: Term) -> bool:
-    """What acts on none of a finding's joints explains something else."""
-    return bool(set(joints_of(trail.model, one)) & set(joints_of(trail.model, other)))
 
 
 def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     """The trail with a finding dropped, swapped, or as it is; later: terms added since that share a joint."""
     without = trail.without(finding.term)
     ranking = _in_the_place(trail, finding, without)
-    own = ranking.of(finding.term) or _anew(without, finding.candidate)
+    own = ranking.of(finding.term) or weighed_anew(without, finding.candidate)
     if not refitted(without, trail.last, replace(own, alone=finding.candidate.alone)).passes:
         return _dropped(trail, finding.term)
     if any(may_be_the_rest(trail.model, t, finding.term) for t in later):
@@ -346,9 +264,9 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
             return _dropped(trail, finding.term)
     able = [c for c in ranking.candidates if c.passes and c.term not in trail.taken_back]
     near = [c for c in able if c.evidence.net > able[0].evidence.net - ALIKE]
-    if not near or (finding.term in {c.term for c in near} and _unknowns(trail, own) <= _unknowns(trail, near[0])):
+    if not near or (finding.term in {c.term for c in near} and unknowns(trail, own) <= unknowns(trail, near[0])):
         return trail
-    best = _simplest(trail, near)
+    best = simplest(trail, near)
     if best.term == finding.term:
         return trail
     return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail
@@ -382,10 +300,10 @@ def _in_its_place(trail: Trail, finding: Step, other: Candidate) -> Step:
 def _instead(trail: Trail, finding: Step, other: Candidate, there: Step, ranking: Ranking) -> Trail | None:
     """The trail with another candidate in a finding's place if that, refitted as `there`, is clearly better, or simpler
     and not clearly worse, which makes the two rivals."""
-    own, groups = finding.term, _of_either(trail, other.term, finding.term)
+    own, groups = finding.term, of_either(trail, other.term, finding.term)
     dearer = other.evidence.price - finding.candidate.evidence.price
     better = preferred(there, trail.last, groups, dearer)
-    simpler = _unknowns(trail, other) < _unknowns(trail, finding.candidate)
+    simpler = unknowns(trail, other) < unknowns(trail, finding.candidate)
     if not better and not (simpler and not preferred(trail.last, there, groups, -dearer)):
         return None
     rivals = () if better else (own,)
@@ -403,7 +321,7 @@ def without_replaced(trail: Trail) -> Trail:
         return trail
     trail = trail.rebuilt(kept, {}, [f.term for f in trail.findings if f not in kept])
     last = trail.last
-    own = _anew(last.previous, last.candidate)
+    own = weighed_anew(last.previous, last.candidate)
     return trail.to(replace(last, chosen=refitted(last.previous, last, own)))
 
 
@@ -412,9 +330,9 @@ def without_replaced(trail: Trail) -> Trail:
 
 def paired(trail: Trail) -> Trail:
     """The trail with a finding's runner-up and the best candidate beside that, where one effect stood for two."""
-    seconds = {_place(trail, c.term): c for c in reversed(trail.ranking.candidates) if c.passes}
+    seconds = {place_of(trail, c.term): c for c in reversed(trail.ranking.candidates) if c.passes}
     for place, second in seconds.items():
-        here = [f for f in trail.findings if _place(trail, f.term) == place and f.candidate.twist is None]
+        here = [f for f in trail.findings if place_of(trail, f.term) == place and f.candidate.twist is None]
         found = _pair_instead(trail, here[-1], second) if here and place is not None else None
         if found is not None:
             return found
@@ -423,12 +341,12 @@ def paired(trail: Trail) -> Trail:
 
 def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | None:
     kept = [(t, v) for t, v in trail.added() if t != finding.term]
-    made = _refitted(trail, second)
+    made = refit(trail, second)
     rest = [finding.candidate, *([second] if made.candidate.passes else [])]
     own = made.step if made.candidate.passes else trail.last
     for first in _runners_up(trail, finding):
         one = trail.refitted(trail.structure([*kept, (first.term, first.shape)]), trail.last)
-        beside = [t for t in one.base.terms() if _place(trail, t) == _place(trail, first.term)]
+        beside = [t for t in one.base.terms() if place_of(trail, t) == place_of(trail, first.term)]
         other = _ranked(one, beside).best
         if other is None or {first.term, other.term} == {finding.term, second.term}:
             continue
@@ -436,7 +354,7 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
         alone = trail.refitted(start, one)
         pair = trail.refitted({**start, first.term: dict(one.shapes[first.term])}, one)
         cost = first.evidence.price + other.evidence.price - sum(c.evidence.price for c in rest)
-        each = refitted(alone, pair, _anew(alone, first)), refitted(one, pair, other)
+        each = refitted(alone, pair, weighed_anew(alone, first)), refitted(one, pair, other)
         if may_be_the_rest(trail.model, first.term, other.term) or may_be_the_rest(trail.model, other.term, first.term):
             lost = [lost_without(finding.previous, x, pair, finding.joint_index) for x in (alone, one)]
             if not REST.asked(min(lost)).passes:
@@ -444,7 +362,7 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
         if all(c.passes for c in each) and preferred(pair, own, acting(trail.model, first.term), cost):
             trail = trail.rebuilt([f for f in trail.findings if f is not finding], {}, (finding.term,))
             for candidate in each:
-                made = _refitted(trail, candidate, stale=True)
+                made = refit(trail, candidate, stale=True)
                 trail = trail.to(made.step.after(trail.last, made.candidate, finding.ranking))
             return trail
     return None
@@ -457,7 +375,7 @@ def _runners_up(trail: Trail, finding: Step) -> list[Candidate]:
     return [
         c
         for c in sorted(finding.ranking.candidates, key=lambda c: -c.evidence.gain)
-        if _place(trail, c.term) == _place(trail, own)
+        if place_of(trail, c.term) == place_of(trail, own)
         and c.term not in named
         and c.term not in trail.taken_back
         and c.evidence.score > LEAST_PRICE
@@ -487,7 +405,7 @@ def with_rivals_decided(trail: Trail) -> Trail:
             if swapped is not None:
                 return swapped
             cost = finding.candidate.evidence.price - candidate.evidence.price
-            if not preferred(trail.last, there, _of_either(trail, term, finding.term), cost):
+            if not preferred(trail.last, there, of_either(trail, term, finding.term), cost):
                 alike.append(term)
         trail = with_rivals(trail, {finding.term: tuple(alike)})
     return trail

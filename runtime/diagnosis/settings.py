@@ -30,10 +30,6 @@ nothing is known of the rest; development recordings with coarse encoders."""
 
 # rivals -------------------------------------------------------------------------------------------------------------
 
-VUONG_APART: Final = 2.33
-"""standard deviations; two candidates are told apart beyond it: one per cent of a normal distribution, on one side;
-trial of a method."""
-
 ALIKE: Final = 5.0
 """natural logarithm; two candidates are told apart beyond it; "very strong" (Kass & Raftery 1995)."""
 
@@ -56,8 +52,8 @@ simulated or real, fits 2 to 25: a choice, forty times as many."""
 # a finding, refitted ------------------------------------------------------------------------------------------------
 
 MOST_TRIED: Final = 4
-"""number of candidates; of every joint so many are refitted beside each other; the hidden effect is among the first
-three of a joint in 28 of 30 recordings; time."""
+"""number of candidates; of every joint so many are refitted beside each other; time, and a tie of gravity, spring,
+cable and offset is four."""
 
 MOST_PAIRED: Final = 2
 """number of candidates; so many runners-up of a finding are asked with a second of their own; time."""
@@ -89,8 +85,8 @@ lies near enough by chance more often than not, and must explain as well; half, 
 half a noise floor and more are 0.07 to 0.4 wide on development recordings."""
 
 HEARD_SIGMAS: Final = 2.33
-"""standard deviations; recordings that were not fitted bear an effect out beyond it, and repay half its square of the
-price; one per cent of a normal distribution, on one side."""
+"""standard deviations; recordings bear one fit out against another beyond it, and those that were not fitted repay half
+its square of the price; one per cent of a normal distribution, on one side."""
 
 IDLE: Final = 0.1
 """part of the stretches of a recording that was not fitted, the longest; what two fits make of a time in which they

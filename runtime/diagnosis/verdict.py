@@ -162,8 +162,7 @@ class Diagnosis:
 
 
 def decide(trail: Trail) -> Diagnosis:
-    """The verdict, once nothing more passes the gates. Detection limits are left
-    out."""
+    """The verdict, once nothing more passes the gates. Detection limits are left out."""
     compared = credibility.compare(trail.last.fit, trail.names, [s.floor.spectrum for s in trail.last.joints])
     whole = _refused(trail, compared)
     if whole is not None:
@@ -215,7 +214,7 @@ def _named(trail: Trail) -> tuple[Trail, dict[int, JointVerdict]]:
 
 def _withdrawn(trail: Trail, joint: int) -> JointVerdict | None:
     """Why the findings of a joint (0-based) are not named; None where they are. What lowers the joint's error on
-    recordings that were not fitted is more than what comes nearest, and a guess beside it is what it leaves."""
+    recordings that were not fitted is more than what comes nearest."""
     first, last = trail.first, trail.last
     here = tuple(f for f in trail.findings if f.joint_index == joint)
     if joint in unsound(last.fit):
