@@ -132,11 +132,13 @@ class KnownSize:
     """Linear parameters, one an axis, change a vector of the model file. It then has the size that the file's has, or
     this one where the file's is nothing; or it is nothing.
 
-    of   the key of the model file     size  SI
+    of   the key of the model file     size  SI     at_most  whether a part of the vector is in no parameter, as in a
+    plane that may be inclined
     """
 
     of: Literal["gravity"]
     size: float
+    at_most: bool = False
 
 
 P = TypeVar("P", bound=DescribedParameter)
@@ -165,7 +167,7 @@ class DescribedEffect(Generic[P]):
     generalises  effects that are special cases of it: adding this one replaces them
     alike_at_joints  of an effect of the arm: that effect of a joint, with one value for all of them; where only one
                  joint moves, that one is named
-    known_size   constraint on its linear parameters, which are all axes of a vector; None where one is left out
+    known_size   constraint on its linear parameters, one for each axis of a vector
     assumed      imported arms have it at every joint, with unknown values
     gives_way    the transmission is compliant, so that the joint's link affects all joints; follows from the signals
     summary      one sentence
@@ -213,6 +215,11 @@ class DescribedEffect(Generic[P]):
     def given(self) -> tuple[P, ...]:
         """Parameters that motion cannot identify."""
         return tuple(p for p in self.parameters if p.role == "given")
+
+    @property
+    def sized(self) -> bool:
+        """Whether its linear parameters must keep a vector's known size."""
+        return self.known_size is not None and not self.known_size.at_most
 
     @property
     def rubs(self) -> bool:

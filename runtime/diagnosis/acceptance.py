@@ -22,6 +22,7 @@ from runtime.diagnosis.settings import (
     AS_WELL,
     AT_THE_FLOOR,
     FAR_ABOVE_NOISE,
+    GROSS,
     HEARD_SIGMAS,
     LEAST_EXPLAINED,
     MOST_LEFT,
@@ -32,7 +33,7 @@ from runtime.identification.problem import Skew
 from runtime.identification.regressors import Regressors
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, joints_of
+from runtime.model.terms import Term, Values, joints_of, known_vector
 from runtime.regression.rows import JointRows
 from symbolic.described import DescribedParameter
 
@@ -44,7 +45,8 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     term, model = candidate.term, after.fit.model
     said = None if after.held_out is None or before.held_out is None else told(after, before, term)
     rows = _rows(after)[joints_of(model, term)[0]].independent
-    dear = before.base.price(term, candidate.searched, candidate.among, rows)
+    predicted = _predicted(after, term)
+    dear = before.base.price(term, candidate.searched, candidate.among, rows, predicted)
     evidence = between(before, after, dear, said.repays if said else 0.0)
     # A fit of all rows is not the likeliest of coloured noise: what screening found beside the same base counts, too.
     if candidate.evidence.score > evidence.score:
@@ -61,7 +63,7 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
         *_rest(before, after, term),
         *([HELD_OUT.asked(said.falls_to)] if said else []),
     ]
-    return replace(candidate, evidence=evidence, results=tuple(results))
+    return replace(candidate, evidence=evidence, predicted=predicted, results=tuple(results))
 
 
 _REFITTED = (SHARE, ONCE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
@@ -93,11 +95,12 @@ def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]]) -
 
 
 def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: float = 0.0) -> bool:
-    """Whether a step is clearly better than another: recordings that were not fitted say so, or they do not speak
-    against it and it is likelier by more than ALIKE beyond what it costs more, and not by chance."""
+    """Whether a step is clearly better than another: recordings that were not fitted say so, or they say it less
+    clearly, if there are any, and it is likelier by more than ALIKE beyond what it costs more, and not by chance."""
     if other.held_out is not None and best.held_out is not None:
         said = heard(other.held_out, best.held_out, groups)
-        if said.clear or said.falls_to >= 1:
+        little = said.falls_to >= HELD_OUT.limit and said.sigmas <= HEARD_SIGMAS
+        if said.clear or said.falls_to >= 1 or little:
             return said.clear
     joints = _rows(best)
     gained = likelihood(joints, other.fit.residual) - likelihood(joints, best.fit.residual)
@@ -146,6 +149,19 @@ def _fall(before: Step, after: Step, joint: int) -> float:
 # is it an effect of its kind? ----------------------------------------------------------------------------------------
 
 
+def _predicted(step: Step, term: Term) -> bool:
+    """Whether a term's values, as refitted, are what the masses of the model file predict, as far as these are right:
+    a vector that it changes has its known size."""
+    vector = known_vector(step.fit.model, term)
+    if vector is None:
+        return False
+    stated, size = vector
+    values = step.fit.inference.values[term].values()
+    low, high = stated + np.array([e.interval or (e.value, e.value) for e in values]).T
+    least, most = np.linalg.norm(np.clip(0.0, low, high)), np.linalg.norm(np.maximum(abs(low), abs(high)))
+    return bool(least < (1 + GROSS) * size and most > (1 - GROSS) * size)
+
+
 def _at_a_bound(step: Step, term: Term) -> bool:
     values, sizes = step.fit.inference.values[term], _sizes(step, term)
     inertial = {lump.name for lump in step.fit.model.lumps}
@@ -169,24 +185,27 @@ def _of_its_kind(after: Step, term: Term) -> list[GateResult]:
     info = after.fit.model.library.effects[term.effect]
     found = []
     if info.of_kind("contact") is not None:
-        found.append(CONTACT.asked(_dragging(after, term)))
+        found.append(CONTACT.asked(_pushing(after, term)))
     if info.line is not None and term.joint is not None:
         found.append(TURN.asked(_off_the_turn(after, term)))
     return found
 
 
-def _dragging(step: Step, term: Term) -> float:
-    """Of a contact the square of its torque over the rate, of that over its depth."""
+def _pushing(step: Step, term: Term) -> float:
+    """Of a contact the part of the squared error that goes with its push alone where it touches, in that direction of
+    motion in which it is less."""
     fit, joint = step.fit, (term.joint or 1) - 1
-    info = fit.model.library.effects[term.effect]
-    contact = info.of_kind("contact")
+    info, own = fit.model.library.effects[term.effect], fit.problem.layout.slices[term]
+    contact, series = info.of_kind("contact"), step.joints[joint]
     assert contact is not None
-    own = fit.problem.layout.slices[term]
-    columns = fit.problem.rows(joint, fit.shapes)[0][own][:, fit.motion.moving(joint)]
-    torques = fit.coefficients[own, None] * columns
-    at = [c.name for c in info.coefficients].index(contact.name)
-    pushing, rest = torques[at], torques.sum(axis=0) - torques[at]
-    return float(rest @ rest) / max(float(pushing @ pushing), 1e-300)
+    torques = fit.coefficients[own, None] * fit.problem.rows(joint, fit.shapes)[0][own][:, fit.motion.moving(joint)]
+    push = torques[[c.name for c in info.coefficients].index(contact.name)]
+    without = series.residual + torques.sum(axis=0)
+    touches, parts = np.abs(push) > 0.1 * np.max(np.abs(push), initial=0.0), []
+    for rows in (touches & (series.qd > 0), touches & (series.qd < 0)):
+        was = float(without[rows] @ without[rows])
+        parts.append(1 - float(np.sum((without[rows] - push[rows]) ** 2)) / max(was, 1e-300))
+    return min(parts)
 
 
 def _off_the_turn(after: Step, term: Term) -> float:

@@ -144,12 +144,14 @@ SIZE: Final = Gate(
 )
 CONTACT: Final = Gate(
     "contact",
-    "square of a contact's torque over the rate, of that over its depth",
-    "below",
-    1.0,
+    "part of the squared error that goes with a contact's push where it touches, in that direction of motion in which it "
+    "is less",
+    "above",
+    0.2,
     "part",
-    "what resists motion more than it pushes back is drag over a part of the range",
-    "by construction",
+    "a contact pushes back whichever way the joint moves; drag over a part of the range and what follows a reversal do "
+    "not",
+    "as the share: true contacts 0.6 and more",
 )
 TURN: Final = Gate(
     "turn",

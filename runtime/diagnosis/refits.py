@@ -81,7 +81,7 @@ def simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
 
 
 def unknowns(trail: Trail, candidate: Candidate) -> int:
-    return trail.last.base.unknowns(candidate.term, candidate.searched)
+    return trail.last.base.unknowns(candidate.term, candidate.searched, candidate.predicted)
 
 
 def dearer(one: Refitted, other: Refitted) -> float:

@@ -14,7 +14,7 @@ from runtime.identification.grids import motor_angle
 from runtime.identification.recorded_torque import without_weight
 from runtime.identification.regressors import Ahead, Regressors
 from runtime.model.loader import LumpInfo, Model
-from runtime.model.terms import Prediction, Term, Values, given, joints_of, structure
+from runtime.model.terms import Prediction, Term, Values, given, joints_of, known_vector, structure
 from runtime.motion.motion import Motion
 from runtime.regression.bounded import inverse, of_size, tangents
 from runtime.regression.rows import Block, Columns, JointRows
@@ -66,8 +66,8 @@ class LinearUnknowns:
             slices[term] = slice(start, start + len(info.coefficients))
             start += len(info.coefficients)
             # A size that is known is bound enough, and what is sought before it is known may be anywhere.
-            lower += [-np.inf if info.known_size else c.bounds[0] for c in info.coefficients]
-            upper += [np.inf if info.known_size else c.bounds[1] for c in info.coefficients]
+            lower += [-np.inf if info.sized else c.bounds[0] for c in info.coefficients]
+            upper += [np.inf if info.sized else c.bounds[1] for c in info.coefficients]
             stated += model.library.coefficients(term.effect, known.get(term, {})).tolist()
         rotors = slice(start, start + (model.n if rigid_given else 0))
         count = rotors.stop - rotors.start
@@ -431,11 +431,10 @@ class Problem:
         vector, and the size."""
         found = []
         for term in self.layout.terms:
-            declared = self.model.library.effects[term.effect].known_size
-            if declared is not None and not without_weight(self.motion):
-                stated = np.array(getattr(self.model, declared.of))
+            vector = known_vector(self.model, term)
+            if vector and self.model.library.effects[term.effect].sized and not without_weight(self.motion):
                 place = np.arange(self.layout.slices[term].start, self.layout.slices[term].stop)
-                found.append((place, stated, float(np.linalg.norm(stated)) or declared.size))
+                found.append((place, *vector))
         return found
 
     def directions(self, theta: Array) -> Array:

@@ -94,6 +94,15 @@ SURFACE = "plate_y"
 """The signal with the height of the surface at the tip, a parameter of a contact effect."""
 
 
+def known_vector(model: Model, term: Term) -> tuple[Array, float] | None:
+    """A vector of the model file that a term changes, and its size; None for other terms."""
+    info = model.library.effects[term.effect]
+    if info.known_size is None:
+        return None
+    stated = np.array(getattr(model, info.known_size.of))[: len(info.linear)]
+    return stated, float(np.linalg.norm(stated)) or info.known_size.size
+
+
 def giver(library: Library, terms: Iterable[Term], signal: str) -> tuple[Term, str] | None:
     """The term with a parameter that is this signal for other effects, and the parameter's name, if any."""
     for term in terms:

@@ -193,7 +193,7 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
         "what helps at one moment harms at others: the error falls by {} standard deviations over stretches, not by {}"
     ),
     gates.SIZE.name: lambda *_: "its refitted size lies at its bound, or in a sum with inertial parameters",
-    gates.CONTACT.name: lambda *_: "its torque resists motion more than it pushes back",
+    gates.CONTACT.name: lambda *_: "it does not push back in both directions of motion",
     gates.TURN.name: lambda *_: "it does not repeat a whole number of times a turn, of the motor or of the joint",
     gates.REST.name: _told("a law over the same signals explains all but {} % of what both explain", 100),
     gates.HELD_OUT.name: _told(
@@ -490,7 +490,7 @@ def of_gravity(finding: Step, last: Step) -> str:
     if not added or not all(map(isfinite, added.values())):
         return ""
     axes, spread = "xyz" if model.spatial else "xy", None
-    if info.known_size is not None and finding.term in last.fit.problem.layout.slices:
+    if info.sized and finding.term in last.fit.problem.layout.slices:
         sure = last.fit.uncertainty
         covariance = sure.covariance[np.ix_(*[places(last.fit, finding.term, sure.names)] * 2)]
         if np.isfinite(covariance).all():

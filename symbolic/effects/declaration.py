@@ -158,8 +158,8 @@ class Effect(DescribedEffect[Parameter]):
         torque = _without(self.torque, self.parameters)
         elements = tuple(converted(e, lambda law: _without(law, self.parameters)) for e in self.elements)
         effect = replace(self, parameters=kept, torque=torque, form=self._form_in_plane(torque), elements=elements)
-        if any(p.space for p in self.linear):
-            effect = replace(effect, known_size=None)
+        if self.known_size is not None and any(p.space for p in self.linear):
+            effect = replace(effect, known_size=replace(self.known_size, at_most=True))
         if beyond := [s.name for s in effect.signals if s.space]:
             raise ValueError(f'effect "{self.name}" reads {beyond[0]}, which only a spatial arm has')
         return effect
