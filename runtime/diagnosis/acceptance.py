@@ -52,12 +52,12 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     if candidate.evidence.score > evidence.score:
         evidence = replace(candidate.evidence, repaid=evidence.repaid)
     kept = [r for r in candidate.results if r.gate is not SCORE and r.gate not in _REFITTED]
+    borne_out = said is not None and said.falls_to < HELD_OUT.limit and said.sigmas > STEADY.limit
     results = [
         SCORE.asked(evidence.score, evidence.due),
         *kept,
-        *([] if said and said.repays else _without_another_recording(before, after, candidate)),
+        *([] if borne_out else _without_another_recording(before, after, candidate, evidence)),
         FALL.asked(max(_fall(before, after, i) for i in own_joints(model, term))),
-        STEADY.asked(steadily(after.fitted, before.fitted, acting(model, term))),
         SIZE.asked(float(_at_a_bound(after, term))),
         *_of_its_kind(after, term),
         *_rest(before, after, term),
@@ -122,18 +122,21 @@ def above_noise(step: Step, joints: Sequence[int]) -> bool:
     return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
 
 
-def _without_another_recording(before: Step, after: Step, candidate: Candidate) -> list[GateResult]:
-    """Of the gates that recordings answer better which were not fitted: the part of what is above the noise that a term
-    takes away, at that of its joints where it is most, and over how much time, if other laws come near."""
+def _without_another_recording(before: Step, after: Step, candidate: Candidate, evidence: Evidence) -> list[GateResult]:
+    """Of the gates that recordings answer better which were not fitted: how much of what is above the noise a term
+    takes away, at that of its joints where it is most, how steadily, and, if others come near, over how much time."""
     model, parts = after.fit.model, []
     own = own_joints(model, candidate.term)
     for i in own:
         was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
         parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
-    several = model.library.effects[candidate.term.effect].several
-    share = SHARE.asked(max(parts), SHARE.limit / 2 if several else None)
+    least = SHARE.limit / (2 if model.library.effects[candidate.term.effect].several else 1)
+    if evidence.due < SHARE.limit * evidence.score and all(before.joints[i].floor.repeating is None for i in own):
+        least = 0.0  # no repeated motion shows the floor, which may be far higher: the score alone is sure enough
     spread = max(spread_over(after.fitted, before.fitted, i) for i in own)
-    return [share] if candidate.alone else [share, ONCE.asked(spread)]
+    steady = STEADY.asked(steadily(after.fitted, before.fitted, acting(model, candidate.term)))
+    found = [SHARE.asked(max(parts), least), steady]
+    return found if candidate.alone else [*found, ONCE.asked(spread)]
 
 
 def error_falls(before: Step, after: Step, joint: int) -> bool:
@@ -142,8 +145,11 @@ def error_falls(before: Step, after: Step, joint: int) -> bool:
 
 
 def _fall(before: Step, after: Step, joint: int) -> float:
-    """Part by which a joint's error (0-based) falls; 0 where it is at the noise already."""
-    return 1 - after.fitted.rms[joint] / before.fitted.rms[joint] if above_noise(before, (joint,)) else 0.0
+    """Part by which a joint's error (0-based) falls, fitted or held out, the lesser; 0 where it is at the noise."""
+    if not above_noise(before, (joint,)):
+        return 0.0
+    pairs = [(before.fitted, after.fitted), (before.held_out, after.held_out)]
+    return min(1 - now.rms[joint] / max(was.rms[joint], 1e-300) for was, now in pairs if was and now)
 
 
 # is it an effect of its kind? ----------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ so that beyond its limit an effect is seen, by its name or by that of another th
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -153,18 +154,11 @@ def _rms(x: Array) -> float:
 def _least(seen: Callable[[float], bool], start: float) -> float | None:
     """The smallest amount that is seen, as finely as users tell limits apart; None if none is seen up to a thousand
     times the start."""
-    ladder = start * 2.0 ** np.arange(11)
-    place = 2  # most limits lie near it, so that the search ends soonest
-    if seen(float(ladder[place])):
-        while place > 0 and seen(float(ladder[place - 1])):
-            place -= 1
-    else:
-        above = (k for k in range(place + 1, len(ladder)) if seen(float(ladder[k])))
-        if (found := next(above, None)) is None:
-            return None
-        place = found
-    amount, unseen = {"": float(ladder[place])}, {"": 0.5 * float(ladder[place])}
-    return _between(lambda found: seen(found[""]), unseen, amount, "")[""]
+    ladder = [float(start * 2.0**k) for k in range(11)]
+    place = bisect_left(ladder, True, key=seen)
+    if place == len(ladder):
+        return None
+    return _between(lambda found: seen(found[""]), {"": 0.5 * ladder[place]}, {"": ladder[place]}, "")[""]
 
 
 def _of_shape(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Limit | None:
@@ -199,8 +193,8 @@ def _of_shape(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Limit |
     if not strong:
         return None
     blocks = _along_its_own_motion(base, term, [weakest_first[k][0] for k in strong], freed)
-    place = _first(len(strong), lambda k: seen(weakest_first[strong[k]][0], blocks.choice(k)))
-    if place is None:
+    place = bisect_left(range(len(strong)), True, key=lambda k: seen(weakest_first[strong[k]][0], blocks.choice(k)))
+    if place == len(strong):
         return None
     first = strong[place]
     shape = weakest_first[first][0]
@@ -218,19 +212,6 @@ def _of_shape(beside: Whitened, term: Term, shapes: Sequence[Values]) -> Limit |
     joint, unit = joints_of(base.model, term)[0], unit_of(base.model, term, name)
     rms = _rms(base.unread(term, [shape]).choice(0).columns[joint].rows[0])
     return Limit(term, name, side, value=shape[name], unit=unit, joint=joint, rms=rms, assumed=rest)
-
-
-def _first(count: int, seen: Callable[[int], bool]) -> int | None:
-    """The first of `count` places from which on an effect is seen, in strides that double, then halved back."""
-    unseen, place, stride = -1, 0, 1
-    while place < count and not seen(place):
-        unseen, place, stride = place, place + stride, 2 * stride
-    if place >= count:
-        return None
-    while place - unseen > 1:
-        middle = (place + unseen) // 2
-        unseen, place = (unseen, middle) if seen(middle) else (middle, place)
-    return place
 
 
 def _freed(base: FittedBase, term: Term) -> float:

@@ -96,7 +96,7 @@ EDGE: Final = Gate(
 SHARE: Final = Gate(
     "share",
     "part of the squared error above the noise floor that goes with it, all refitted; not asked where recordings that "
-    "were not fitted bear it out",
+    "were not fitted bear it out, or where no repeated motion shows the floor and the price is a fifth of the score",
     "above",
     0.2,
     "part",
@@ -125,7 +125,7 @@ FALL: Final = Gate(
 STEADY: Final = Gate(
     "steady",
     "standard deviations by which the logarithm of the squared error falls over stretches that hold equal parts of its "
-    "torque",
+    "torque, of recordings that were not fitted or else of those that were",
     "above",
     1.645,
     "standard deviations",
@@ -144,8 +144,7 @@ SIZE: Final = Gate(
 )
 CONTACT: Final = Gate(
     "contact",
-    "part of the squared error that goes with a contact's push where it touches, in that direction of motion in which it "
-    "is less",
+    "part of the squared error that goes with a contact's push where it touches, in that direction in which it is less",
     "above",
     0.2,
     "part",

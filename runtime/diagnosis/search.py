@@ -35,7 +35,6 @@ from runtime.diagnosis.refits import (
     weighed_anew,
 )
 from runtime.diagnosis.settings import (
-    ALIKE,
     HEARD_SIGMAS,
     LEAST_MOVING_S,
     LEAST_PRICE,
@@ -253,23 +252,27 @@ def mended(trail: Trail, fresh: Sequence[Term]) -> Trail:
 def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     """The trail with a finding dropped, swapped, or as it is; later: terms added since that share a joint."""
     without = trail.without(finding.term)
-    ranking = _in_the_place(trail, finding, without)
-    own = ranking.of(finding.term) or weighed_anew(without, finding.candidate)
-    if not refitted(without, trail.last, replace(own, alone=finding.candidate.alone)).passes:
-        return _dropped(trail, finding.term)
+    superfluous = not _holds(without, trail.last, finding)
     if any(may_be_the_rest(trail.model, t, finding.term) for t in later):
         # One law that does it nearly alone stands before two.
-        joint = finding.joint_index
-        if not REST.asked(lost_without(finding.previous, without, trail.last, joint)).passes:
-            return _dropped(trail, finding.term)
+        lost = lost_without(finding.previous, without, trail.last, finding.joint_index)
+        superfluous |= not REST.asked(lost).passes
+    if superfluous:
+        # Of the two the later one is superfluous where it does not hold without the other.
+        weak = [f for f in trail.findings if f.term in later and not _holds(finding.previous, without, f)]
+        return _dropped(trail, weak[0].term if weak else finding.term)
+    ranking = _in_the_place(trail, finding, without)
     able = [c for c in ranking.candidates if c.passes and c.term not in trail.taken_back]
-    near = [c for c in able if c.evidence.net > able[0].evidence.net - ALIKE]
-    if not near or (finding.term in {c.term for c in near} and unknowns(trail, own) <= unknowns(trail, near[0])):
-        return trail
-    best = simplest(trail, near)
+    best = simplest(trail, able) if able else finding.candidate
     if best.term == finding.term:
         return trail
     return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail
+
+
+def _holds(before: Step, after: Step, finding: Step) -> bool:
+    """Whether a finding passes every gate between two steps, the second with it."""
+    own = weighed_anew(before, finding.candidate)
+    return refitted(before, after, replace(own, alone=finding.candidate.alone)).passes
 
 
 def _in_the_place(trail: Trail, finding: Step, without: Step) -> Ranking:
