@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.gates import LAG, LESS_PLAY, MORE_PLAY, ON_LINK, ON_MOTOR, RIGID, Gate, GateResult
-from runtime.diagnosis.settings import SENSOR_SIGMAS
+from runtime.diagnosis.settings import SENSOR_SIGMAS, STRETCHES
 from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import LOADED
 from runtime.identification.twist import late, without_peaks
@@ -25,7 +25,7 @@ from runtime.model.terms import Term, joints_of
 from runtime.motion.piece import Piece, Sensors
 from runtime.regression.noise import over_stretches
 from runtime.regression.rows import Block
-from runtime.regression.settings import FOLDS, LEAST_OWN
+from runtime.regression.settings import LEAST_OWN
 from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -
         return None
     part = cross / square
     score = torque * (seen - part * torque)
-    sums = np.array([[fold.sum()] for fold in np.array_split(score, FOLDS)])
+    sums = np.array([[fold.sum()] for fold in np.array_split(score, STRETCHES)])
     return Echo(part, float(np.sqrt(over_stretches(sums, 1)[0, 0])) / square)
 
 

@@ -31,7 +31,7 @@ from runtime.motion.motion import Motion, prepare
 from runtime.motion.piece import Piece
 from runtime.progress import of_each
 from runtime.recordings.recording import Recording
-from runtime.regression.bounded import bounded
+from runtime.regression.bounded import bounded, inverse
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
 from runtime.simulation.options import SimulationSettings
@@ -169,13 +169,13 @@ class Separation:
 class MotionPieces:
     """A motion's pieces, ready to be judged in any choice.
 
-    systems  of every joint, weighted by its noise floor, a fold a piece: what the base model may take, then the rivals'
+    systems  of every joint and piece, weighted by its noise floor: what the base model may take, then the rivals'
              torques, then their columns
     places   by rival and shape, the rows of the fixed part and of the columns behind the torques
     """
 
     bench: TrialArm
-    systems: tuple[LinearSystem, ...]
+    systems: tuple[tuple[LinearSystem, ...], ...]
     places: tuple[tuple[slice, ...], ...]
 
     @classmethod
@@ -193,9 +193,9 @@ class MotionPieces:
 
     def weigh(self, chosen: Sequence[int] | None = None, count: float = 1) -> dict[Pair, Separation]:
         """Separations on the chosen pieces, `count` times over; a pair without second rival is its visibility."""
-        take = slice(None) if chosen is None else list(chosen)
-        everything = np.sum([system.beyond_first(take) for system in self.systems], axis=0)
-        rows = max(1.0, *(float(system.sizes[take].sum()) for system in self.systems))
+        taken = self.systems if chosen is None else [[pieces[k] for k in chosen] for pieces in self.systems]
+        everything = np.sum([_beyond_first(pieces) for pieces in taken], axis=0)
+        rows = max(1, *(sum(system.joints[0].count for system in pieces) for pieces in taken))
         sums: dict[Pair, float] = {}
         for pair in [*self.bench.pairs, *((k, None) for k in range(len(self.bench.rivals)))]:
             sums[pair] = max(self._left(everything, *pair), 0.0)
@@ -217,6 +217,15 @@ class MotionPieces:
             theta = bounded(g[1:, 1:], moment, lower, upper)
             least = min(least, float(fixed - 2 * theta @ moment + theta @ g[1:, 1:] @ theta))
         return least - EXACT**2 * whole
+
+
+def _beyond_first(systems: Sequence[LinearSystem]) -> Array:
+    """(R', R') products, over some pieces, of all rows behind the first block once its columns took over what they
+    can."""
+    gram, first = np.sum([system.gram for system in systems], axis=0), systems[0].blocks[0].rows
+    cross, behind = gram[first], slice(first[-1] + 1, None)
+    left: Array = gram[behind, behind] - cross[:, behind].T @ inverse(cross[:, first]) @ cross[:, behind]
+    return left
 
 
 @dataclass(frozen=True)
@@ -250,20 +259,19 @@ class _Rows:
             at += size * len(choices)
         return tuple(found)
 
-    def joint(self, spans: Sequence[tuple[float, float]], joint: int) -> LinearSystem:
-        """The system of a joint (0-based)."""
+    def joint(self, spans: Sequence[tuple[float, float]], joint: int) -> tuple[LinearSystem, ...]:
+        """The systems of a joint (0-based), one a span of time."""
         base, rivals = self._base(joint), self.bench.rivals
         torques = [self._torque(rival, joint) for rival in rivals]
         columns = [self._columns(rival, choices, joint) for rival, choices in zip(rivals, self.shapes, strict=True)]
         others, free = np.concatenate([torques, *columns]), np.full(len(base), np.inf)
         use, time = self.motion.moving(joint), self.motion.row_time(joint)
-        pieces = tuple(slice(*map(int, np.searchsorted(time[use], span))) for span in spans)
-        rows = JointRows(
-            np.zeros(len(time)), use, self.motion.row_piece(joint), 1 / self.bench.floor[joint], stretches=pieces
-        )
         taken = Block("base", {0: Columns(np.vstack([np.zeros(len(time)), base]))}, -free, free)
         unbounded = np.full(len(others) - 1, np.inf)
-        return LinearSystem.of([rows], [taken, Block("rivals", {0: Columns(others)}, -unbounded, unbounded)])
+        blocks = [taken, Block("rivals", {0: Columns(others)}, -unbounded, unbounded)]
+        nothing, piece, weight = np.zeros(len(time)), self.motion.row_piece(joint), 1 / self.bench.floor[joint]
+        inside = (use & (time >= low) & (time < high) for low, high in spans)
+        return tuple(LinearSystem.of([JointRows(nothing, rows, piece, weight)], blocks) for rows in inside)
 
     def _base(self, joint: int) -> Array:
         """(K, M) what the base model may take."""

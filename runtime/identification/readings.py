@@ -166,7 +166,7 @@ class Trials:
             torque = reading.signs[joint] * rows[-n + reading.torques[joint]]
             weight = 1 / float(np.linalg.norm(torque)) if _is_torque(torque) else 0.0
             every, whole = np.ones(len(torque), dtype=bool), np.zeros(len(torque), dtype=np.intp)
-            joints.append(JointRows(torque, every, whole, weight, stretches=(slice(0, len(torque)),)))
+            joints.append(JointRows(torque, every, whole, weight))
         system = LinearSystem.of(joints, [Block("model", columns, layout.lower, layout.upper, near=layout.stated)])
         theta, found = system.least(), np.zeros(n)
         left = zip(joints, system.residual(theta), strict=True)

@@ -1,8 +1,8 @@
 """What is known of a joint's rows and of the columns on them, and the products of these.
 
-Everything that a system decides follows from products of rows in FOLDS stretches of time; they are computed once for
-each pair of equal blocks. Products of a realisation of the encoders' noise are subtracted from all of them
-(bias-compensated least squares, Stoica & Söderström 1982).
+Everything that a system decides follows from products of rows; they are computed once for each pair of equal blocks.
+Products of a realisation of the encoders' noise are subtracted from all of them (bias-compensated least squares,
+Stoica & Söderström 1982).
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from runtime.regression.noise import Whitening, autoregression
-from runtime.regression.settings import FOLDS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,7 +30,7 @@ class JointRows:
     tau (M,) N m (N); noise (M,): what a realisation of the encoders' noise adds to it, None where there is none; use
     (M,): rows that count, at least some; piece (M,): the stretch of time of a row; weight: 1/σ; eliminated (M, K):
     combinations of rows that were taken out; unaffected (M,): rows that none of them reaches, None: all that count;
-    dependent: how many rows follow from others; stretches: of the rows that count, in place of FOLDS even ones.
+    dependent: how many rows follow from others.
     """
 
     tau: Array
@@ -41,7 +40,6 @@ class JointRows:
     eliminated: sparse.csr_array | None = None
     unaffected: Mask | None = None
     dependent: int = 0
-    stretches: tuple[slice, ...] = ()
     noise: Array | None = None
 
     @cached_property
@@ -58,12 +56,6 @@ class JointRows:
     def independent(self) -> int:
         """Number of rows that count and do not follow from others."""
         return max(1, self.count - self.dependent)
-
-    @cached_property
-    def folds(self) -> tuple[slice, ...]:
-        """Stretches of time with equally many rows that count, as places among these."""
-        edges = np.linspace(0, self.count, FOLDS + 1).astype(int)
-        return self.stretches or tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
 
     def used(self, x: Array) -> Array:
         """Rows that count of x (..., M): (..., m)."""
@@ -170,11 +162,11 @@ class RowStack:
             index, used, noise = index[there], used[there], None if noise is None else noise[there]
         return cls(index, used, noise)
 
-    def products(self, other: RowStack, folds: Sequence[slice]) -> Array:
-        """(FOLDS, r, r') with other rows, compensated for the noise in both."""
-        found = np.array([self.rows[:, part] @ other.rows[:, part].T for part in folds])
+    def products(self, other: RowStack) -> Array:
+        """(r, r') with other rows, compensated for the noise in both."""
+        found: Array = self.rows @ other.rows.T
         if self.noise is not None and other.noise is not None:
-            found -= [self.noise[:, part] @ other.noise[:, part].T for part in folds]
+            found -= self.noise @ other.noise.T
         return found
 
     def combined(self, direction: Array) -> tuple[Array, Array | None]:
@@ -212,7 +204,7 @@ class JointAt:
 
 @dataclass(frozen=True, eq=False)
 class JointProducts:
-    """One joint's products (FOLDS, r, r) of its stacks by key, unweighted; order: keys and first rows of these."""
+    """One joint's products (r, r) of its stacks by key, unweighted; order: keys and first rows of these."""
 
     stacks: Mapping[Hashable, RowStack]
     gram: Array
@@ -236,19 +228,19 @@ class JointProducts:
             kept = like.stacks[key] if like is not None and key in old else None
             stacks[key] = RowStack.of(start, columns[joint], rows) if kept is None else kept
         size, order = sum(len(s.index) for s in stacks.values()), [(key, start) for key, start, _ in parts]
-        made = cls(stacks, np.zeros((len(rows.folds), size, size)), order)
+        made = cls(stacks, np.zeros((size, size)), order)
         new, both = made.places, [key for key in stacks if key in old]
         if like is not None and both:
             here, there = (np.concatenate([places[key] for key in both]) for places in (new, old))
-            made.gram[:, here[:, None], here] = like.gram[:, there[:, None], there]
+            made.gram[np.ix_(here, here)] = like.gram[np.ix_(there, there)]
         keys = list(stacks)
         for n, one in enumerate(keys):
             # In one order whatever is there already, so that equal blocks have equal products to the last digit.
             for other in keys[: n + 1]:
                 if one not in old or other not in old:
-                    product = stacks[one].products(stacks[other], rows.folds)
-                    made.gram[:, new[one][:, None], new[other]] = product
-                    made.gram[:, new[other][:, None], new[one]] = product.swapaxes(1, 2)
+                    product = stacks[one].products(stacks[other])
+                    made.gram[np.ix_(new[one], new[other])] = product
+                    made.gram[np.ix_(new[other], new[one])] = product.T
         return made
 
     @cached_property

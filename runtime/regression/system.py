@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
+from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve
 from runtime.regression.noise import Whitening
 from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, merged
 from runtime.regression.settings import LEAST_OWN
@@ -58,9 +58,9 @@ class BlockPlace:
 class LinearSystem:
     """Torques of all joints and the blocks that explain them.
 
-    gram    (FOLDS, R, R) products of all rows, compensated and weighted: the torque first, then each block's
+    gram    (R, R) products of all rows, compensated and weighted: the torque first, then each block's
     blocks  in the order of their rows      stacks  by joint what there is of the rows
-    level   (FOLDS,) squared error that noise in the columns makes without candidates; a constant of all of them
+    level   squared error that noise in the columns makes without candidates; a constant of all of them
     zero    keys of blocks that are left out
     base    the system without the last block, where that was added to one
     """
@@ -69,7 +69,7 @@ class LinearSystem:
     blocks: tuple[BlockPlace, ...]
     stacks: tuple[tuple[RowStack, ...], ...]
     gram: Array
-    level: Array
+    level: float
     zero: frozenset[Hashable] = frozenset()
     base: LinearSystem | None = None
     _local: tuple[JointProducts, ...] = ()
@@ -87,30 +87,29 @@ class LinearSystem:
             pairs = zip(places, blocks, strict=True)
             parts += [(b.version or b.key, p.start, b.columns) for p, b in pairs if j in b.columns]
             local.append(JointProducts.of(j, rows, parts, like._local[j] if like is not None else None))
-        gram = np.zeros((len(joints[0].folds), start, start))
+        gram = np.zeros((start, start))
         for rows, part in zip(joints, local, strict=True):
-            gram[:, part.index[:, None], part.index] += rows.weight**2 * part.gram
+            gram[np.ix_(part.index, part.index)] += rows.weight**2 * part.gram
         stacks = tuple(tuple(part.stacks.values()) for part in local)
-        return cls(tuple(joints), tuple(places), stacks, gram, np.zeros(len(gram)), _local=tuple(local))
+        return cls(tuple(joints), tuple(places), stacks, gram, 0.0, _local=tuple(local))
 
     def with_block(self, block: Block) -> LinearSystem:
         """The system with one more block."""
-        start, size = self.gram.shape[1], 1 + len(block.lower)
-        gram = np.zeros((len(self.gram), start + size, start + size))
-        gram[:, :start, :start] = self.gram
+        start, size = len(self.gram), 1 + len(block.lower)
+        gram = np.zeros((start + size, start + size))
+        gram[:start, :start] = self.gram
         stacks = list(self.stacks)
         for joint, columns in block.columns.items():
             rows = self.joints[joint]
             own = RowStack.of(start, columns, rows)
             for other in stacks[joint]:
-                gram[:, own.index[:, None], other.index] += rows.weight**2 * own.products(other, rows.folds)
-            gram[:, own.index[:, None], own.index] += rows.weight**2 * own.products(own, rows.folds)
+                gram[np.ix_(own.index, other.index)] += rows.weight**2 * own.products(other)
+            gram[np.ix_(own.index, own.index)] += rows.weight**2 * own.products(own)
             if columns.white is not None:
-                size_of = np.array([part.stop - part.start for part in rows.folds])
                 inside = np.arange(start + 1, start + size)
-                gram[:, inside, inside] -= rows.weight**2 * size_of[:, None] * columns.white
+                gram[inside, inside] -= rows.weight**2 * rows.count * columns.white
             stacks[joint] = (*stacks[joint], own)
-        gram[:, :start, start:] = gram[:, start:, :start].swapaxes(1, 2)
+        gram[:start, start:] = gram[start:, :start].T
         place = BlockPlace.of(block, start)
         return replace(
             self, blocks=(*self.blocks, place), stacks=tuple(stacks), gram=gram, base=self, _local=(), level=self.level
@@ -132,12 +131,12 @@ class LinearSystem:
 
     def levelled(self) -> LinearSystem:
         """The system with the noise level of its own solution."""
-        plain = replace(self, level=np.zeros(len(self.gram)))
-        level, direction = np.zeros(len(self.gram)), plain.solution.direction
+        plain = replace(self, level=0.0)
+        level, direction = 0.0, plain.solution.direction
         for rows, parts in zip(self.joints, self.stacks, strict=True):
             for _, noise in (part.combined(direction) for part in parts):
                 if noise is not None:
-                    level += rows.weight**2 * np.array([noise[part] @ noise[part] for part in rows.folds])
+                    level += rows.weight**2 * float(noise @ noise)
         return replace(plain, level=level)
 
     def without_noise(self) -> LinearSystem:
@@ -200,11 +199,11 @@ class LinearSystem:
 
     def _anew(self, joints: Sequence[JointRows], stacks: Sequence[Sequence[RowStack]]) -> LinearSystem:
         """The same blocks over other rows, levelled."""
-        gram = np.zeros((len(joints[0].folds), *self.gram.shape[1:]))
+        gram = np.zeros_like(self.gram)
         for rows, parts in zip(joints, stacks, strict=True):
             for one in parts:
                 for other in parts:
-                    gram[:, one.index[:, None], other.index] += rows.weight**2 * one.products(other, rows.folds)
+                    gram[np.ix_(one.index, other.index)] += rows.weight**2 * one.products(other)
         own = tuple(tuple(parts) for parts in stacks)
         return replace(self, joints=tuple(joints), stacks=own, gram=gram, base=None, _local=()).levelled()
 
@@ -234,16 +233,7 @@ class LinearSystem:
     @cached_property
     def count(self) -> int:
         """Number of independent rows of all joints."""
-        return round(float(self.sizes.sum()))
-
-    @cached_property
-    def sizes(self) -> Array:
-        """(FOLDS,) rows, less what was eliminated, as if that were spread evenly."""
-        found = np.zeros(len(self.gram))
-        for rows in self.joints:
-            part = rows.independent / max(1, rows.count)
-            found += part * np.array([fold.stop - fold.start for fold in rows.folds])
-        return found
+        return sum(rows.independent for rows in self.joints)
 
     @cached_property
     def rank(self) -> int:
@@ -252,15 +242,10 @@ class LinearSystem:
 
     @cached_property
     def _torque(self) -> Array:
-        found = np.zeros(self.gram.shape[1])
+        found = np.zeros(len(self.gram))
         found[0] = 1.0
         found[[b.start for b in self.blocks if b.key not in self.zero]] = -1.0
         return found
-
-    @cached_property
-    def _folds(self) -> Array:
-        """(FOLDS, K, K) of the unknowns' columns."""
-        return self.gram[:, self.unknown[:, None], self.unknown]
 
     @cached_property
     def _whole(self) -> Alike:
@@ -301,7 +286,7 @@ class LinearSystem:
     @cached_property
     def normal(self) -> Array:
         """(K, K) Gram matrix of the columns on all rows."""
-        return self._folds.sum(axis=0)
+        return self.gram[np.ix_(self.unknown, self.unknown)]
 
     def least(
         self, violated: Callable[[Array], Array | None] = lambda _: None, held: Mapping[int, float] | None = None
@@ -309,7 +294,7 @@ class LinearSystem:
         """(K,) least squares that `violated` accepts, see `minimise`. Directions that no row sees stay near where the
         blocks have them; held: coefficients by their place, with their values."""
         near = np.concatenate([np.zeros(0), *(b.near for b in self.blocks)])
-        moment = (self.gram.sum(axis=0) @ self._torque)[self.unknown]
+        moment = (self.gram @ self._torque)[self.unknown]
         lower, upper = (bound.copy() for bound in self.bounds)
         for place, value in (held or {}).items():
             lower[place] = upper[place] = value
@@ -325,7 +310,7 @@ class LinearSystem:
 
     def shift(self, theta: Array, along: Array) -> Array:
         """(F,) from coefficients theta to those of least squares without bounds, in directions along (K, F)."""
-        moment = (self.gram.sum(axis=0) @ self._direction(theta))[self.unknown]
+        moment = (self.gram @ self._direction(theta))[self.unknown]
         return solve(along.T @ self.normal @ along, along.T @ moment)
 
     def residual(self, theta: Array) -> tuple[Array, ...]:
@@ -359,7 +344,7 @@ class LinearSystem:
 
     def at(self, theta: Array) -> tuple[JointAt, ...]:
         """Every joint at coefficients theta (K,)."""
-        number = np.full(self.gram.shape[1], -1)
+        number = np.full(len(self.gram), -1)
         number[self.unknown] = np.arange(len(self.unknown))
         direction = self._direction(theta)
         pairs = zip(self.joints, self.stacks, strict=True)
@@ -463,19 +448,11 @@ class LinearSystem:
             cross[..., own.unknown] += rows.weight**2 * (x @ own.columns.T)
         return np.maximum(square - ((cross @ self.projection) * cross).sum(axis=-1), 0.0), square
 
-    def beyond_first(self, folds: slice | Sequence[int]) -> Array:
-        """(R', R') products, on some folds, of all rows behind the first block once its columns took over what they
-        can."""
-        gram, first = self.gram[folds].sum(axis=0), self.blocks[0].rows
-        cross, behind = gram[first], slice(first[-1] + 1, None)
-        left: Array = gram[behind, behind] - cross[:, behind].T @ inverse(cross[:, first]) @ cross[:, behind]
-        return left
-
     def held(self, theta: Array) -> tuple[float, float]:
         """How much of a torque of the last block, theta (1 + k,), the measurement holds already, and its standard
         deviation if rows are white."""
         assert self.base is not None
-        base, whole, own = self.base, self.gram.sum(axis=0), slice(self.blocks[-1].start, None)
+        base, whole, own = self.base, self.gram, slice(self.blocks[-1].start, None)
         against = np.column_stack([whole[:, own] @ theta, whole[:, : own.start] @ base._torque])
         taken = base.projection @ against[base.unknown]
         left = theta @ (against[own] - whole[own][:, base.unknown] @ taken)
@@ -489,7 +466,7 @@ class LinearSystem:
 class Solution:
     """Least squares of a system for one torque.
 
-    torque (R,): the combination of all rows that is explained; against (FOLDS, R): its products with them. Errors are
+    torque (R,): the combination of all rows that is explained; against (R,): its products with them. Errors are
     weighted as the rows are.
     """
 
@@ -498,14 +475,14 @@ class Solution:
     against: Array
 
     @cached_property
-    def _moments(self) -> tuple[Array, Array]:
-        """(FOLDS, K) with the columns, and (FOLDS,) with itself."""
-        return self.against[:, self.system.unknown], self.against @ self.torque
+    def _moments(self) -> tuple[Array, float]:
+        """(K,) with the columns, and with itself."""
+        return self.against[self.system.unknown], float(self.against @ self.torque)
 
     @cached_property
     def coefficients(self) -> Array:
         """(K,) of all rows, each within its bounds."""
-        found: Array = self.system._whole.solve(self._moments[0].sum(axis=0)[None])[0]
+        found: Array = self.system._whole.solve(self._moments[0][None])[0]
         return found
 
     @property
@@ -521,12 +498,5 @@ class Solution:
     @cached_property
     def sse(self) -> float:
         """Squared error on all rows."""
-        (moments, squares), theta = self._moments, self.coefficients[None]
-        left = _left(self.system._whole.grams, moments.sum(axis=0)[None], squares.sum()[None], theta)
-        return float(left[0] + self.system.level.sum())
-
-
-def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:
-    """(F,) squared errors of coefficients theta (F, K)."""
-    left: Array = squares + (theta * (times(grams, theta) - 2 * moments)).sum(axis=1)
-    return left
+        (moments, square), theta = self._moments, self.coefficients
+        return square + float(theta @ (self.system.normal @ theta - 2 * moments)) + self.system.level
