@@ -25,7 +25,7 @@ from runtime.motion import repeats
 from runtime.motion.band import apparent_inertia
 from runtime.motion.motion import Motion
 from runtime.motion.repeats import Floor, floor
-from runtime.motion.settings import MORE_THAN_NOISE, RESOLVED, UNCERTAIN_INSTANTS
+from runtime.motion.settings import MORE_THAN_NOISE, RESOLVED
 from runtime.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -86,9 +86,10 @@ class JointSeries:
 
     @property
     def at_floor(self) -> bool:
-        """Whether the error is no more than noise; of a joint that is called clean it always is."""
+        """Whether the error is no more than noise; of a joint that is called clean it always is. Twice as much where
+        stamps are uneven: the floor lacks what uncertain instants of reading add."""
         uncertain = self.fit is not None and self.fit.motion.band.jittered
-        return self.rms <= (UNCERTAIN_INSTANTS if uncertain else MORE_THAN_NOISE) * self.noise
+        return self.rms <= (2 if uncertain else 1) * MORE_THAN_NOISE * self.noise
 
     def signals(self) -> dict[str, Array]:
         """Signals that a residual may follow, by the names that `compare --json` uses."""

@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import LEAST_OF_ROW, ROWS_AT_ONCE
+from runtime.motion.settings import LEAST_OF_ROW
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -155,16 +155,16 @@ class UnknownTorque:
         """x (..., M) -> (..., M), each row the same to its last bit whatever stands beside it."""
         if not self.directions.shape[1]:
             return x
-        rows, left = x.reshape(-1, x.shape[-1]), np.empty(x.shape)
+        rows, left, together = x.reshape(-1, x.shape[-1]), np.empty(x.shape), 8
         # Products of matrices of other sizes are rounded in other ways: all have as many rows.
-        for first in range(0, len(rows), ROWS_AT_ONCE):
-            some = rows[first : first + ROWS_AT_ONCE]
-            padded = np.pad(some, ((0, ROWS_AT_ONCE - len(some)), (0, 0)))
+        for first in range(0, len(rows), together):
+            some = rows[first : first + together]
+            padded = np.pad(some, ((0, together - len(some)), (0, 0)))
             left.reshape(rows.shape)[first : first + len(some)] = self._of_some(padded)[: len(some)]
         return left
 
     def _of_some(self, rows: Array) -> Array:
-        """As the call, of ROWS_AT_ONCE rows."""
+        """As the call, of as many rows as it takes together."""
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
             if self._axes is not None:
                 axes, part = self._axes

@@ -31,10 +31,6 @@ WIDE_ENOUGH: Final = 30.0
 below it, and above resonances of transmissions begin, which in one joint's rows alone pass for those of another;
 development recordings of two joints, at 48 and 88 Hz."""
 
-CUTOFF_OF_SAMPLING: Final = 0.2
-"""part of the sampling rate; the smoothing, which stops at three times the cut-off, has no room above; by
-construction."""
-
 SMOOTHING_OVER_CUTOFF: Final = 3.0
 """ratio to the cut-off; the position's smoothing stops there, so that it is flat inside the band; development
 recordings."""
@@ -42,6 +38,9 @@ recordings."""
 ROWS_OVER_CUTOFF: Final = 2.5
 """ratio of the rate of rows to the cut-off; twice the band filter's stop-band, which begins a quarter above the
 cut-off: a compromise between its length and the rate of rows; sampling theorem."""
+
+CUTOFF_OF_SAMPLING: Final = 1 / (2 * ROWS_OVER_CUTOFF)
+"""part of the sampling rate; two samples a row: the smoothing has no room above; by construction."""
 
 MOST_DELAY: Final = 4.0
 """samples; the band's filter has room to shift a torque by less: no larger skew is searched; by construction."""
@@ -82,9 +81,6 @@ LEAST_OF_ROW: Final = 0.1
 """part of a row; one of which the elimination leaves less holds mostly what friction at rest may be, and is not used;
 a choice."""
 
-ROWS_AT_ONCE: Final = 8
-"""number of columns from which a torque is eliminated at once; fewer are filled up to it; time."""
-
 UNAFFECTED: Final = 0.97
 """part of a row; where the elimination leaves more, no unknown torque reached it; development recordings."""
 
@@ -113,10 +109,6 @@ recordings with disturbances from outside."""
 MORE_THAN_NOISE: Final = 1.5
 """noise floors; an error beyond is more than noise, for every verb and page; recordings in which nothing is missing, of
 fine and coarse encoders, even and uneven stamps: 1.0 to 1.25."""
-
-UNCERTAIN_INSTANTS: Final = 3.0
-"""noise floors; as MORE_THAN_NOISE, where stamps are uneven: the floor lacks what uncertain instants of reading add;
-a choice, twice MORE_THAN_NOISE; an arm with stamps of whole milliseconds: 1.6."""
 
 RESOLVED: Final = 0.001
 """part of a joint's torque, RMS; nothing is named of an error below it; magnets weaken by a thousandth a kelvin, and a
