@@ -18,49 +18,33 @@ from typing import Any
 
 import numpy as np
 from harness import SHORT, show, sized
-from traced import TracedNumber, logged, nearest
+from traced import TracedNumber, nearest
+from traced import logged as flips
 
 from runtime.diagnosis.gates import GATES
-from runtime.diagnosis.stages import complete
+from runtime.diagnosis.stages import begin, complete, conclude
 from runtime.diagnosis.steps import Trail
 from runtime.diagnosis.verdict import decide
-from runtime.identification.identify import prepared
 from runtime.model.loader import Model
-from runtime.motion.motion import Motion
 from runtime.progress import on_cores
 from runtime.recordings.recording import Recording
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import parse_hidden, simulate
 from tests.judge import cases
-from tests.judge.line import code, opened
+from tests.judge.line import code, logged, opened
 
 ROOMS = ("gates", "diagnosis", "identification", "regression", "motion")
 BUDGET = float(os.environ.get("TENDON_BENCHMARK_BUDGET", "1500"))
 """Seconds after which nothing is begun; the table goes on where it ended, unless the code has changed."""
 TABLES = Path.home() / ".cache" / "tendon" / "benchmarks"
 FACTORS = (0.5, 2.0)
+CHANGES = ("verdict", "named", "rivals", "failed")
 
-JUDGED = (
-    (1, "clean", 0.0),
-    (1, "torque_ripple", 0.4),
-    (1, "stribeck", 0.13),
-    (1, "load_friction", 0.16),
-    (1, "torque_ripple", 0.1),
-    (1, "linear_spring", 0.2),
-    (1, "clean_strong", 0.0),
-    (1, "clean_x10", 0.0),
-    (2, "clean", 0.0),
-    (1, "load_friction", 0.4),
-    (1, "stribeck", 0.4),
-    (1, "linear_spring", 0.4),
-    (1, "elasticity", 0.5),
-    (2, "stribeck", 0.4),
-    (1, "lugre", 0.5),
-    (1, "stribeck+linear_spring", 0.7),
-    (2, "gravity", 0.5),
-)
-"""Joints, case and size in noise floors, as tests/judge makes them, with a development seed and its brief motion: what
-costs least first, and some of a size at which the gates begin to open."""
+CLEAN = {"clean_x10": 0.0, "clean": 0.0, "clean_jitter": 0.0}
+LEFT = {"outside_wander": 1.0, "outside_knocks": 1.0, "stribeck": 0.2}
+NAMED = {"ripple_direct": 0.6, "stribeck_lorentz": 1.0, "lugre": 0.5, "gravity_left_out": 0.5, "end_stop": 0.5}
+"""Case and size in noise floors, as tests/judge makes them, with a development seed and its brief motion: of every kind
+of effect one, and some of a size at which the gates begin to open."""
 SEED = 17
 SENSED = ("elasticity@1:stiffness=3000,damping=2", "backlash@1:gap=0.003,stiffness=8000,damping=4")
 """Hidden in the demo's drive, which is recorded with an encoder on the link and a torque sensor, too."""
@@ -68,9 +52,9 @@ SENSED = ("elasticity@1:stiffness=3000,damping=2", "backlash@1:gap=0.003,stiffne
 
 @dataclass(frozen=True)
 class Answer:
-    """What a user would see change: the verdict, what is named, and what it cannot be told from."""
+    """What a user would see change: the verdict with its reasons, what is named, and what it cannot be told from."""
 
-    verdict: str
+    verdict: tuple[str, ...]
     named: tuple[str, ...]
     rivals: tuple[str, ...]
 
@@ -82,34 +66,32 @@ class Asked:
     name: str
     model: Model
     recordings: tuple[Recording, ...]
-
-    @cached_property
-    def motion(self) -> Motion:
-        return prepared(self.model, self.recordings)
+    held_out: tuple[Recording, ...] = ()
 
     @cached_property
     def begun(self) -> Trail:
-        return self._begin(self.motion)
-
-    def _begin(self, motion: Motion) -> Trail:
-        return Trail.begun(self.model, motion, None, [str(k) for k in range(len(self.recordings))])
+        return begin(self.model, self.recordings, self.held_out)
 
     def answer(self, room: str) -> Answer:
         """With the thresholds as they are now, of which only those of a room, and of later ones, may have changed."""
-        if room in ("gates", "diagnosis"):
-            trail = replace(self.begun, last=replace(self.begun.last))
-        else:
-            trail = self._begin(prepared(self.model, self.recordings) if room == "motion" else self.motion)
-        found = decide(complete(trail))
+        first = room in ("gates", "diagnosis")
+        trail = self.begun if first else begin(self.model, self.recordings, self.held_out)
+        trail = complete(replace(trail, last=replace(trail.last)))
+        found = decide(trail)
+        found = conclude(trail) if found.verdict == "clean" else found
         rivals = found.findings[0].rivals if found.findings else ()
-        return Answer(found.verdict, tuple(str(f.term) for f in found.findings), tuple(map(str, rivals)))
+        said = (found.verdict, *(joint.why for joint in found.joints))
+        return Answer(said, tuple(str(f.term) for f in found.findings), tuple(map(str, rivals)))
 
 
-def judged(joints: int, name: str, size: float) -> Asked:
+def judged(name: str, size: float, joints: int = 1, heard: bool = False, drive: str = "") -> Asked:
+    """A case; heard: with a recording that is not fitted; drive: told what to make, in place of a recorded torque."""
     of_name = cases.cases([name], [joints], [size], [SEED], cases.Setting())
     case = next(c for c in of_name if c.label == name)
-    made = cases.make(replace(case, setting=replace(case.setting, excitation="brief")))
-    return Asked(f"{name} {joints}R {size:g}", opened(made.model).compiled.model(), (made.recording,))
+    made = logged(cases.make(replace(case, setting=replace(case.setting, excitation="brief", drive=drive))))
+    label = f"{name} {joints}R {size:g} {drive}{'held out' if heard else ''}".rstrip()
+    held_out = (made.held_out,) if heard else ()
+    return Asked(label, opened(made.model).compiled.model(), (made.recording,), held_out)
 
 
 def sensed(hidden: str) -> Asked:
@@ -122,16 +104,24 @@ def sensed(hidden: str) -> Asked:
     return Asked(f"{hidden.partition('@')[0]} sensed", model, (made,))
 
 
+def turned() -> Asked:
+    """A torque of the wrong sign."""
+    asked = judged("clean", 0.0)
+    return replace(asked, name="wrong sign", recordings=tuple(r.with_torques(-r.tau) for r in asked.recordings))
+
+
 def different() -> Asked:
     """Two recordings of two arms, which a user took for one."""
-    a, b = (judged(1, "clean", 0.0), judged(1, "stribeck", 1.5))
+    a, b = judged("clean", 0.0), judged("stribeck", 1.5)
     return Asked("two arms", a.model, (*a.recordings, *b.recordings))
 
 
 def development_set() -> list[Callable[[], Asked]]:
-    """Makers of recordings."""
-    sets: list[Callable[[], Asked]] = [partial(judged, *case) for case in JUDGED]
-    return [*sets[:9], partial(sensed, SENSED[0]), *sets[5:], different, partial(sensed, SENSED[1])]
+    """Makers of recordings, what costs least first."""
+    sets: list[Callable[[], Asked]] = [partial(judged, *case) for case in (*CLEAN.items(), *LEFT.items())]
+    sets += [turned, partial(judged, "clean", 0.0, drive="servo_open"), partial(judged, "stribeck", 0.4, heard=True)]
+    sets += [*(partial(judged, *case) for case in NAMED.items()), partial(judged, "payload", 0.6, joints=2), different]
+    return [*sets, *(partial(sensed, s) for s in SENSED), partial(judged, "coupled_gear", 0.6, joints=2, heard=True)]
 
 
 def settings(room: str) -> dict[str, Any]:
@@ -176,9 +166,9 @@ def put(name: str, value: Any) -> Iterator[None]:
 
 
 def margins(asked: Asked) -> dict[str, float]:
-    """By threshold, the factor nearest to 1 at which a comparison with it flips on a recording; NaN for one that is no
-    single number, or that is read in another way than compared. Those that are not read at all are left out."""
-    log, called = logged(), set()
+    """By threshold, the factor nearest to 1 at which a comparison with it flips on a recording; NaN for one that is a
+    whole number or several, wherever it is read. Those of which nothing is asked are left out."""
+    log, called = flips(), set()
     whole = {name: value for room in ROOMS for name, value in settings(room).items()}
     with ExitStack() as changed:
         for name, value in whole.items():
@@ -189,7 +179,7 @@ def margins(asked: Asked) -> dict[str, float]:
             asked.answer("motion")
         finally:
             sys.setprofile(None)
-    read = {name for function in called for name in function.co_names} | {f"gate {gate.name}" for gate in GATES}
+    read = {name for function in called for name in function.co_names if not isinstance(whole.get(name), float)}
     return {name: nearest(log[name]) if name in log else float("nan") for name in whole if name in log or name in read}
 
 
@@ -240,8 +230,8 @@ def test_thresholds() -> None:
             if time.monotonic() > until:
                 break
             asked = make()
-            known = {(name, factor) for where, name, factor, *_ in rows if where == asked.name}
-            left = [(r, n, f) for r, n, f in todo if (n, f"{f:g}") not in known]
+            shown = {(name, factor) for where, name, factor, _, what in rows if what in CHANGES or where == asked.name}
+            left = [(r, n, f) for r, n, f in todo if (n, f"{f:g}") not in shown]
             print(f"{asked.name}: {asked.answer('diagnosis')}, {len(left)} changes to try", flush=True)
             with put("LEAST_PRICE", float("inf")):
                 assert asked.answer("diagnosis").named == ()
@@ -254,26 +244,23 @@ def test_thresholds() -> None:
 
 
 def table(rows: Sequence[Sequence[str]]) -> None:
-    """A row a threshold: on how many recordings it is read and compares within a factor of two, and how many answers
-    change, and in what, as it is halved and doubled."""
-    tried = sorted({where for where, *_ in rows})
+    """A row a threshold: on how many recordings it is read and compares within a factor of two, of those that were
+    asked, and what changes first as it is halved and doubled."""
+    tried = list(dict.fromkeys(where for where, *_ in rows))
     lines = []
     for room in ROOMS:
         for name, value in settings(room).items():
-            own = [(factor, margin, what) for _, n, factor, margin, what in rows if n == name]
-            read = [(factor, margin) for factor, margin, what in own if what != "unread"]
-            near = [1 for factor, margin in read if factor == f"{FACTORS[0]:g}" and _within(margin)]
-            cells = [f"{len(near)} of {sum(factor == f'{FACTORS[0]:g}' for factor, _ in read)}"]
+            own = [row[:1] + row[2:] for row in map(tuple, rows) if row[1] == name]
+            read = {where: margin for where, _, margin, what in own if what != "unread"}
+            cells = [f"{sum(map(_within, read.values()))} of {len(read)}"]
             for factor in FACTORS:
-                found = [what for f, _, what in own if f == f"{factor:g}"]
-                changed = [f"{found.count(w)} {w}" for w in ("verdict", "named", "rivals", "failed") if w in found]
-                cells.append(", ".join(changed) or "-")
+                found = [f"{what}: {where}" for where, f, _, what in own if f == f"{factor:g}" and what in CHANGES]
+                cells.append(", ".join(found) or "-")
             if own:
                 lines.append([f"{room}: {name}", str(value), *cells])
     notes = [
         f"{len(tried)} recordings: {', '.join(tried)}",
-        "binds: recordings with a comparison within a factor of two, or read otherwise, of those that read it; counted "
-        "is the first that changes: verdict, names, rivals",
+        "binds: recordings with a comparison within a factor of two, or read otherwise, of those that read it",
     ]
     show("Thresholds, halved and doubled", ["threshold", "value", "binds", "halved", "doubled"], lines, notes)
 
