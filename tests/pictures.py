@@ -13,7 +13,7 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import chdir, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,17 +39,20 @@ REAL = {
 """Arm, which is the name of its picture -> the recording that is fitted, and the one that is held out."""
 
 _SECTION = re.compile(r"!\[([^\]:]+)[^\]]*\]\(\S*/gallery/(\w+)\.svg\)(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
+_FILE = re.compile(r"^```python\n(# ([\w.]+)\n.*?)^```$", re.MULTILINE | re.DOTALL)
 _EMBEDDED = re.compile(r"(data:image/png;base64,)([^\"]+)")
 _COLOURS = 24
 
 
 @dataclass(frozen=True)
 class GalleryPicture:
-    """A picture of the gallery: its name, the beginning of the figure's caption, the commands below it."""
+    """A picture of the gallery: its name, the beginning of the figure's caption, the commands below it, and texts and
+    names of files that they read."""
 
     name: str
     caption: str
     commands: tuple[str, ...]
+    files: tuple[tuple[str, str], ...]
 
     def draw(self, folder: Path) -> None:
         """Write the picture into a folder."""
@@ -70,12 +73,13 @@ class GalleryPicture:
         """The diagnosis of what the commands simulate: `tendon simulate ARM ...`, `tendon diagnose ARM FILE ...`."""
         simulated, diagnosed = (shlex.split(command)[1:] for command in self.commands)
         _, model, file, *options = diagnosed
-        with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
-            path = Path(folder) / file
-            run(app, [str(path) if word == file else word for word in simulated])
+        with tempfile.TemporaryDirectory() as folder, chdir(folder), redirect_stdout(io.StringIO()):
+            for text, name in self.files:
+                Path(name).write_text(text, encoding="utf-8")
+            run(app, simulated)
             arm = tendon.load(model)
             columns = dict(option.split("=", 1) for option in options if option != "--map")
-            return tendon.diagnose(arm, tendon.recording(path, arm, columns))
+            return tendon.diagnose(arm, tendon.recording(file, arm, columns))
 
 
 def gallery() -> list[GalleryPicture]:
@@ -83,7 +87,7 @@ def gallery() -> list[GalleryPicture]:
     found = []
     for caption, name, below in _SECTION.findall(GALLERY.read_text(encoding="utf-8")):
         commands = re.findall(r"^(tendon [^#\n]*[^#\s])", below, re.MULTILINE)
-        found.append(GalleryPicture(name, caption, tuple(commands)))
+        found.append(GalleryPicture(name, caption, tuple(commands), tuple(_FILE.findall(below))))
     return found
 
 
