@@ -166,8 +166,8 @@ def put(name: str, value: Any) -> Iterator[None]:
 
 
 def margins(asked: Asked) -> dict[str, float]:
-    """By threshold, the factor nearest to 1 at which a comparison with it flips on a recording; NaN for one that is a
-    whole number or several, wherever it is read. Those of which nothing is asked are left out."""
+    """By threshold, the factor nearest to 1 at which a comparison with it flips on a recording; NaN where that is not
+    known of one that is read. Those that are not read, and gates that are not asked, are left out."""
     log, called = flips(), set()
     whole = {name: value for room in ROOMS for name, value in settings(room).items()}
     with ExitStack() as changed:
@@ -179,7 +179,7 @@ def margins(asked: Asked) -> dict[str, float]:
             asked.answer("motion")
         finally:
             sys.setprofile(None)
-    read = {name for function in called for name in function.co_names if not isinstance(whole.get(name), float)}
+    read = {name for function in called for name in function.co_names}
     return {name: nearest(log[name]) if name in log else float("nan") for name in whole if name in log or name in read}
 
 
