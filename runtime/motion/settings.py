@@ -82,9 +82,6 @@ LEAST_OF_ROW: Final = 0.1
 """part of a row; one of which the elimination leaves less holds mostly what friction at rest may be, and is not used;
 a choice."""
 
-ROWS_AT_ONCE: Final = 8
-"""number of columns from which a torque is eliminated at once; fewer are filled up to it; time."""
-
 UNAFFECTED: Final = 0.97
 """part of a row; where the elimination leaves more, no unknown torque reached it; development recordings."""
 
