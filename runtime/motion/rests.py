@@ -127,12 +127,12 @@ class UnknownTorque:
     @cached_property
     def _axes(self) -> tuple[sparse.csr_array, sparse.csr_array]:
         """(M, K) axes, whose product with their transpose is what is taken out, and (K, M) that transpose."""
-        columns = sparse.csc_array(self.directions)
-        first, last = columns.indices[columns.indptr[:-1]], np.maximum.accumulate(columns.indices[columns.indptr[1:] - 1])
-        found, ends = list[tuple[slice, Array]](), np.flatnonzero(first[1:] > last[:-1]) + 1
+        columns, found = sparse.csc_array(self.directions), list[tuple[slice, Array]]()
+        first, last = (columns.indices[ends] for ends in (columns.indptr[:-1], columns.indptr[1:] - 1))
+        apart = np.flatnonzero(first[1:] > np.maximum.accumulate(last)[:-1]) + 1
         # Combinations of runs that reach no common row are perpendicular.
-        for low, high in pairwise([0, *ends, len(first)]):
-            reached = slice(first[low], last[high - 1] + 1)
+        for low, high in pairwise([0, *apart, len(first)]):
+            reached = slice(first[low], last[low:high].max() + 1)
             together = columns[:, low:high][reached].toarray()
             power, vectors = np.linalg.eigh(together.T @ together)
             found.append((reached, together @ vectors / np.sqrt(power + SAME_DIRECTION**2)))
