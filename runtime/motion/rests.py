@@ -143,11 +143,9 @@ class UnknownTorque:
         """x (..., M) -> (..., M), each row the same to its last bit whatever stands beside it."""
         if not self.directions.shape[1]:
             return x
-        (axes, across), left = self._axes, np.empty(x.shape)
+        (axes, across), rows = self._axes, x.reshape(-1, x.shape[-1])
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
-            for row, rest in zip(x.reshape(-1, x.shape[-1]), left.reshape(-1, x.shape[-1]), strict=True):
-                np.subtract(row, axes @ (across @ row), out=rest)
-        return left
+            return np.asarray(rows - (axes @ (across @ rows.T)).T).reshape(x.shape)
 
 
 def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, sparse.csr_array]:

@@ -31,7 +31,8 @@ class JointRows:
     tau (M,) N m (N); noise (M,): what a realisation of the encoders' noise adds to it, None where there is none; use
     (M,): rows that count, at least some; piece (M,): the stretch of time of a row; weight: 1/σ; eliminated (M, K):
     combinations of rows that were taken out; unaffected (M,): rows that none of them reaches, None: all that count;
-    dependent: how many rows follow from others; stretches: of the rows that count, in place of FOLDS even ones.
+    dependent: how many rows follow from others; stretches: of the rows that count, in place of FOLDS even ones;
+    version: equal for equal torques of the same rows, None: of no other.
     """
 
     tau: Array
@@ -43,6 +44,7 @@ class JointRows:
     dependent: int = 0
     stretches: tuple[slice, ...] = ()
     noise: Array | None = None
+    version: Hashable = None
 
     @cached_property
     def at(self) -> Places:
@@ -226,15 +228,18 @@ class JointProducts:
         parts: Sequence[tuple[Hashable, int, Mapping[int, Columns]]],
         like: JointProducts | None,
     ) -> JointProducts:
-        """parts: key, first row among all of the system, and columns by joint; like: of the same joint (0-based) and an
-        equal order of blocks, of which equal keys are taken."""
+        """parts: key, first row among all of the system, and columns by joint; like: of the same joint (0-based), of
+        which equal keys are taken."""
         if like is not None and [(key, start) for key, start, _ in parts] == like.order:
             return like
-        old = {} if like is None else like.places
+        old, starts = ({}, {}) if like is None else (like.places, dict(like.order))
         stacks: dict[Hashable, RowStack] = {}
         for key, start, columns in parts:
             kept = like.stacks[key] if like is not None and key in old else None
-            stacks[key] = RowStack.of(start, columns[joint], rows) if kept is None else kept
+            if kept is None:
+                stacks[key] = RowStack.of(start, columns[joint], rows)
+            else:
+                stacks[key] = kept if start == starts[key] else replace(kept, index=kept.index + start - starts[key])
         size, order = sum(len(s.index) for s in stacks.values()), [(key, start) for key, start, _ in parts]
         made = cls(stacks, np.zeros((len(rows.folds), size, size)), order)
         new, both = made.places, [key for key in stacks if key in old]

@@ -83,7 +83,7 @@ class LinearSystem:
             start += 1 + len(block.lower)
         local = []
         for j, rows in enumerate(joints):
-            parts: list[tuple[Hashable, int, Mapping[int, Columns]]] = [(rows, 0, {j: rows.torque})]
+            parts: list[tuple[Hashable, int, Mapping[int, Columns]]] = [(rows.version or rows, 0, {j: rows.torque})]
             pairs = zip(places, blocks, strict=True)
             parts += [(b.version or b.key, p.start, b.columns) for p, b in pairs if j in b.columns]
             local.append(JointProducts.of(j, rows, parts, like._local[j] if like is not None else None))
