@@ -300,7 +300,7 @@ class FittedBase:
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
         edge = grids.edge_distance(regressors, term, shape) if len(choices) > 1 else np.inf
         # What it replaces would have explained something, too.
-        gain -= system.solution.sse - whole.solution.sse if system is not whole else 0.0
+        gain -= system.sse - whole.sse if system is not whole else 0.0
         return Candidate(term, shape, searched, fall=gain, edge=edge, among=max(self._lines(term)[1], len(choices)))
 
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
@@ -322,7 +322,7 @@ class FittedBase:
         """The fall of the squared error with every coefficient within its bounds; none of columns that are hardly more
         than their noise, whose compensated squares no error can be told from."""
         block = self.trial(term, shape)
-        return system.solution.sse - system.with_block(block).solution.sse if system.gain(block) > 0 else 0.0
+        return system.sse - system.with_block(block).sse if system.gain(block) > 0 else 0.0
 
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried; of a line over the motor's angle, where the residual has one."""

@@ -300,7 +300,7 @@ class Weighing:
 def rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> Ranking:
     """These terms at their best shapes; `floors` are the noise floors of all joints."""
     # What explains next to nothing on the excerpt stays a witness, and its shape as it is.
-    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].solution.sse
+    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].sse
     found = [base.refine(c) if c.fall > least or base.watched(c.term) else c for c in _finalists(base, terms)]
     return weigh(base, found, floors)
 
@@ -353,7 +353,7 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
     found = [c for c in of_each("candidates", base.search, terms) if c is not None]
     scored = sorted(found, key=lambda c: -c.fall)
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
-    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].solution.sse
+    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].sse
     hopeful = [c for c in scored if c.fall > least] or scored[:FINALISTS_OF_A_JOINT]
     chosen = hopeful[:FINALISTS]
     for joint in dict.fromkeys(c.term.joint for c in found):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Final, Literal, NamedTuple
@@ -152,19 +153,20 @@ def first_least(errors: Array) -> int:
     return int(np.argmax(errors <= (1 + 1e-10) * errors.min()))
 
 
-def least_inertia(model: Model, motion: Motion, lumps: Array) -> float:
-    """The smallest eigenvalue of D over configurations of the motion, kg m² (kg); `lumps` are base inertial
-    parameters."""
-    q = configurations([p.q for p in motion.pieces])
-    return float(np.linalg.eigvalsh(_inertias(model, q, lumps)).min())
+def least_inertia(model: Model, stretches: Sequence[Array], lumps: Array) -> float:
+    """The smallest eigenvalue of D over configurations of stretches of motion (n, M), kg m² (kg); `lumps` are base
+    inertial parameters."""
+    return float(np.linalg.eigvalsh(_inertias(model, configurations(stretches), lumps)).min())
 
 
 def inertia_cuts(model: Model, q: Array, lumps: Array) -> Array | None:
     """(C, p) cuts c with c·lumps > 0, of which a D that is not positive definite at configurations q (n, N) violates
     one; None if it is."""
-    if _positive(model, q, lumps):
+    inertias = _inertias(model, q, lumps)
+    with suppress(np.linalg.LinAlgError):
+        np.linalg.cholesky(inertias)  # in a tenth of the time of eigenvalues
         return None
-    value, vectors = np.linalg.eigh(_inertias(model, q, lumps))
+    value, vectors = np.linalg.eigh(inertias)
     worst = np.argsort(value[:, 0])[:4]
     worst = worst[value[worst, 0] <= 0]
     if not len(worst):
@@ -175,15 +177,6 @@ def inertia_cuts(model: Model, q: Array, lumps: Array) -> Array | None:
     moved, held = (model.regressor(at, still, acceleration) for acceleration in (v, still))
     met: Array = np.einsum("jc,jkc->ck", v, moved - held)
     return met
-
-
-def _positive(model: Model, q: Array, lumps: Array) -> bool:
-    """Whether D is positive definite at configurations q (n, N), in a tenth of the time."""
-    try:
-        np.linalg.cholesky(_inertias(model, q, lumps))
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 def configurations(stretches: Sequence[Array]) -> Array:

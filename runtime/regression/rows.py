@@ -1,7 +1,7 @@
 """What is known of a joint's rows and of the columns on them, and the products of these.
 
-Everything that a system decides follows from products of rows in FOLDS stretches of time; they are computed once for
-each pair of equal blocks. Products of a realisation of the encoders' noise are subtracted from all of them
+Everything that a system decides follows from products of rows, on one or more stretches of time; they are computed once
+for each pair of equal blocks. Products of a realisation of the encoders' noise are subtracted from all of them
 (bias-compensated least squares, Stoica & Söderström 1982).
 """
 
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from runtime.regression.noise import Whitening, autoregression
-from runtime.regression.settings import FOLDS
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -31,7 +30,7 @@ class JointRows:
     tau (M,) N m (N); noise (M,): what a realisation of the encoders' noise adds to it, None where there is none; use
     (M,): rows that count, at least some; piece (M,): the stretch of time of a row; weight: 1/σ; eliminated (M, K):
     combinations of rows that were taken out; unaffected (M,): rows that none of them reaches, None: all that count;
-    dependent: how many rows follow from others; stretches: of the rows that count, in place of FOLDS even ones;
+    dependent: how many rows follow from others; stretches: of the rows that count, in place of a single one;
     version: equal for equal torques of the same rows, None: of no other.
     """
 
@@ -63,9 +62,8 @@ class JointRows:
 
     @cached_property
     def folds(self) -> tuple[slice, ...]:
-        """Stretches of time with equally many rows that count, as places among these."""
-        edges = np.linspace(0, self.count, FOLDS + 1).astype(int)
-        return self.stretches or tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
+        """Stretches of time, as places among the rows that count."""
+        return self.stretches or (slice(0, self.count),)
 
     def used(self, x: Array) -> Array:
         """Rows that count of x (..., M): (..., m)."""
@@ -173,7 +171,7 @@ class RowStack:
         return cls(index, used, noise)
 
     def products(self, other: RowStack, folds: Sequence[slice]) -> Array:
-        """(FOLDS, r, r') with other rows, compensated for the noise in both."""
+        """(F, r, r') with other rows, compensated for the noise in both."""
         found = np.array([self.rows[:, part] @ other.rows[:, part].T for part in folds])
         if self.noise is not None and other.noise is not None:
             found -= [self.noise[:, part] @ other.noise[:, part].T for part in folds]
@@ -197,24 +195,34 @@ class JointAt:
     unknown: Places
 
     @classmethod
-    def of(cls, rows: JointRows, parts: Sequence[RowStack], direction: Array, number: Places) -> JointAt:
-        """direction (R,) of the residual, number (R,) of the unknowns of a system, -1 for what is none."""
+    def of(cls, rows: JointRows, parts: Sequence[RowStack], direction: Array, columns: JointColumns) -> JointAt:
+        """direction (R,) of the residual."""
         left, left_noise = np.zeros(rows.count), np.zeros(rows.count)
-        columns, noise, unknown = [], [], []
         for part in parts:
             combined, heard = part.combined(direction)
             left += combined
             left_noise += 0.0 if heard is None else heard
-            own = number[part.index] >= 0
-            columns.append(part.rows[own])
-            noise.append(np.zeros_like(columns[-1]) if part.noise is None else part.noise[own])
-            unknown.append(number[part.index[own]])
-        return cls(left, left_noise, np.vstack(columns), np.vstack(noise), np.concatenate(unknown))
+        return cls(left, left_noise, *columns)
+
+
+JointColumns = tuple[Array, Array, Places]
+"""One joint's columns and their noise (b, m), on the rows that count, of those unknowns (b,) that have any."""
+
+
+def joint_columns(parts: Sequence[RowStack], number: Places) -> JointColumns:
+    """number (R,) of the unknowns of a system, -1 for what is none."""
+    columns, noise, unknown = [], [], []
+    for part in parts:
+        own = number[part.index] >= 0
+        columns.append(part.rows[own])
+        noise.append(np.zeros_like(columns[-1]) if part.noise is None else part.noise[own])
+        unknown.append(number[part.index[own]])
+    return np.vstack(columns), np.vstack(noise), np.concatenate(unknown)
 
 
 @dataclass(frozen=True, eq=False)
 class JointProducts:
-    """One joint's products (FOLDS, r, r) of its stacks by key, unweighted; order: keys and first rows of these."""
+    """One joint's products (F, r, r) of its stacks by key, unweighted; order: keys and first rows of these."""
 
     stacks: Mapping[Hashable, RowStack]
     gram: Array

@@ -24,7 +24,17 @@ from numpy.typing import NDArray
 
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
 from runtime.regression.noise import Whitening
-from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, merged
+from runtime.regression.rows import (
+    Block,
+    Columns,
+    JointAt,
+    JointColumns,
+    JointProducts,
+    JointRows,
+    RowStack,
+    joint_columns,
+    merged,
+)
 from runtime.regression.settings import LEAST_OWN
 
 Array = NDArray[np.float64]
@@ -58,9 +68,9 @@ class BlockPlace:
 class LinearSystem:
     """Torques of all joints and the blocks that explain them.
 
-    gram    (FOLDS, R, R) products of all rows, compensated and weighted: the torque first, then each block's
+    gram    (F, R, R) products of all rows on F stretches, compensated and weighted: the torque first, then each block's
     blocks  in the order of their rows      stacks  by joint what there is of the rows
-    level   (FOLDS,) squared error that noise in the columns makes without candidates; a constant of all of them
+    level   (F,) squared error that noise in the columns makes without candidates; a constant of all of them
     zero    keys of blocks that are left out
     base    the system without the last block, where that was added to one
     """
@@ -73,6 +83,7 @@ class LinearSystem:
     zero: frozenset[Hashable] = frozenset()
     base: LinearSystem | None = None
     _local: tuple[JointProducts, ...] = ()
+    _own: tuple[JointColumns, ...] = ()
 
     @classmethod
     def of(cls, joints: Sequence[JointRows], blocks: Sequence[Block], like: LinearSystem | None = None) -> LinearSystem:
@@ -113,18 +124,26 @@ class LinearSystem:
         gram[:, :start, start:] = gram[:, start:, :start].swapaxes(1, 2)
         place = BlockPlace.of(block, start)
         return replace(
-            self, blocks=(*self.blocks, place), stacks=tuple(stacks), gram=gram, base=self, _local=(), level=self.level
+            self, blocks=(*self.blocks, place), stacks=tuple(stacks), gram=gram, base=self, _local=(), _own=()
         )
 
     def without(self, keys: Collection[Hashable]) -> LinearSystem:
-        """The system without some blocks; its noise level stays."""
+        """The system without some blocks; its noise level stays. It is kept."""
         gone = self.zero | frozenset(keys)
-        return self if gone == self.zero else replace(self, zero=gone, base=None)
+        if gone == self.zero:
+            return self
+        if gone not in self._reduced:
+            self._reduced[gone] = replace(self, zero=gone, base=None, _own=self._columns)
+        return self._reduced[gone]
+
+    @cached_property
+    def _reduced(self) -> dict[frozenset[Hashable], LinearSystem]:
+        return {}
 
     def merged(self) -> LinearSystem:
         """The system as the base of candidates: all rows of a joint stand in one array."""
         stacks = tuple((merged(parts),) if parts else () for parts in self.stacks)
-        return replace(self, stacks=stacks, base=None, _local=())
+        return replace(self, stacks=stacks, base=None, _local=(), _own=())
 
     def over(self, joints: Sequence[JointRows]) -> LinearSystem:
         """The system with rows that are weighted otherwise, merged and levelled."""
@@ -206,7 +225,7 @@ class LinearSystem:
                 for other in parts:
                     gram[:, one.index[:, None], other.index] += rows.weight**2 * one.products(other, rows.folds)
         own = tuple(tuple(parts) for parts in stacks)
-        return replace(self, joints=tuple(joints), stacks=own, gram=gram, base=None, _local=()).levelled()
+        return replace(self, joints=tuple(joints), stacks=own, gram=gram, base=None, _local=(), _own=()).levelled()
 
     # unknowns --------------------------------------------------------------------------------------------------------
 
@@ -238,7 +257,7 @@ class LinearSystem:
 
     @cached_property
     def sizes(self) -> Array:
-        """(FOLDS,) rows, less what was eliminated, as if that were spread evenly."""
+        """(F,) rows, less what was eliminated, as if that were spread evenly."""
         found = np.zeros(len(self.gram))
         for rows in self.joints:
             part = rows.independent / max(1, rows.count)
@@ -259,7 +278,7 @@ class LinearSystem:
 
     @cached_property
     def _folds(self) -> Array:
-        """(FOLDS, K, K) of the unknowns' columns."""
+        """(F, K, K) of the unknowns' columns."""
         return self.gram[:, self.unknown[:, None], self.unknown]
 
     @cached_property
@@ -284,6 +303,11 @@ class LinearSystem:
         """Least squares on all rows, every coefficient within its bounds; the system does not keep it, as the two would
         keep each other until the garbage collector comes."""
         return Solution(self, self._torque, self.gram @ self._torque)
+
+    @cached_property
+    def sse(self) -> float:
+        """Squared error of the solution on all rows."""
+        return self.solution.sse
 
     def solve(self, added: Array) -> Solution:
         """The same with more of the last block in the measured torque: added (1 + k,), of its part without coefficient
@@ -359,11 +383,14 @@ class LinearSystem:
 
     def at(self, theta: Array) -> tuple[JointAt, ...]:
         """Every joint at coefficients theta (K,)."""
+        direction, every = self._direction(theta), zip(self.joints, self.stacks, self._columns, strict=True)
+        return tuple(JointAt.of(rows, parts, direction, columns) for rows, parts, columns in every)
+
+    @cached_property
+    def _columns(self) -> tuple[JointColumns, ...]:
         number = np.full(self.gram.shape[1], -1)
         number[self.unknown] = np.arange(len(self.unknown))
-        direction = self._direction(theta)
-        pairs = zip(self.joints, self.stacks, strict=True)
-        return tuple(JointAt.of(rows, parts, direction, number) for rows, parts in pairs)
+        return self._own or tuple(joint_columns(parts, number) for parts in self.stacks)
 
     @cached_property
     def _beside(self) -> tuple[JointAt, ...]:
@@ -489,7 +516,7 @@ class LinearSystem:
 class Solution:
     """Least squares of a system for one torque.
 
-    torque (R,): the combination of all rows that is explained; against (FOLDS, R): its products with them. Errors are
+    torque (R,): the combination of all rows that is explained; against (F, R): its products with them. Errors are
     weighted as the rows are.
     """
 
@@ -499,7 +526,7 @@ class Solution:
 
     @cached_property
     def _moments(self) -> tuple[Array, Array]:
-        """(FOLDS, K) with the columns, and (FOLDS,) with itself."""
+        """(F, K) with the columns, and (F,) with itself."""
         return self.against[:, self.system.unknown], self.against @ self.torque
 
     @cached_property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from runtime.regression.noise import Whitening, autoregression
 from runtime.regression.rows import Block, Columns, JointRows
-from runtime.regression.settings import FOLDS, WHITE_LEAST
+from runtime.regression.settings import WHITE_LEAST
 from runtime.regression.system import LinearSystem
 
 Array = NDArray[np.float64]
@@ -210,11 +210,3 @@ def test_unknowns_left_out_are_as_good_as_never_there() -> None:
     y = rng.standard_normal(300)
     others = system(Joint(y, base[[0, 2]])).solution.sse
     assert np.isclose(system(Joint(y, base)).without(["base 1"]).solution.sse, others)
-
-
-def test_folds_are_contiguous_and_even() -> None:
-    use = np.random.default_rng(5).random(997) > 0.3
-    row = replace(whole(np.zeros(997)), use=use)
-    sizes = [f.stop - f.start for f in row.folds]
-    assert (len(sizes), sum(sizes)) == (FOLDS, use.sum())
-    assert max(sizes) - min(sizes) <= 1
