@@ -176,6 +176,11 @@ class Whitened:
     def white(self) -> LinearSystem:
         return self.system.whitened(self.whitening, self._residual)
 
+    @cached_property
+    def without(self) -> tuple[Solution, Solution]:
+        """Of the system and of the whitened one, without a candidate."""
+        return self.system.solution, self.white.solution
+
     def weighed(self, candidate: Candidate, block: Block) -> tuple[Candidate, tuple[Array, ...]]:
         """A candidate with its block on the system, and what every gate says of it; (M,) by joint its whitened
         residual."""
@@ -258,7 +263,7 @@ class Weighing:
         """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
         own, (plain, white) = self.beside, self._instead
         count = max(1, own.system.joints[self.joints[0]].count)
-        before, white_before = own.system.solution, own.white.solution
+        before, white_before = own.without
         after, white_after = plain.solution, white.solution
         if added is not None:
             before, white_before = (system.solve_before(added) for system in self._added)

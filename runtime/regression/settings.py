@@ -7,7 +7,7 @@ from typing import Final
 # rows that hang together ---------------------------------------------------------------------------------------------
 
 FOLDS: Final = 10
-"""number of stretches of time whose sums count as independent; the usual number (Kohavi 1995)."""
+"""number of stretches of time; sums over them count as independent; the usual number (Kohavi 1995)."""
 
 MOST_LAGS: Final = 12
 """rows; the longest autoregression that whitens a residual: some periods of the cut-off; development recordings."""

@@ -243,12 +243,12 @@ class LinearSystem:
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """(K,) lower and upper; both zero of blocks that are left out."""
-        kept = [np.full(len(b.lower), float(b.key not in self.zero)) for b in self.blocks]
-        ends = []
-        for of in ("lower", "upper"):
-            values = [np.where(k > 0, getattr(b, of), 0.0) for k, b in zip(kept, self.blocks, strict=True)]
-            ends.append(np.concatenate([np.zeros(0), *values]))
-        return ends[0], ends[1]
+        ends = [(np.zeros(0), np.zeros(0))]
+        for b in self.blocks:
+            none = np.zeros(len(b.lower))
+            ends.append((none, none) if b.key in self.zero else (b.lower, b.upper))
+        lower, upper = map(np.concatenate, zip(*ends, strict=True))
+        return lower, upper
 
     @cached_property
     def count(self) -> int:
@@ -292,9 +292,13 @@ class LinearSystem:
         so that no solution depends on the order of candidates."""
         if self.base is None:
             return []
-        theta, (lower, upper) = self.base.solution.coefficients, self.base.bounds
-        sides = np.where(theta == lower, 1, np.where(theta == upper, -1, 0))
-        return [np.append(sides, np.zeros(len(self.unknown) - len(theta))).astype(np.int8)]
+        sides = self.base._sides
+        return [np.append(sides, np.zeros(len(self.unknown) - len(sides), dtype=np.int8))]
+
+    @cached_property
+    def _sides(self) -> Sides:
+        theta, (lower, upper) = self._coefficients, self.bounds
+        return np.where(theta == lower, 1, np.where(theta == upper, -1, 0)).astype(np.int8)
 
     # solutions -------------------------------------------------------------------------------------------------------
 
@@ -303,6 +307,10 @@ class LinearSystem:
         """Least squares on all rows, every coefficient within its bounds; the system does not keep it, as the two would
         keep each other until the garbage collector comes."""
         return Solution(self, self._torque, self.gram @ self._torque)
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        return self.solution.coefficients
 
     @cached_property
     def sse(self) -> float:
@@ -375,7 +383,7 @@ class LinearSystem:
     @cached_property
     def projection(self) -> Array:
         """(K, K) pseudo-inverse of the Gram matrix over unknowns that are within their bounds."""
-        theta, (lower, upper) = self.solution.coefficients, self.bounds
+        theta, (lower, upper) = self._coefficients, self.bounds
         free = np.flatnonzero((theta > lower) & (theta < upper))
         found = np.zeros((len(theta), len(theta)))
         found[np.ix_(free, free)] = inverse(self._whole.grams[0][np.ix_(free, free)])
@@ -394,7 +402,7 @@ class LinearSystem:
 
     @cached_property
     def _beside(self) -> tuple[JointAt, ...]:
-        return self.at(self.solution.coefficients)
+        return self.at(self._coefficients)
 
     def plain_normal(self, at: Sequence[JointAt]) -> Array:
         """(K, K) `normal` without compensation for noise in the columns."""
@@ -432,14 +440,6 @@ class LinearSystem:
     def columns(self, joint: int) -> Array:
         """(b, m) columns of a joint (0-based) on the rows that count, not weighted."""
         return self._beside[joint].columns
-
-    def gain(self, block: Block) -> float:
-        """By how much a block lowers the squared error: `gains` of one."""
-        columns = {
-            joint: Columns(part.rows[None], None if part.noise is None else part.noise[None])
-            for joint, part in block.columns.items()
-        }
-        return float(self.gains(replace(block, columns=columns))[0])
 
     def gains(self, blocks: Block) -> Array:
         """(S,) by how much each of S choices of a block lowers the squared error, the system's own unknowns not held by
@@ -509,7 +509,7 @@ class LinearSystem:
         kept, cross = float(left[0]), float(left[1])
         if kept <= 0:
             return 0.0, float("inf")
-        return cross / kept, float(np.sqrt(max(base.solution.sse, 0.0) / base.count / kept))
+        return cross / kept, float(np.sqrt(max(base.sse, 0.0) / base.count / kept))
 
 
 @dataclass(frozen=True, eq=False)
@@ -544,6 +544,10 @@ class Solution:
     def residual(self) -> tuple[Array, ...]:
         """By joint (M,) N m (N), zero in rows that do not count."""
         return self.system.residual(self.coefficients)
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        return self.solution.coefficients
 
     @cached_property
     def sse(self) -> float:
