@@ -38,7 +38,6 @@ ELSEWHERE = {
     "motion/repeats.py: _in_piece": "what is no motion",
     "motion/rests.py: UNKNOWN_OVER_NOISE": "how much of unknown combinations may stay",
     "motion/rests.py: SAME_DIRECTION": "rounding",
-    "motion/rests.py: DENSE_DIRECTIONS": "time",
     "motion/rests.py: at_rest": "by how much the smoothing of a rate blurs a rest, 1 / (4 pi)",
     "motion/spectra.py: strongest_line": "Fisher's test of one signal in a thousand",
     "motion/spectra.py: peaks": "the freedom of overlapping spectra, Welch 1967",

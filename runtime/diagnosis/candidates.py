@@ -293,14 +293,14 @@ class FittedBase:
             return None
         if len(scored) > 1:
             # The quick gain lets the base's friction turn negative; of the best few, it is seen who needs that.
-            few = [k for gain, k in scored[:4] if np.isfinite(gain)]
-            scored = [max((self._exact(system, term, choices[k]), k) for k in few)]
+            few = [(k, gain) for gain, k in scored[:4] if np.isfinite(gain)]
+            scored = [max((self._exact(system, term, choices[k], gain), k) for k, gain in few)]
         gain, chosen = scored[0]
         shape = choices[chosen]
         searched = len(self.model.library.effects[term.effect].shape) if len(choices) > 1 else 0
         edge = grids.edge_distance(regressors, term, shape) if len(choices) > 1 else np.inf
         # What it replaces would have explained something, too.
-        gain -= system.solution.sse - whole.solution.sse if system is not whole else 0.0
+        gain -= system.sse - whole.sse if system is not whole else 0.0
         return Candidate(term, shape, searched, fall=gain, edge=edge, among=max(self._lines(term)[1], len(choices)))
 
     def best_of(self, term: Term, choices: Sequence[Values]) -> Candidate:
@@ -313,16 +313,14 @@ class FittedBase:
         """A candidate at every shape at which the term is tried, refined."""
         system, choices, among = self.excerpt[1], self.choices(term), self._lines(term)[1]
         searched = len(self.model.library.effects[term.effect].shape)
-        found = (
-            Candidate(term, c, searched, fall=self._exact(system, term, c), edge=np.inf, among=among) for c in choices
-        )
-        return [self.refine(c) for c in found]
+        gains = zip(choices, self._gains(system, term, choices).tolist(), strict=True)
+        falls = [(c, self._exact(system, term, c, gain)) for c, gain in gains]
+        return [self.refine(Candidate(term, c, searched, fall=x, edge=np.inf, among=among)) for c, x in falls]
 
-    def _exact(self, system: LinearSystem, term: Term, shape: Values) -> float:
-        """The fall of the squared error with every coefficient within its bounds; none of columns that are hardly more
-        than their noise, whose compensated squares no error can be told from."""
-        block = self.trial(term, shape)
-        return system.solution.sse - system.with_block(block).solution.sse if system.gain(block) > 0 else 0.0
+    def _exact(self, system: LinearSystem, term: Term, shape: Values, gain: float) -> float:
+        """The fall of the squared error with every coefficient within its bounds; none of columns without a quick gain,
+        hardly more than their noise, whose compensated squares no error can be told from."""
+        return system.sse - system.with_block(self.trial(term, shape)).sse if gain > 0 else 0.0
 
     def choices(self, term: Term) -> list[Values]:
         """Shapes at which the term is tried; of a line over the motor's angle, where the residual has one."""
@@ -365,7 +363,8 @@ class FittedBase:
         start = np.array([candidate.shape[name] for name in moving])
         scale = np.array([self.grid_step(candidate, name) for name in moving])
         logarithmic = self.logarithmic(term)
-        best = (self._gain(system, term, candidate.shape), candidate.shape)
+        own = self._gain(system, term, candidate.shape)
+        best = (own, candidate.shape)
 
         def error(z: Array) -> float:
             nonlocal best
@@ -378,7 +377,7 @@ class FittedBase:
             return -gain
 
         _search_beside_grid(error, len(moving))
-        there, here = (self._exact(system, term, shape) for shape in (best[1], candidate.shape))
+        there, here = (self._exact(system, term, shape, gain) for gain, shape in (best, (own, candidate.shape)))
         if there <= here:
             return candidate
         edge = grids.edge_distance(self.excerpt[0], term, best[1])

@@ -176,6 +176,11 @@ class Whitened:
     def white(self) -> LinearSystem:
         return self.system.whitened(self.whitening, self._residual)
 
+    @cached_property
+    def without(self) -> tuple[Solution, Solution]:
+        """Of the system and of the whitened one, without a candidate."""
+        return self.system.solution, self.white.solution
+
     def weighed(self, candidate: Candidate, block: Block) -> tuple[Candidate, tuple[Array, ...]]:
         """A candidate with its block on the system, and what every gate says of it; (M,) by joint its whitened
         residual."""
@@ -258,7 +263,7 @@ class Weighing:
         """added (1 + k,): parts of the block's torque and columns that are put into the measured torque."""
         own, (plain, white) = self.beside, self._instead
         count = max(1, own.system.joints[self.joints[0]].count)
-        before, white_before = own.system.solution, own.white.solution
+        before, white_before = own.without
         after, white_after = plain.solution, white.solution
         if added is not None:
             before, white_before = (system.solve_before(added) for system in self._added)
@@ -300,7 +305,7 @@ class Weighing:
 def rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> Ranking:
     """These terms at their best shapes; `floors` are the noise floors of all joints."""
     # What explains next to nothing on the excerpt stays a witness, and its shape as it is.
-    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].solution.sse
+    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].sse
     found = [base.refine(c) if c.fall > least or base.watched(c.term) else c for c in _finalists(base, terms)]
     return weigh(base, found, floors)
 
@@ -353,7 +358,7 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
     found = [c for c in of_each("candidates", base.search, terms) if c is not None]
     scored = sorted(found, key=lambda c: -c.fall)
     # What does not lower the error on the excerpt at all passes no gate on the whole; a few stay as witnesses.
-    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].solution.sse
+    least = WORTH_A_LOOK / base.model.n * base.excerpt[1].sse
     hopeful = [c for c in scored if c.fall > least] or scored[:FINALISTS_OF_A_JOINT]
     chosen = hopeful[:FINALISTS]
     for joint in dict.fromkeys(c.term.joint for c in found):

@@ -286,9 +286,9 @@ def has_proper_inertia(fit: Fit) -> bool:
     model, motion = fit.model, fit.motion
     if motion.rigid_given:
         return True
-    lumps = fit.coefficients[fit.problem.layout.lumps]
-    fitted = least_inertia(model, motion, lumps)
-    given = least_inertia(model, motion, model.lump_values) if model.lumps_known else _least_apparent(motion)
+    lumps, stretches = fit.coefficients[fit.problem.layout.lumps], [p.q for p in motion.pieces]
+    fitted = least_inertia(model, stretches, lumps)
+    given = least_inertia(model, stretches, model.lump_values) if model.lumps_known else _least_apparent(motion)
     return bool(fitted > HARDLY_POSITIVE * given)
 
 

@@ -115,7 +115,8 @@ def fit_motion(
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
     soft = _gives_way(model, known)
-    problem = Problem(model, motion, terms, prediction, ahead=start.ahead if start and not soft else None)
+    ahead = start.ahead if start and not soft else None
+    problem = Problem(model, motion, terms, prediction, ahead=ahead, like=start.problem if start else None)
     # One joint's weights are those of its instruments: they say how sure a shift is.
     if start is not None and model.n > 1:
         problem.weights = start.problem.weights
@@ -128,7 +129,8 @@ def fit_motion(
         if needs:
             if not drivable(model, motion, needs, fit.prediction):
                 break
-            problem = Problem(model, motion, terms, fit.prediction, ahead=_delayed(model, motion, fit))
+            ahead = _delayed(model, motion, fit)
+            problem = Problem(model, motion, terms, fit.prediction, ahead=ahead, like=fit.problem)
             if model.n > 1:
                 problem.weights = before.problem.weights
         fit = _refined(problem, fit.shapes, fit.skew, free)

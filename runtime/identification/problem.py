@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Final, Literal, NamedTuple
@@ -14,7 +15,7 @@ from runtime.identification.grids import motor_angle
 from runtime.identification.recorded_torque import without_weight
 from runtime.identification.regressors import Ahead, Regressors
 from runtime.model.loader import LumpInfo, Model
-from runtime.model.terms import Prediction, Term, Values, given, joints_of, known_vector, structure
+from runtime.model.terms import IDENTIFIED, Prediction, Term, Values, given, joints_of, known_vector, structure
 from runtime.motion.motion import Motion
 from runtime.regression.bounded import inverse, of_size, tangents
 from runtime.regression.rows import Block, Columns, JointRows
@@ -152,19 +153,20 @@ def first_least(errors: Array) -> int:
     return int(np.argmax(errors <= (1 + 1e-10) * errors.min()))
 
 
-def least_inertia(model: Model, motion: Motion, lumps: Array) -> float:
-    """The smallest eigenvalue of D over configurations of the motion, kg m² (kg); `lumps` are base inertial
-    parameters."""
-    q = configurations([p.q for p in motion.pieces])
-    return float(np.linalg.eigvalsh(_inertias(model, q, lumps)).min())
+def least_inertia(model: Model, stretches: Sequence[Array], lumps: Array) -> float:
+    """The smallest eigenvalue of D over configurations of stretches of motion (n, M), kg m² (kg); `lumps` are base
+    inertial parameters."""
+    return float(np.linalg.eigvalsh(_inertias(model, configurations(stretches), lumps)).min())
 
 
 def inertia_cuts(model: Model, q: Array, lumps: Array) -> Array | None:
     """(C, p) cuts c with c·lumps > 0, of which a D that is not positive definite at configurations q (n, N) violates
     one; None if it is."""
-    if _positive(model, q, lumps):
+    inertias = _inertias(model, q, lumps)
+    with suppress(np.linalg.LinAlgError):
+        np.linalg.cholesky(inertias)  # in a tenth of the time of eigenvalues
         return None
-    value, vectors = np.linalg.eigh(_inertias(model, q, lumps))
+    value, vectors = np.linalg.eigh(inertias)
     worst = np.argsort(value[:, 0])[:4]
     worst = worst[value[worst, 0] <= 0]
     if not len(worst):
@@ -175,15 +177,6 @@ def inertia_cuts(model: Model, q: Array, lumps: Array) -> Array | None:
     moved, held = (model.regressor(at, still, acceleration) for acceleration in (v, still))
     met: Array = np.einsum("jc,jkc->ck", v, moved - held)
     return met
-
-
-def _positive(model: Model, q: Array, lumps: Array) -> bool:
-    """Whether D is positive definite at configurations q (n, N), in a tenth of the time."""
-    try:
-        np.linalg.cholesky(_inertias(model, q, lumps))
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 def configurations(stretches: Sequence[Array]) -> Array:
@@ -237,13 +230,16 @@ class Problem:
         terms: Sequence[Term],
         prediction: Prediction | None,
         ahead: Ahead | None = None,
+        like: Problem | None = None,
     ) -> None:
+        """like: another, of which the products of equal columns are taken where its motion is the same."""
         self.model, self.motion = model, motion
         self.layout = LinearUnknowns.of(model, terms, motion.rigid_given, len(motion.gains))
         self.regressors = Regressors(model, motion, prediction, ahead and ahead.of(model, terms))
+        self._told = object()
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
-        self._last: LinearSystem | None = None
+        self._last: LinearSystem | None = like._last if like is not None and like.motion is motion else None
         self._joints: dict[tuple[int, float, float], JointRows] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
@@ -285,11 +281,13 @@ class Problem:
             shape, given = shapes[term], self._given(term, shapes)
             rows = partial(_term, term=term, shape=shape, given=given)
             key = (term, *shape.values(), *given.items())
+            if self.model.library.needs[term.effect] & IDENTIFIED:
+                key = (*key, self._told)  # they read what was predicted
             yield _Part(key, joints_of(self.model, term), layout.slices[term], rows, self.regressors)
         if self.motion.rigid_given:
             yield _Part("rotors", every, layout.rotors, _rotors, self.regressors)
         if self.motion.gains:
-            yield _Part("gains", every, layout.gains, _gains, self.regressors)
+            yield _Part(("gains", self._told), every, layout.gains, _gains, self.regressors)
 
     def _given(self, term: Term, shapes: Mapping[Term, Values]) -> Values:
         library = self.model.library
@@ -390,6 +388,7 @@ class Problem:
                 unaffected=motion.unaffected(joint),
                 dependent=motion.dependent(joint, use),
                 noise=motion.perturbed.torque(joint, at) - tau if motion.feeds_back(joint) else None,
+                version=("torque", at),
             )
         return self._joints[key]
 
@@ -406,7 +405,7 @@ class Problem:
             rows[1 + (i if skew.unknown == "each" else 0)] = late
             columns[i] = Columns(rows)
         free = np.full(count, np.inf)
-        return [Block((LATE, count), columns, -free, free)]
+        return [Block((LATE, count), columns, -free, free, version=(LATE, count, skew.at))]
 
     def solve(self, shapes: Mapping[Term, Values], skew: Skew) -> Solved:
         """Everything that is linear, for these shapes; D stays positive definite."""

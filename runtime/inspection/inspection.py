@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from runtime.documents.recordings import (
     ClockShiftEntry,
@@ -42,6 +41,7 @@ from runtime.inspection.guesses import map_options, unit_in_name
 from runtime.inspection.settings import FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
 from runtime.inspection.signals import (
     clock_entry,
+    integrated,
     joint_entries,
     moves,
     scale,
@@ -98,7 +98,7 @@ def of_rates(recording: Recording) -> list[Suspicion]:
     samples = max(recording.segments, key=lambda s: s.stop - s.start)
     t, q = recording.t[samples], recording.q[:, samples]
     complete = [i for i, qd in enumerate(recording.qd) if np.isfinite(qd).all() and np.ptp(q[i])]
-    integrals = {i: cumulative_trapezoid(recording.qd[i, samples], t, initial=0) for i in complete}
+    integrals = {i: integrated(recording.qd[i, samples], t) for i in complete}
     integrals = {i: integral for i, integral in integrals.items() if np.ptp(integral) > 0}
     for i, integral in integrals.items():
         factor, explained = scale(q[i], integral, t)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, SignalEntry
 from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM
@@ -17,6 +16,11 @@ from runtime.recordings.recording import Recording
 from runtime.recordings.settings import GAP, ROUNDING
 
 Array = NDArray[np.float64]
+
+
+def integrated(x: Array, t: Array) -> Array:
+    """(N,) of x (N,) over t (N,) from the first on, by trapezoids."""
+    return np.append(0.0, np.cumsum(np.diff(t) * (x[1:] + x[:-1]) / 2))
 
 
 def clock_entry(recording: Recording) -> ClockEntry:
@@ -105,7 +109,7 @@ def shift_entries(recording: Recording) -> list[ShiftEntry]:
                 continue
             q, other = recording.q[joint, samples], values[samples]
             if rows is recording.qd:
-                q, other = q - q.mean(), cumulative_trapezoid(other, t, initial=0)
+                q, other = q - q.mean(), integrated(other, t)
             late = _lag(t, q, other)
             if late is not None and abs(late) > recording.dt / 10.0:  # less has no effect on a fit
                 found.append(ShiftEntry(signal=pattern.format(joint + 1), value=late, unit="s"))

@@ -231,10 +231,14 @@ class Motion:
         """Number of ranks that the elimination takes from some rows, use (M,)."""
         return round(float(np.sum(1 - self._left(joint)[use])))
 
+    @cached_property
+    def _eliminated(self) -> list[sparse.csr_array]:
+        every = ([p.unknown(i).directions for p in self.pieces_of(i)] for i in range(self.n))
+        return [sparse.csr_array(sparse.block_diag(parts, format="csr")) for parts in every]
+
     def eliminated(self, joint: int) -> sparse.csr_array:
         """(M, K) combinations of rows that were eliminated."""
-        parts = [p.unknown(joint).directions for p in self.pieces_of(joint)]
-        return sparse.csr_array(sparse.block_diag(parts, format="csr"))
+        return self._eliminated[joint]
 
     def cutoff(self, joint: int) -> float:
         """Hz, of the joint's band."""
@@ -291,7 +295,10 @@ class Motion:
 
     def slope(self, joint: int) -> Array:
         """(M,) change of a joint's (0-based) torque in the band, all of it taken one sample later than recorded."""
-        return self.torque_delayed(joint, 0.5, 0.0, whole=True) - self.torque_delayed(joint, -0.5, 0.0, whole=True)
+        if ("slope", joint) not in self.columns:
+            later, sooner = (self.torque_delayed(joint, by, 0.0, whole=True) for by in (0.5, -0.5))
+            self.columns["slope", joint] = later - sooner
+        return self.columns["slope", joint]
 
     def feeds_back(self, joint: int) -> bool:
         """Whether a law makes a part of a joint's torque (0-based) of its motion."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import SuperLU, splu
 
 from runtime.motion.filters import LowPass
 from runtime.motion.settings import LEAST_OF_ROW
@@ -23,9 +23,6 @@ UNKNOWN_OVER_NOISE: Final = 0.3
 it there; what is left in is then small beside the noise, also where it comes back; by construction."""
 SAME_DIRECTION: Final = 1e-3
 """part of a row; combinations of rows that differ by less are one; rounding."""
-DENSE_DIRECTIONS: Final = 40_000
-"""number of rows times combinations; up to so many, products with a full matrix are faster than with a sparse one;
-time, it decides no result."""
 
 
 def at_rest(rate: Array, dt: float, cutoff: float, standstill: float) -> Mask:
@@ -128,49 +125,27 @@ class UnknownTorque:
         return replace(found, counts=counts)
 
     @cached_property
-    def _across(self) -> sparse.csc_array:
-        """(K, M) transpose of the directions, kept as it takes as long to make as to multiply by."""
-        return self.directions.T
-
-    @cached_property
-    def _gram(self) -> SuperLU:
-        gram = self._across @ self.directions
-        return splu(sparse.csc_matrix(gram + SAME_DIRECTION**2 * sparse.eye_array(gram.shape[0])))
-
-    @cached_property
-    def _axes(self) -> tuple[Array, Array] | None:
-        """(M, K) orthonormal axes of the directions and (K,) the part of each that is taken out; None where a dense
-        matrix of them is too large."""
-        rows, count = self.directions.shape
-        if rows * count > DENSE_DIRECTIONS:
-            return None
-        # Only of the rows that they reach, so that the others keep their zeros to the last bit.
-        reached = np.flatnonzero(np.diff(self.directions.indptr))
-        inside, size, _ = np.linalg.svd(self.directions[reached].toarray(), full_matrices=False)
-        axes = np.zeros((rows, len(size)))
-        axes[reached] = inside
-        return axes, size**2 / (size**2 + SAME_DIRECTION**2)
+    def _axes(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """(M, K) axes, whose product with their transpose is what is taken out, and (K, M) that transpose."""
+        columns, found = sparse.csc_array(self.directions), list[tuple[slice, Array]]()
+        first, last = (columns.indices[ends] for ends in (columns.indptr[:-1], columns.indptr[1:] - 1))
+        apart = np.flatnonzero(first[1:] > np.maximum.accumulate(last)[:-1]) + 1
+        # Combinations of runs that reach no common row are perpendicular.
+        for low, high in pairwise([0, *apart, len(first)]):
+            reached = slice(first[low], last[low:high].max() + 1)
+            together = columns[:, low:high][reached].toarray()
+            power, vectors = np.linalg.eigh(together.T @ together)
+            found.append((reached, together @ vectors / np.sqrt(power + SAME_DIRECTION**2)))
+        axes = _side_by_side(found, columns.shape[0])
+        return axes, axes.T.tocsr()
 
     def __call__(self, x: Array) -> Array:
         """x (..., M) -> (..., M), each row the same to its last bit whatever stands beside it."""
         if not self.directions.shape[1]:
             return x
-        rows, left, together = x.reshape(-1, x.shape[-1]), np.empty(x.shape), 8
-        # Products of matrices of other sizes are rounded in other ways: all have as many rows.
-        for first in range(0, len(rows), together):
-            some = rows[first : first + together]
-            padded = np.pad(some, ((0, together - len(some)), (0, 0)))
-            left.reshape(rows.shape)[first : first + len(some)] = self._of_some(padded)[: len(some)]
-        return left
-
-    def _of_some(self, rows: Array) -> Array:
-        """As the call, of as many rows as it takes together."""
+        (axes, across), rows = self._axes, x.reshape(-1, x.shape[-1])
         with np.errstate(invalid="ignore"):  # a column that overflows is left out by whoever asked for it
-            if self._axes is not None:
-                axes, part = self._axes
-                return np.asarray(rows - ((rows @ axes) * part) @ axes.T)
-            taken = self.directions @ self._gram.solve(np.ascontiguousarray(self._across @ rows.T))
-        return np.asarray(rows - taken.T)
+            return np.asarray(rows - (axes @ (across @ rows.T)).T).reshape(x.shape)
 
 
 def _eliminated(low_pass: LowPass, unknown: Mask, least: float) -> tuple[Array, sparse.csr_array]:

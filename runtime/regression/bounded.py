@@ -79,7 +79,19 @@ def _beside_unseen(scaled: Array, moment: Array) -> Array | None:
 
 def inverse(gram: Array) -> Array:
     """(K, K) by which `solve` answers any moment."""
-    return np.array([solve(gram, unit) for unit in np.eye(len(gram))]).reshape(gram.shape).T
+    found, there = np.zeros(gram.shape), np.flatnonzero(np.diag(gram) > 0)
+    part, size = np.ix_(there, there), np.sqrt(np.diag(gram)[there])
+    if len(there):
+        scaled = gram[part] / np.outer(size, size)
+        factor, failed = lapack.dpotrf(scaled, lower=True)
+        if not failed and np.diagonal(factor).min() > WELL_POSED:
+            own = lapack.dpotrs(factor, np.eye(len(there)), lower=True)[0]
+        else:
+            value, vector = np.linalg.eigh(scaled)
+            seen = value > RANK * value[-1]
+            own = (vector[:, seen] / value[seen]) @ vector[:, seen].T
+        found[part] = own / np.outer(size, size)
+    return found
 
 
 def rank(gram: Array) -> int:
@@ -245,10 +257,11 @@ def minimise(
     program = _Program.of(gram / np.outer(scale, scale), (moment - gram @ begin) / scale)
     lowest, highest = (lower - begin) * scale, (upper - begin) * scale
     # Each cut is a posture at which D was not positive definite; good data need a few. The margin is the solver's.
-    most, margin, known = 30, 1e-6, np.zeros((0, len(theta)))
+    most, margin, known = 30, 1e-6, dict[bytes, Array]()
     for _ in range(most):
-        known = np.vstack([known, cuts / scale])
-        a = known / np.maximum(np.linalg.norm(known, axis=1), 1e-300)[:, None]
+        known |= {cut.tobytes(): cut for cut in cuts / scale}
+        a = np.array(list(known.values()))
+        a /= np.maximum(np.linalg.norm(a, axis=1), 1e-300)[:, None]
         scaled = program.solve(lowest, highest, a, margin - a @ (begin * scale))
         theta = begin + _snapped(scaled, lowest, highest) / scale
         cuts = violated(theta)

@@ -30,7 +30,7 @@ class JointRows:
     tau (M,) N m (N); noise (M,): what a realisation of the encoders' noise adds to it, None where there is none; use
     (M,): rows that count, at least some; piece (M,): the stretch of time of a row; weight: 1/σ; eliminated (M, K):
     combinations of rows that were taken out; unaffected (M,): rows that none of them reaches, None: all that count;
-    dependent: how many rows follow from others.
+    dependent: how many rows follow from others; version: equal for equal torques of the same rows, None: of no other.
     """
 
     tau: Array
@@ -41,6 +41,7 @@ class JointRows:
     unaffected: Mask | None = None
     dependent: int = 0
     noise: Array | None = None
+    version: Hashable = None
 
     @cached_property
     def at(self) -> Places:
@@ -187,19 +188,29 @@ class JointAt:
     unknown: Places
 
     @classmethod
-    def of(cls, rows: JointRows, parts: Sequence[RowStack], direction: Array, number: Places) -> JointAt:
-        """direction (R,) of the residual, number (R,) of the unknowns of a system, -1 for what is none."""
+    def of(cls, rows: JointRows, parts: Sequence[RowStack], direction: Array, columns: JointColumns) -> JointAt:
+        """direction (R,) of the residual."""
         left, left_noise = np.zeros(rows.count), np.zeros(rows.count)
-        columns, noise, unknown = [], [], []
         for part in parts:
             combined, heard = part.combined(direction)
             left += combined
             left_noise += 0.0 if heard is None else heard
-            own = number[part.index] >= 0
-            columns.append(part.rows[own])
-            noise.append(np.zeros_like(columns[-1]) if part.noise is None else part.noise[own])
-            unknown.append(number[part.index[own]])
-        return cls(left, left_noise, np.vstack(columns), np.vstack(noise), np.concatenate(unknown))
+        return cls(left, left_noise, *columns)
+
+
+JointColumns = tuple[Array, Array, Places]
+"""One joint's columns and their noise (b, m), on the rows that count, of those unknowns (b,) that have any."""
+
+
+def joint_columns(parts: Sequence[RowStack], number: Places) -> JointColumns:
+    """number (R,) of the unknowns of a system, -1 for what is none."""
+    columns, noise, unknown = [], [], []
+    for part in parts:
+        own = number[part.index] >= 0
+        columns.append(part.rows[own])
+        noise.append(np.zeros_like(columns[-1]) if part.noise is None else part.noise[own])
+        unknown.append(number[part.index[own]])
+    return np.vstack(columns), np.vstack(noise), np.concatenate(unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,15 +229,18 @@ class JointProducts:
         parts: Sequence[tuple[Hashable, int, Mapping[int, Columns]]],
         like: JointProducts | None,
     ) -> JointProducts:
-        """parts: key, first row among all of the system, and columns by joint; like: of the same joint (0-based) and an
-        equal order of blocks, of which equal keys are taken."""
+        """parts: key, first row among all of the system, and columns by joint; like: of the same joint (0-based), of
+        which equal keys are taken."""
         if like is not None and [(key, start) for key, start, _ in parts] == like.order:
             return like
-        old = {} if like is None else like.places
+        old, starts = ({}, {}) if like is None else (like.places, dict(like.order))
         stacks: dict[Hashable, RowStack] = {}
         for key, start, columns in parts:
             kept = like.stacks[key] if like is not None and key in old else None
-            stacks[key] = RowStack.of(start, columns[joint], rows) if kept is None else kept
+            if kept is None:
+                stacks[key] = RowStack.of(start, columns[joint], rows)
+            else:
+                stacks[key] = kept if start == starts[key] else replace(kept, index=kept.index + start - starts[key])
         size, order = sum(len(s.index) for s in stacks.values()), [(key, start) for key, start, _ in parts]
         made = cls(stacks, np.zeros((size, size)), order)
         new, both = made.places, [key for key in stacks if key in old]

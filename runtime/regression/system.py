@@ -24,7 +24,17 @@ from numpy.typing import NDArray
 
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve
 from runtime.regression.noise import Whitening
-from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, merged
+from runtime.regression.rows import (
+    Block,
+    Columns,
+    JointAt,
+    JointColumns,
+    JointProducts,
+    JointRows,
+    RowStack,
+    joint_columns,
+    merged,
+)
 from runtime.regression.settings import LEAST_OWN
 
 Array = NDArray[np.float64]
@@ -73,6 +83,7 @@ class LinearSystem:
     zero: frozenset[Hashable] = frozenset()
     base: LinearSystem | None = None
     _local: tuple[JointProducts, ...] = ()
+    _own: tuple[JointColumns, ...] = ()
 
     @classmethod
     def of(cls, joints: Sequence[JointRows], blocks: Sequence[Block], like: LinearSystem | None = None) -> LinearSystem:
@@ -83,7 +94,7 @@ class LinearSystem:
             start += 1 + len(block.lower)
         local = []
         for j, rows in enumerate(joints):
-            parts: list[tuple[Hashable, int, Mapping[int, Columns]]] = [(rows, 0, {j: rows.torque})]
+            parts: list[tuple[Hashable, int, Mapping[int, Columns]]] = [(rows.version or rows, 0, {j: rows.torque})]
             pairs = zip(places, blocks, strict=True)
             parts += [(b.version or b.key, p.start, b.columns) for p, b in pairs if j in b.columns]
             local.append(JointProducts.of(j, rows, parts, like._local[j] if like is not None else None))
@@ -112,18 +123,26 @@ class LinearSystem:
         gram[:start, start:] = gram[start:, :start].T
         place = BlockPlace.of(block, start)
         return replace(
-            self, blocks=(*self.blocks, place), stacks=tuple(stacks), gram=gram, base=self, _local=(), level=self.level
+            self, blocks=(*self.blocks, place), stacks=tuple(stacks), gram=gram, base=self, _local=(), _own=()
         )
 
     def without(self, keys: Collection[Hashable]) -> LinearSystem:
-        """The system without some blocks; its noise level stays."""
+        """The system without some blocks; its noise level stays. It is kept."""
         gone = self.zero | frozenset(keys)
-        return self if gone == self.zero else replace(self, zero=gone, base=None)
+        if gone == self.zero:
+            return self
+        if gone not in self._reduced:
+            self._reduced[gone] = replace(self, zero=gone, base=None, _own=self._columns)
+        return self._reduced[gone]
+
+    @cached_property
+    def _reduced(self) -> dict[frozenset[Hashable], LinearSystem]:
+        return {}
 
     def merged(self) -> LinearSystem:
         """The system as the base of candidates: all rows of a joint stand in one array."""
         stacks = tuple((merged(parts),) if parts else () for parts in self.stacks)
-        return replace(self, stacks=stacks, base=None, _local=())
+        return replace(self, stacks=stacks, base=None, _local=(), _own=())
 
     def over(self, joints: Sequence[JointRows]) -> LinearSystem:
         """The system with rows that are weighted otherwise, merged and levelled."""
@@ -205,7 +224,7 @@ class LinearSystem:
                 for other in parts:
                     gram[np.ix_(one.index, other.index)] += rows.weight**2 * one.products(other)
         own = tuple(tuple(parts) for parts in stacks)
-        return replace(self, joints=tuple(joints), stacks=own, gram=gram, base=None, _local=()).levelled()
+        return replace(self, joints=tuple(joints), stacks=own, gram=gram, base=None, _local=(), _own=()).levelled()
 
     # unknowns --------------------------------------------------------------------------------------------------------
 
@@ -223,12 +242,12 @@ class LinearSystem:
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """(K,) lower and upper; both zero of blocks that are left out."""
-        kept = [np.full(len(b.lower), float(b.key not in self.zero)) for b in self.blocks]
-        ends = []
-        for of in ("lower", "upper"):
-            values = [np.where(k > 0, getattr(b, of), 0.0) for k, b in zip(kept, self.blocks, strict=True)]
-            ends.append(np.concatenate([np.zeros(0), *values]))
-        return ends[0], ends[1]
+        ends = [(np.zeros(0), np.zeros(0))]
+        for b in self.blocks:
+            none = np.zeros(len(b.lower))
+            ends.append((none, none) if b.key in self.zero else (b.lower, b.upper))
+        lower, upper = map(np.concatenate, zip(*ends, strict=True))
+        return lower, upper
 
     @cached_property
     def count(self) -> int:
@@ -258,9 +277,13 @@ class LinearSystem:
         so that no solution depends on the order of candidates."""
         if self.base is None:
             return []
-        theta, (lower, upper) = self.base.solution.coefficients, self.base.bounds
-        sides = np.where(theta == lower, 1, np.where(theta == upper, -1, 0))
-        return [np.append(sides, np.zeros(len(self.unknown) - len(theta))).astype(np.int8)]
+        sides = self.base._sides
+        return [np.append(sides, np.zeros(len(self.unknown) - len(sides), dtype=np.int8))]
+
+    @cached_property
+    def _sides(self) -> Sides:
+        theta, (lower, upper) = self._coefficients, self.bounds
+        return np.where(theta == lower, 1, np.where(theta == upper, -1, 0)).astype(np.int8)
 
     # solutions -------------------------------------------------------------------------------------------------------
 
@@ -269,6 +292,15 @@ class LinearSystem:
         """Least squares on all rows, every coefficient within its bounds; the system does not keep it, as the two would
         keep each other until the garbage collector comes."""
         return Solution(self, self._torque, self.gram @ self._torque)
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        return self.solution.coefficients
+
+    @cached_property
+    def sse(self) -> float:
+        """Squared error of the solution on all rows."""
+        return self.solution.sse
 
     def solve(self, added: Array) -> Solution:
         """The same with more of the last block in the measured torque: added (1 + k,), of its part without coefficient
@@ -336,7 +368,7 @@ class LinearSystem:
     @cached_property
     def projection(self) -> Array:
         """(K, K) pseudo-inverse of the Gram matrix over unknowns that are within their bounds."""
-        theta, (lower, upper) = self.solution.coefficients, self.bounds
+        theta, (lower, upper) = self._coefficients, self.bounds
         free = np.flatnonzero((theta > lower) & (theta < upper))
         found = np.zeros((len(theta), len(theta)))
         found[np.ix_(free, free)] = inverse(self._whole.grams[0][np.ix_(free, free)])
@@ -344,15 +376,18 @@ class LinearSystem:
 
     def at(self, theta: Array) -> tuple[JointAt, ...]:
         """Every joint at coefficients theta (K,)."""
+        direction, every = self._direction(theta), zip(self.joints, self.stacks, self._columns, strict=True)
+        return tuple(JointAt.of(rows, parts, direction, columns) for rows, parts, columns in every)
+
+    @cached_property
+    def _columns(self) -> tuple[JointColumns, ...]:
         number = np.full(len(self.gram), -1)
         number[self.unknown] = np.arange(len(self.unknown))
-        direction = self._direction(theta)
-        pairs = zip(self.joints, self.stacks, strict=True)
-        return tuple(JointAt.of(rows, parts, direction, number) for rows, parts in pairs)
+        return self._own or tuple(joint_columns(parts, number) for parts in self.stacks)
 
     @cached_property
     def _beside(self) -> tuple[JointAt, ...]:
-        return self.at(self.solution.coefficients)
+        return self.at(self._coefficients)
 
     def plain_normal(self, at: Sequence[JointAt]) -> Array:
         """(K, K) `normal` without compensation for noise in the columns."""
@@ -390,14 +425,6 @@ class LinearSystem:
     def columns(self, joint: int) -> Array:
         """(b, m) columns of a joint (0-based) on the rows that count, not weighted."""
         return self._beside[joint].columns
-
-    def gain(self, block: Block) -> float:
-        """By how much a block lowers the squared error: `gains` of one."""
-        columns = {
-            joint: Columns(part.rows[None], None if part.noise is None else part.noise[None])
-            for joint, part in block.columns.items()
-        }
-        return float(self.gains(replace(block, columns=columns))[0])
 
     def gains(self, blocks: Block) -> Array:
         """(S,) by how much each of S choices of a block lowers the squared error, the system's own unknowns not held by
@@ -459,7 +486,7 @@ class LinearSystem:
         kept, cross = float(left[0]), float(left[1])
         if kept <= 0:
             return 0.0, float("inf")
-        return cross / kept, float(np.sqrt(max(base.solution.sse, 0.0) / base.count / kept))
+        return cross / kept, float(np.sqrt(max(base.sse, 0.0) / base.count / kept))
 
 
 @dataclass(frozen=True, eq=False)
