@@ -53,6 +53,13 @@ CLEARLY_LIKELIER: Final = 30.0
 """natural logarithm of a likelihood, doubled; a torque is taken at another time, and an effect may be named, where that
 is so much likelier: on clean recordings 10 alone would have named something on 23 of 30; trial of the method."""
 
+# what gives way ------------------------------------------------------------------------------------------------------
+
+FINEST_STEP: Final = 0.001
+"""s; the step by which a link behind a transmission is simulated from slower samples: a load that is continued in a
+straight line is off by h² of its second derivative, which passes for the joint's own give. At 1 ms that is 1 % of a
+stiffness whose resonance is at 24 Hz, and at 8 ms two thirds; theory of the step, and simulated drives."""
+
 # the width of a gap -------------------------------------------------------------------------------------------------
 
 AS_GOOD_A_FLANK: Final = 1.05

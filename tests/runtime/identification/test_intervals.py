@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,15 +20,16 @@ from runtime.workspace.source import Source
 from tests import bank, spatial_wrist
 from tests.judge.bodies import ARMS
 from tests.judge.cases import Setting
+from tests.judge.recorder import Logger
 from tests.judge.sensed import sensed
 from tests.kept import kept
 
 ELASTICITY = Term("elasticity", 1)
 
 
-def soft(stiffness: float, seed: int) -> tuple[Fit, float]:
+def soft(stiffness: float, seed: int, **setting: Any) -> tuple[Fit, float]:
     """A fit with an elasticity of the independent plant, and its damping there, N m s/rad."""
-    made, model = kept(sensed, Setting(), ("elasticity", 0, stiffness), seed=seed), bank.model("judge1")
+    made, model = kept(sensed, Setting(**setting), ("elasticity", 0, stiffness), seed=seed), bank.model("judge1")
     known = {**structure(model), ELASTICITY: {}}
     return fit_motion(model, prepared(model, [made.plain]), known), made.plant[0]["STIFFNESS_DAMPING"]
 
@@ -40,6 +42,16 @@ def test_a_soft_joint_pushed_from_outside_is_within_its_interval() -> None:
     found, damping = soft(1500.0, 51)
     values = found.inference.values[ELASTICITY]
     assert holds(values["stiffness"], 1500.0)
+    assert holds(values["damping"], damping)
+
+
+@pytest.mark.parametrize("every", [4, 15])
+def test_a_stiffness_is_right_at_any_rate_of_the_rows(every: int) -> None:
+    """At 66 Hz the load between two rows, continued in a straight line, would make 3000 N m/rad 2000."""
+    found, damping = soft(3000.0, 7, level=0.0, logger=Logger(every=every))
+    values = found.inference.values[ELASTICITY]
+    assert values["stiffness"].value == pytest.approx(3000.0, rel=0.08)
+    assert holds(values["stiffness"], 3000.0)
     assert holds(values["damping"], damping)
 
 
