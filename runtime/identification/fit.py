@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -16,10 +16,11 @@ from runtime.documents.parts import SkewEntry
 from runtime.identification.estimate import Estimate
 from runtime.identification.jumps import gap_estimates, onset_intervals
 from runtime.identification.problem import DERIVATIVE_STEP, LATE, Nonlinear, Problem, Skew
-from runtime.identification.regressors import Ahead, Regressors
+from runtime.identification.regressors import Ahead, Regressors, unseen_rotors
 from runtime.identification.settings import (
     INTERVAL_SIGMAS,
     NOMINAL_SKEW,
+    ROTOR_STATED,
     SCORE_BLOCK_S,
     SEPARABLE,
     SKEWS_APART,
@@ -231,6 +232,8 @@ def _uncertainty(fit: Fit) -> Uncertainty:
     if fit.skew_free:
         shift = _between_holds(fit, along[names.index(SKEW), there], moved)
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
+    shifts = [spread * shift for shift, spread in _of_stated_rotors(fit, system, at, along[:, there], moved, smoothed)]
+    covariance[part] += sum((np.outer(shift, shift) for shift in shifts), start=np.zeros_like(moved))
     endless = np.abs(along) @ np.isinf(np.diag(covariance)) > 0
     covariance = along @ np.where(np.isinf(covariance), 0.0, covariance) @ along.T
     covariance[endless, endless] = np.inf
@@ -459,6 +462,50 @@ def _between_holds(fit: Fit, skew: Array, covariance: Array) -> Array:
     apart, own = fit.skew - NOMINAL_SKEW, float(skew @ covariance @ skew)
     near = fit.motion.commanded and abs(apart) < SKEWS_APART and own > 0
     return apart * covariance @ skew / own if near else np.zeros(len(skew))
+
+
+def _of_stated_rotors(
+    fit: Fit,
+    system: LinearSystem,
+    at: Sequence[JointAt],
+    along: Array,
+    covariance: Array,
+    smoothed: Mapping[int, Array],
+) -> Iterator[tuple[Array, float]]:
+    """(F,) by which the unknowns move, in directions along (K', F), for a unit of each rotor's inertia that the model
+    file states and no rigid motion shows, and by how much it may be off.
+
+    A stiffness grows with the square of the link's inertia, and that is the joint's less the rotor's. What the data say
+    of the rotor counts as much as what the file says of it, or alone where they contradict it beyond ROTOR_STATED: the
+    file's spread is then what the difference makes it, which is likeliest (Efron & Morris 1973).
+
+    covariance (F, F): with white rows of variance 1; smoothed: as `smoothing_change`
+    """
+    problem = fit.problem
+    joints = () if problem.motion.rigid_given else unseen_rotors(problem.model, problem.layout.terms)
+    for joint in joints:
+        stated = problem.model.joints[joint].rotor_inertia
+        if stated is None:
+            continue
+        opened = problem.with_rotors({**problem.rotors, joint: stated})
+        slope = opened.derivative(fit.shapes, fit.coefficients, Nonlinear(ROTOR, joint=joint)).columns
+        torque = {i: columns.rows[1] for i, columns in slope.items()}
+        shift = covariance @ (along.T @ system.products(at, torque))
+        seen, scores, biased = 0.0, dict[int, float](), 0.0
+        for i, (rows, own) in enumerate(zip(system.joints, at, strict=True)):
+            known = (along @ shift)[own.unknown] @ own.columns
+            alone = rows.weight * ((rows.used(torque[i]) if i in torque else 0.0) - known)
+            seen += float(alone @ alone)
+            biased += rows.weight * float(alone @ rows.used(smoothed[i])) if i in smoothed else 0.0
+            for stretch, score in zip(
+                stretches(problem.motion, i)[rows.at], rows.weight * alone * own.left, strict=True
+            ):
+                scores[stretch] = scores.get(stretch, 0.0) + float(score)
+        sums = np.array([*scores.values()])
+        off, variance = float(sums.sum()) / seen, (float(sums @ sums) + (SMOOTHING_BIAS * biased) ** 2) / seen**2
+        own_spread = max((ROTOR_STATED * stated) ** 2, off**2 - variance)
+        share = own_spread / (own_spread + variance)
+        yield shift, float(np.sqrt(share * variance + (share * off) ** 2))
 
 
 def smoothing_change(fit: Fit) -> dict[int, Array]:

@@ -465,10 +465,10 @@ def arm_functions_read(model: Model, term: Term) -> set[str]:
     return outputs | {LINK_LOAD for s in read if s.source is None and s.needs == "arm"}
 
 
-def open_rotors(model: Model, terms: Iterable[Term]) -> tuple[int, ...]:
-    """Joints (0-based) whose rotor inertia the model file leaves out, no rigid motion determines, and a term needs."""
+def unseen_rotors(model: Model, terms: Iterable[Term]) -> tuple[int, ...]:
+    """Joints (0-based) whose rotor's part in their inertia no rigid motion determines, and a term needs."""
     needed = {
         t.joint - 1 for t in terms if t.joint is not None and arm_functions_read(model, t) & {LINK_LOAD, LINK_SIDE}
     }
     identified = {lump.name for lump in model.lumps}
-    return tuple(sorted(i for i in needed if model.joints[i].rotor_inertia is None and f"I{i + 1}" not in identified))
+    return tuple(sorted(i for i in needed if f"I{i + 1}" not in identified))

@@ -129,9 +129,9 @@ class Look:
                 table.at(name, int(slowest[name].rows[0])),
             )
         thinned, moved = _thinned(table, slowest, times)
-        rows = _rows(len(thinned.numbers), len(table.numbers))
+        kept = _rows(len(thinned.numbers), len(table.numbers))
         note = f"{_list(slowest) if others else 'all signals'}: each value comes {number(times, 3)} times; "
-        note += f"read are the {rows} in which values renew, every {number(1e3 / hz, 3)} ms"
+        note += f"read are the {kept} in which values renew, every {number(1e3 / hz, 3)} ms"
         note += f"; {_list(moved)}, renewed in others, interpolated there" if moved else ""
         return replace(thinned, notes=(*table.notes, note))
 
