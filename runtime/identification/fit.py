@@ -232,8 +232,8 @@ def _uncertainty(fit: Fit) -> Uncertainty:
     if fit.skew_free:
         shift = _between_holds(fit, along[names.index(SKEW), there], moved)
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
-    shifts = [spread * shift for shift, spread in _of_stated_rotors(fit, system, at, along[:, there], moved, smoothed)]
-    covariance[part] += sum((np.outer(shift, shift) for shift in shifts), start=np.zeros_like(moved))
+    for shift, spread in _of_stated_rotors(fit, found, along[:, there], moved, smoothed):
+        covariance[part] += spread**2 * np.outer(shift, shift)
     endless = np.abs(along) @ np.isinf(np.diag(covariance)) > 0
     covariance = along @ np.where(np.isinf(covariance), 0.0, covariance) @ along.T
     covariance[endless, endless] = np.inf
@@ -465,12 +465,7 @@ def _between_holds(fit: Fit, skew: Array, covariance: Array) -> Array:
 
 
 def _of_stated_rotors(
-    fit: Fit,
-    system: LinearSystem,
-    at: Sequence[JointAt],
-    along: Array,
-    covariance: Array,
-    smoothed: Mapping[int, Array],
+    fit: Fit, found: Array, along: Array, covariance: Array, smoothed: Mapping[int, Array]
 ) -> Iterator[tuple[Array, float]]:
     """(F,) by which the unknowns move, in directions along (K', F), for a unit of each rotor's inertia that the model
     file states and no rigid motion shows, and by how much it may be off.
@@ -479,32 +474,23 @@ def _of_stated_rotors(
     of the rotor counts as much as what the file says of it, or alone where they contradict it beyond ROTOR_STATED: the
     file's spread is then what the difference makes it, which is likeliest (Efron & Morris 1973).
 
-    covariance (F, F): with white rows of variance 1; smoothed: as `smoothing_change`
+    found (K',): all unknowns; covariance (F, F): with white rows of variance 1; smoothed: as `smoothing_change`
     """
-    problem = fit.problem
+    problem, system = fit.problem, fit.linearised
     joints = () if problem.motion.rigid_given else unseen_rotors(problem.model, problem.layout.terms)
-    for joint in joints:
-        stated = problem.model.joints[joint].rotor_inertia
-        if stated is None:
-            continue
+    stated_at = {j: problem.model.joints[j].rotor_inertia for j in joints}
+    for joint, stated in ((j, x) for j, x in stated_at.items() if x is not None):
         opened = problem.with_rotors({**problem.rotors, joint: stated})
-        slope = opened.derivative(fit.shapes, fit.coefficients, Nonlinear(ROTOR, joint=joint)).columns
-        torque = {i: columns.rows[1] for i, columns in slope.items()}
-        shift = covariance @ (along.T @ system.products(at, torque))
-        seen, scores, biased = 0.0, dict[int, float](), 0.0
-        for i, (rows, own) in enumerate(zip(system.joints, at, strict=True)):
-            known = (along @ shift)[own.unknown] @ own.columns
-            alone = rows.weight * ((rows.used(torque[i]) if i in torque else 0.0) - known)
-            seen += float(alone @ alone)
-            biased += rows.weight * float(alone @ rows.used(smoothed[i])) if i in smoothed else 0.0
-            for stretch, score in zip(
-                stretches(problem.motion, i)[rows.at], rows.weight * alone * own.left, strict=True
-            ):
-                scores[stretch] = scores.get(stretch, 0.0) + float(score)
-        sums = np.array([*scores.values()])
-        off, variance = float(sums.sum()) / seen, (float(sums @ sums) + (SMOOTHING_BIAS * biased) ** 2) / seen**2
-        own_spread = max((ROTOR_STATED * stated) ** 2, off**2 - variance)
-        share = own_spread / (own_spread + variance)
+        whole = system.with_block(opened.derivative(fit.shapes, fit.coefficients, Nonlinear(ROTOR, joint=joint)))
+        there = whole.at(np.append(found, 0.0))
+        shift = covariance @ along.T @ whole.plain_normal(there)[:-1, -1]
+        alone = np.append(-along @ shift, 1.0)
+        seen = max(float(alone @ whole.plain_normal(there) @ alone), 1e-300)
+        scores = whole.scores(there, [stretches(problem.motion, i) for i in range(problem.motion.n)]) @ alone / seen
+        biased = SMOOTHING_BIAS * float(whole.products(there, smoothed) @ alone) / seen
+        off, variance = float(scores.sum()), float(scores @ scores) + biased**2
+        spread = max((ROTOR_STATED * stated) ** 2, off**2 - variance)
+        share = spread / max(spread + variance, 1e-300)
         yield shift, float(np.sqrt(share * variance + (share * off) ** 2))
 
 

@@ -10,7 +10,7 @@ itself does at other places (noise, steps of an encoder, stick-slip, impacts, re
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -39,7 +39,6 @@ from runtime.recordings.settings import (
     SCALE_SAMPLES,
     SIDE,
     SILENT,
-    SLOWEST_READ,
     SPLINE_DEGREE,
     TURN_OFF,
 )
@@ -59,12 +58,10 @@ class Look:
 
     joints      what slides has no turns; a motor's encoder wraps after a turn of the motor
     allow_gaps  leave failed reads out instead of refusing them
-    rate        Hz at which held signals are renewed, where the user tells it
     """
 
     joints: Sequence[DescribedJoint]
     allow_gaps: bool
-    rate: float | None
     refuse: Refusal
 
     def __call__(self, table: Samples) -> Samples:
@@ -98,7 +95,7 @@ class Look:
         return replace(table, signals=signals, notes=tuple(notes), turned=frozenset(turned))
 
     def _renewed(self, table: Samples, names: Collection[str]) -> Samples:
-        """Rows in which values are renewed, where all signals are held alike or the rate is told."""
+        """Rows in which values are renewed: of a command that a drive held, too, each then acts half a row later."""
         found = {name: _held(table.signals[name], name[0] == "q") for name in names if not name.endswith("_desired")}
         held = {name: own for name, own in found.items() if own is not None and own.times > 0}
         if not held:
@@ -119,15 +116,6 @@ class Look:
         slowest = {name: own for name, own in held.items() if own.times > SAME_RATE * times}
         others = [*free, *(name for name in held if name not in slowest)]
         hz = 1 / (times * float(np.median(np.diff(table.signals["t"]))))
-        rate, told = number(hz, 3), self.rate is not None and SAME_RATE < self.rate / hz < 1 / SAME_RATE
-        if others and hz < SLOWEST_READ and not told:
-            name = next(iter(slowest))
-            self.refuse(
-                f"{_list(slowest)}: each value comes {number(times, 3)} times, but not of {_list(others)}, and nothing "
-                f"says whether a command was held or {rate} Hz are the rate at which it was read; if so, read the rows "
-                f'in which it was: pass --map {RATE}="{rate} Hz"',
-                table.at(name, int(slowest[name].rows[0])),
-            )
         thinned, moved = _thinned(table, slowest, times)
         kept = _rows(len(thinned.numbers), len(table.numbers))
         note = f"{_list(slowest) if others else 'all signals'}: each value comes {number(times, 3)} times; "
@@ -163,23 +151,6 @@ class Look:
             self.refuse(f"{counted}; drop them, or pass --allow-gaps to leave them out", table.at(name, k))
         left = f"left out: {table.at(name, k)}: {counted}"
         return replace(table.kept(~rows), notes=(*table.notes, left))
-
-
-RATE = "rate"
-"""The entry of `--map` that says at which rate held signals are renewed, in Hz."""
-
-
-def told_rate(text: str, fail: Callable[[str], object]) -> float | None:
-    """The rate in Hz that `--map` states, if it does."""
-    if not text:
-        return None
-    try:
-        rate = float(text.strip().removesuffix("Hz"))
-    except ValueError:
-        rate = 0.0
-    if not 0 < rate < np.inf:
-        fail(f"--map {RATE}: expected the rate in Hz at which held signals are renewed, such as 62.5")
-    return rate
 
 
 def _rows(count: int, of: int) -> str:

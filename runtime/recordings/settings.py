@@ -199,9 +199,5 @@ fifth; a choice."""
 IN_PHASE: Final = 0.9
 """part of the renewals whose distance must be usual; lost messages make others; a choice."""
 
-SLOWEST_READ: Final = 40.0
-"""Hz; what is renewed more slowly than other signals are may be a command that a drive held, which says more than the
-rows in which it changes; above, these show the lowest band, of 8 Hz: five samples a period."""
-
 SAME_RATE: Final = 0.95
 """ratio of two rates of renewal that count as one; counted over thirty of them, a choice."""
