@@ -126,32 +126,14 @@ class Inference:
 
     def rotor_entries(self) -> list[RotorEntry]:
         """What the rigid-body torque of the user's own model lacks of each rotor's inertia."""
-        return [
-            RotorEntry(
-                joint=k,
-                name=f"rotor{k}",
-                fit=e.known_value,
-                unit=e.unit,
-                interval=e.known_interval,
-                inseparable_from=e.inseparable_from,
-            )
-            for k, e in enumerate(self.rotors, start=1)
-        ]
+        return [RotorEntry(joint=k, name=f"rotor{k}", **e.fitted) for k, e in enumerate(self.rotors, start=1)]
 
     def inertial_entries(self, model: Model) -> list[InertialEntry]:
         """Base inertial parameters with intervals."""
         lumps = [(info.joint, info.name, info.value, e) for info, e in zip(model.lumps, self.lumps, strict=True)]
         rotors = [(joint + 1, ROTOR, None, e) for joint, e in self.open.items()]
         return [
-            InertialEntry(
-                joint=joint,
-                name=name,
-                model=value,
-                fit=e.known_value,
-                unit=e.unit,
-                interval=e.known_interval,
-                inseparable_from=e.inseparable_from,
-            )
+            InertialEntry(joint=joint, name=name, model=value, **e.fitted)
             for joint, name, value, e in [*lumps, *rotors]
         ]
 
@@ -182,6 +164,7 @@ class Uncertainty:
     covariance  (K', K'); infinite on the diagonal for what no row tells
     tangled     by index, the names of those with which an unknown can only be told together
     degrees     of freedom of the covariance
+    by_rotors   names of shape parameters most of whose variance is that of rotors' inertias in the model file
     """
 
     names: list[str]
@@ -190,6 +173,7 @@ class Uncertainty:
     covariance: Array
     tangled: dict[int, tuple[str, ...]]
     degrees: int
+    by_rotors: tuple[str, ...]
 
     def columns(self, joint: int) -> Array:
         """(K', M) derivatives of a joint's predicted torque (0-based); zero in rows that do not count."""
@@ -232,8 +216,10 @@ def _uncertainty(fit: Fit) -> Uncertainty:
     if fit.skew_free:
         shift = _between_holds(fit, along[names.index(SKEW), there], moved)
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
+    of_rotors = np.zeros(len(names))
     for shift, spread in _of_stated_rotors(fit, found, along[:, there], moved, smoothed):
         covariance[part] += spread**2 * np.outer(shift, shift)
+        of_rotors += (spread * along[:, there] @ shift) ** 2
     endless = np.abs(along) @ np.isinf(np.diag(covariance)) > 0
     covariance = along @ np.where(np.isinf(covariance), 0.0, covariance) @ along.T
     covariance[endless, endless] = np.inf
@@ -245,7 +231,9 @@ def _uncertainty(fit: Fit) -> Uncertainty:
                 bent, bent
             )
     tangled = _tangled(names, along[:, there] @ vector[:, unseen])
-    return Uncertainty(names, system, at, covariance, tangled, degrees=len(np.unique(each[0])) - 1)
+    most = np.flatnonzero(of_rotors > np.diag(covariance) / 2)
+    by_rotors = tuple(names[k] for k in most if k >= problem.layout.size)
+    return Uncertainty(names, system, at, covariance, tangled, len(np.unique(each[0])) - 1, by_rotors)
 
 
 def _inference(fit: Fit) -> Inference:
@@ -341,24 +329,6 @@ def places(fit: Fit, term: Term, names: list[str]) -> list[int]:
     part = problem.layout.slices[term]
     free = [of.name for of in problem.searched(fit.shapes) if of.term == term]
     return [*range(part.start, part.stop), *(names.index(f"{term} {name}", problem.layout.size) for name in free)]
-
-
-def given_shape(fit: Fit, term: Term) -> dict[str, Estimate]:
-    """A term's parameters, as sure as they are if its shape is what was found.
-
-    Where a term vanishes any shape fits it, so that what is not known of its shape says nothing against the term.
-    Source: a nuisance parameter that is there under the alternative only: Davies 1977, Biometrika 64(2).
-    """
-    problem = fit.problem
-    sure = fit.uncertainty
-    found = replace(sure, covariance=sure.covariance.copy())
-    coefficients = problem.layout.slices[term].stop - problem.layout.slices[term].start
-    shape = places(fit, term, found.names)[coefficients:]
-    own, cross = found.covariance[np.ix_(shape, shape)], found.covariance[:, shape]
-    if shape and np.isfinite(own).all():
-        known = np.isfinite(cross).all(axis=1)
-        found.covariance[np.ix_(known, known)] -= cross[known] @ np.linalg.pinv(own, hermitian=True) @ cross[known].T
-    return _term_estimates(fit, term, found)
 
 
 def _term_estimates(fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estimate]:

@@ -98,9 +98,7 @@ bias away; development recordings with elasticity and a disturbance on the link.
 
 ROTOR_STATED: Final = 0.35
 """part of a rotor's inertia in a model file; its standard deviation: a catalogue's number times a ratio squared leaves
-out gear, coupling and brake, and is right to a factor of two in 95 % of cases; a choice.
-
-URDFs' masses are right to 5 to 20 %, and what they do to a joint's whole inertia a recording tells."""
+out gear, coupling and brake, and is right to a factor of two in 95 % of cases; a choice."""
 
 # the twist of a transmission ----------------------------------------------------------------------------------------
 

@@ -40,14 +40,7 @@ from runtime.identification.settings import WORK_TELLS
 from runtime.inspection.drive_laws import allowed
 from runtime.inspection.guesses import map_options, unit_in_name
 from runtime.inspection.settings import FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
-from runtime.inspection.signals import (
-    clock_entry,
-    joint_entries,
-    moves,
-    scale,
-    shift_entries,
-    signal_entries,
-)
+from runtime.inspection.signals import clock_entry, joint_entries, moves, scale, shift_entries, signal_entries
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.motion.clock import grid

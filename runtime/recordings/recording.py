@@ -214,10 +214,7 @@ def drives_of(recordings: Sequence[Recording]) -> tuple[DrivenJoint | None, ...]
 
 
 def read(
-    path: Path | str,
-    arm: RecordedArm | None,
-    mapping: Mapping[str, str] | None = None,
-    allow_gaps: bool = False,
+    path: Path | str, arm: RecordedArm | None, mapping: Mapping[str, str] | None = None, allow_gaps: bool = False
 ) -> Recording:
     """The recording at `path`, in any format of EXPECTED; arguments as in `checked`. Raises RecordingError."""
     refuse = Refusal(printable(path))
