@@ -216,7 +216,8 @@ def _turns(x: Array, pieces: NDArray[np.int64] | None, ratio: float) -> tuple[Ar
         fits = able & (np.abs(whole) == 1) & (np.abs(jumps - whole * turn) <= off)
         if fits.any():
             seen = float(np.median(size[fits]))
-            known_better = abs(seen - turn) <= TURN_OFF * usual / np.sqrt(np.count_nonzero(fits))
+            least = float(np.quantile(np.abs(steps[steps != 0]), LEAST_STEPS))
+            known_better = abs(seen - turn) <= TURN_OFF * max(usual / np.sqrt(np.count_nonzero(fits)), least)
             turn = turn if known_better else seen
             return _counted(steps, turn, k[fits], whole[fits], pieces), turn
     return None

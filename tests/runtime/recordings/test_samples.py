@@ -98,8 +98,9 @@ def test_a_motion_that_rests_and_reverses_is_believed(rate, noise):
 
 
 @settings(max_examples=15, deadline=None)
-@given(part=st.floats(0.01, 0.9), name=st.sampled_from(("tau1", "tau2")), seed=st.integers(0, 99))
+@given(part=st.floats(0.01, 0.85), name=st.sampled_from(("tau1", "tau2")), seed=st.integers(0, 99))
 def test_a_torque_that_is_zero_in_a_part_of_the_rows(part, name, seed):
+    """Of fewer than a seventh that are left, two are as far apart as from 0."""
     zero = np.random.default_rng(seed).random(3000) < part
     columns = changed(motion(250.0, 0.05), name, lambda x: np.where(zero, 0.0, x))
     with pytest.raises(RecordingError, match=f"{name} is 0 beside .* in {zero.sum()} of 3000 rows"):
