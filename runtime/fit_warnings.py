@@ -313,6 +313,10 @@ def warnings(fit: Fit, wrong: Sequence[Suspicion] | None = None) -> list[str]:
         *improper_inertia(fit),
         *_driving_friction(fit),
         *_unknown_masses(fit),
+        *(
+            f"{name}: its interval is as wide as the stated rotor_inertia may be wrong; measure that, or leave it out"
+            for name in fit.uncertainty.by_rotors
+        ),
     ]
 
 

@@ -72,11 +72,7 @@ def sines(size: float, seconds: float, seed: int) -> Array:
 
 
 def record(
-    motor: Motor,
-    desired: Array,
-    waves: Sequence[tuple[float, float, float]],
-    seed: int = 0,
-    outside: float = 0.0,
+    motor: Motor, desired: Array, waves: Sequence[tuple[float, float, float]], seed: int = 0, outside: float = 0.0
 ) -> Recording:
     """A recording; waves: (order a turn of the motor, N m at the joint, phase rad); outside: N m at 23.7 Hz."""
     rng = np.random.default_rng(seed)

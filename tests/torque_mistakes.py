@@ -22,11 +22,7 @@ from tests.sources import ROOT
 RATIO, CONSTANT = 101.0, 12.0
 """Of all joints; N m/A at the output."""
 ROTORS = {"ur10": (1.5, 2.0, 1.2, 0.4, 0.4, 0.3), "panda": (0.6, 0.6, 0.5, 0.4, 0.2, 0.2, 0.15)}
-OPEN = {
-    "rotors": ("rotor_inertia",),
-    "rotors and inertias": ("rotor_inertia", "inertia"),
-    "masses": ("mass", "com"),
-}
+OPEN = {"rotors": ("rotor_inertia",), "rotors and inertias": ("rotor_inertia", "inertia"), "masses": ("mass", "com")}
 """What a user's file leaves out."""
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from codegen import render
 from codegen.monitor.alarm import degrees_of_freedom
-from codegen.monitor.settings import WINDOW
 from codegen.toolchain import build
 from symbolic.effects import LIBRARY
 from symbolic.model import derive
@@ -98,4 +97,3 @@ class WatchedNoise:
 
 
 FREEDOM = degrees_of_freedom(CUTOFF)
-WINDOWS_AN_HOUR = 3600 / WINDOW

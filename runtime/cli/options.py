@@ -77,7 +77,7 @@ Map = Annotated[
         "--columns",
         metavar='q1="Position1 [deg]"',
         help="Read a signal from a column of another name; q=NAME for all joints; torque=link, command or "
-        "gravity_compensated says what the torques are; rate=62.5, in Hz, how often held values are renewed. "
+        "gravity_compensated says what the torques are. "
         "--columns t,q1,tau1 names the columns of a file without a header.",
     ),
 ]

@@ -208,10 +208,7 @@ class Pace:
     """
 
     def __init__(
-        self,
-        length: float,
-        now: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
+        self, length: float, now: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
     ) -> None:
         self.length, self.kept = length, Punctuality()
         self._now, self._sleep = now, sleep

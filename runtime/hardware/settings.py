@@ -84,12 +84,7 @@ class Settings:
 
     @classmethod
     def of(
-        cls,
-        directory: Path,
-        model: Model,
-        trajectory: Trajectory,
-        friction: bool = True,
-        tracking: float | None = None,
+        cls, directory: Path, model: Model, trajectory: Trajectory, friction: bool = True, tracking: float | None = None
     ) -> Settings:
         """The settings of a firmware directory, which has controller.json and protocol.json.
 

@@ -140,10 +140,7 @@ class Comparison:
             for series, error in zip_longest(self.joints, written)
         ]
         return CompareDocument(
-            band=self.fit.motion.band.document(),
-            skew=self.fit.inference.skew_entry(),
-            joints=joints,
-            warnings=warnings,
+            band=self.fit.motion.band.document(), skew=self.fit.inference.skew_entry(), joints=joints, warnings=warnings
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from msgspec import UNSET, UnsetType
@@ -37,10 +38,13 @@ class Estimate:
         """`with_others` as a key of a document."""
         return list(self.with_others) or UNSET
 
+    @property
+    def fitted(self) -> dict[str, Any]:
+        """As keys of an entry of a fit."""
+        known = {"fit": self.known_value, "interval": self.known_interval}
+        return {**known, "unit": self.unit, "inseparable_from": self.inseparable_from}
+
     def document(self) -> EstimateEntry:
         return EstimateEntry(
-            value=self.known_value,
-            unit=self.unit,
-            interval=self.known_interval,
-            inseparable_from=self.inseparable_from,
+            value=self.known_value, unit=self.unit, interval=self.known_interval, inseparable_from=self.inseparable_from
         )

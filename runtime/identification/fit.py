@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -16,10 +16,11 @@ from runtime.documents.parts import SkewEntry
 from runtime.identification.estimate import Estimate
 from runtime.identification.jumps import gap_estimates, onset_intervals
 from runtime.identification.problem import DERIVATIVE_STEP, LATE, Nonlinear, Problem, Skew
-from runtime.identification.regressors import Ahead, Regressors
+from runtime.identification.regressors import Ahead, Regressors, unseen_rotors
 from runtime.identification.settings import (
     INTERVAL_SIGMAS,
     NOMINAL_SKEW,
+    ROTOR_STATED,
     SCORE_BLOCK_S,
     SEPARABLE,
     SKEWS_APART,
@@ -125,32 +126,14 @@ class Inference:
 
     def rotor_entries(self) -> list[RotorEntry]:
         """What the rigid-body torque of the user's own model lacks of each rotor's inertia."""
-        return [
-            RotorEntry(
-                joint=k,
-                name=f"rotor{k}",
-                fit=e.known_value,
-                unit=e.unit,
-                interval=e.known_interval,
-                inseparable_from=e.inseparable_from,
-            )
-            for k, e in enumerate(self.rotors, start=1)
-        ]
+        return [RotorEntry(joint=k, name=f"rotor{k}", **e.fitted) for k, e in enumerate(self.rotors, start=1)]
 
     def inertial_entries(self, model: Model) -> list[InertialEntry]:
         """Base inertial parameters with intervals."""
         lumps = [(info.joint, info.name, info.value, e) for info, e in zip(model.lumps, self.lumps, strict=True)]
         rotors = [(joint + 1, ROTOR, None, e) for joint, e in self.open.items()]
         return [
-            InertialEntry(
-                joint=joint,
-                name=name,
-                model=value,
-                fit=e.known_value,
-                unit=e.unit,
-                interval=e.known_interval,
-                inseparable_from=e.inseparable_from,
-            )
+            InertialEntry(joint=joint, name=name, model=value, **e.fitted)
             for joint, name, value, e in [*lumps, *rotors]
         ]
 
@@ -181,6 +164,7 @@ class Uncertainty:
     covariance  (K', K'); infinite on the diagonal for what no row tells
     tangled     by index, the names of those with which an unknown can only be told together
     degrees     of freedom of the covariance
+    by_rotors   names of shape parameters most of whose variance is that of rotors' inertias in the model file
     """
 
     names: list[str]
@@ -189,6 +173,7 @@ class Uncertainty:
     covariance: Array
     tangled: dict[int, tuple[str, ...]]
     degrees: int
+    by_rotors: tuple[str, ...]
 
     def columns(self, joint: int) -> Array:
         """(K', M) derivatives of a joint's predicted torque (0-based); zero in rows that do not count."""
@@ -231,6 +216,10 @@ def _uncertainty(fit: Fit) -> Uncertainty:
     if fit.skew_free:
         shift = _between_holds(fit, along[names.index(SKEW), there], moved)
         covariance[part] += SMOOTHING_BIAS**2 * np.outer(shift, shift)
+    of_rotors = np.zeros(len(names))
+    for shift, spread in _of_stated_rotors(fit, found, along[:, there], moved, smoothed):
+        covariance[part] += spread**2 * np.outer(shift, shift)
+        of_rotors += (spread * along[:, there] @ shift) ** 2
     endless = np.abs(along) @ np.isinf(np.diag(covariance)) > 0
     covariance = along @ np.where(np.isinf(covariance), 0.0, covariance) @ along.T
     covariance[endless, endless] = np.inf
@@ -242,7 +231,9 @@ def _uncertainty(fit: Fit) -> Uncertainty:
                 bent, bent
             )
     tangled = _tangled(names, along[:, there] @ vector[:, unseen])
-    return Uncertainty(names, system, at, covariance, tangled, degrees=len(np.unique(each[0])) - 1)
+    most = np.flatnonzero(of_rotors > np.diag(covariance) / 2)
+    by_rotors = tuple(names[k] for k in most if k >= problem.layout.size)
+    return Uncertainty(names, system, at, covariance, tangled, len(np.unique(each[0])) - 1, by_rotors)
 
 
 def _inference(fit: Fit) -> Inference:
@@ -338,24 +329,6 @@ def places(fit: Fit, term: Term, names: list[str]) -> list[int]:
     part = problem.layout.slices[term]
     free = [of.name for of in problem.searched(fit.shapes) if of.term == term]
     return [*range(part.start, part.stop), *(names.index(f"{term} {name}", problem.layout.size) for name in free)]
-
-
-def given_shape(fit: Fit, term: Term) -> dict[str, Estimate]:
-    """A term's parameters, as sure as they are if its shape is what was found.
-
-    Where a term vanishes any shape fits it, so that what is not known of its shape says nothing against the term.
-    Source: a nuisance parameter that is there under the alternative only: Davies 1977, Biometrika 64(2).
-    """
-    problem = fit.problem
-    sure = fit.uncertainty
-    found = replace(sure, covariance=sure.covariance.copy())
-    coefficients = problem.layout.slices[term].stop - problem.layout.slices[term].start
-    shape = places(fit, term, found.names)[coefficients:]
-    own, cross = found.covariance[np.ix_(shape, shape)], found.covariance[:, shape]
-    if shape and np.isfinite(own).all():
-        known = np.isfinite(cross).all(axis=1)
-        found.covariance[np.ix_(known, known)] -= cross[known] @ np.linalg.pinv(own, hermitian=True) @ cross[known].T
-    return _term_estimates(fit, term, found)
 
 
 def _term_estimates(fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estimate]:
@@ -459,6 +432,36 @@ def _between_holds(fit: Fit, skew: Array, covariance: Array) -> Array:
     apart, own = fit.skew - NOMINAL_SKEW, float(skew @ covariance @ skew)
     near = fit.motion.commanded and abs(apart) < SKEWS_APART and own > 0
     return apart * covariance @ skew / own if near else np.zeros(len(skew))
+
+
+def _of_stated_rotors(
+    fit: Fit, found: Array, along: Array, covariance: Array, smoothed: Mapping[int, Array]
+) -> Iterator[tuple[Array, float]]:
+    """(F,) by which the unknowns move, in directions along (K', F), for a unit of each rotor's inertia that the model
+    file states and no rigid motion shows, and by how much it may be off.
+
+    A stiffness grows with the square of the link's inertia, and that is the joint's less the rotor's. What the data say
+    of the rotor counts as much as what the file says of it, or alone where they contradict it beyond ROTOR_STATED: the
+    file's spread is then what the difference makes it, which is likeliest (Efron & Morris 1973).
+
+    found (K',): all unknowns; covariance (F, F): with white rows of variance 1; smoothed: as `smoothing_change`
+    """
+    problem, system = fit.problem, fit.linearised
+    joints = () if problem.motion.rigid_given else unseen_rotors(problem.model, problem.layout.terms)
+    stated_at = {j: problem.model.joints[j].rotor_inertia for j in joints}
+    for joint, stated in ((j, x) for j, x in stated_at.items() if x is not None):
+        opened = problem.with_rotors({**problem.rotors, joint: stated})
+        whole = system.with_block(opened.derivative(fit.shapes, fit.coefficients, Nonlinear(ROTOR, joint=joint)))
+        there = whole.at(np.append(found, 0.0))
+        shift = covariance @ along.T @ whole.plain_normal(there)[:-1, -1]
+        alone = np.append(-along @ shift, 1.0)
+        seen = max(float(alone @ whole.plain_normal(there) @ alone), 1e-300)
+        scores = whole.scores(there, [stretches(problem.motion, i) for i in range(problem.motion.n)]) @ alone / seen
+        biased = SMOOTHING_BIAS * float(whole.products(there, smoothed) @ alone) / seen
+        off, variance = float(scores.sum()), float(scores @ scores) + biased**2
+        spread = max((ROTOR_STATED * stated) ** 2, off**2 - variance)
+        share = spread / max(spread + variance, 1e-300)
+        yield shift, float(np.sqrt(share * variance + (share * off) ** 2))
 
 
 def smoothing_change(fit: Fit) -> dict[int, Array]:

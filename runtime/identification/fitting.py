@@ -18,7 +18,7 @@ from runtime.identification.fit import Fit
 from runtime.identification.grids import motor_angle
 from runtime.identification.jumps import least_places, with_gaps
 from runtime.identification.problem import Nonlinear, Problem, Range, Skew, first_least, weighted
-from runtime.identification.regressors import Ahead, Regressors, open_rotors
+from runtime.identification.regressors import Ahead, Regressors, unseen_rotors
 from runtime.identification.settings import (
     CLEARLY_LIKELIER,
     COMMAND_HOLD,
@@ -294,9 +294,9 @@ def _open_rotors(problem: Problem) -> dict[int, tuple[float, float]]:
     if problem.regressors.prediction is None or problem.motion.rigid_given:
         return {}
     found = {}
-    for joint in open_rotors(problem.model, problem.layout.terms):
+    for joint in unseen_rotors(problem.model, problem.layout.terms):
         assumed = problem.regressors.signals(joint)[0].assumed_rotor(joint)
-        if assumed > 0:
+        if assumed > 0 and problem.model.joints[joint].rotor_inertia is None:
             found[joint] = (ROTOR_ASSUMED, assumed / ROTOR_ASSUMED)
     return found
 

@@ -18,9 +18,10 @@ from runtime.identification.recorded_torque import (
     weight_regressor,
     without_parameters,
 )
-from runtime.identification.settings import NOMINAL_SKEW
+from runtime.identification.settings import FINEST_STEP, NOMINAL_SKEW
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, OF_DRIVE, Prediction, SignalContext, Structure, Term, given, joints_of
+from runtime.motion.clock import interpolated
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 
@@ -43,7 +44,7 @@ class Signals(SignalContext):
     prediction: Prediction | None
     _cache: dict[tuple[str, int, int | None], Array | float] = field(default_factory=dict)
     _slopes: dict[tuple[str, str, int], Array] = field(default_factory=dict)
-    _read: dict[tuple[str, int | None, int], dict[str, Array | float]] = field(default_factory=dict)
+    _read: dict[tuple[str, int | None, int, int], dict[str, Array | float]] = field(default_factory=dict)
 
     def where(self, values: Structure) -> Signals:
         """The same where other effects act: what the arm's functions gave along this piece is read, not computed
@@ -64,13 +65,18 @@ class Signals(SignalContext):
         """A signal at a joint (0-based), for an effect that sits there."""
         return self.signal(name, joint, joint)
 
-    def of(self, term: Term, joint: int) -> Mapping[str, Array | float]:
-        """What a term reads for its torque at a joint (0-based), and the time, which tells how many samples there
-        are."""
-        key = (term.effect, term.joint, joint)
+    def of(self, term: Term, joint: int, times: int = 1) -> Mapping[str, Array | float]:
+        """What a term reads for its torque at a joint (0-based), so many times a sample, and the time, which tells how
+        many there are."""
+        key = (term.effect, term.joint, joint, times)
         if key not in self._read:
             read, names = self.reader(term, joint), self.model.library.effects[term.effect].signals
-            self._read[key] = {"t": self.piece.t, **{name: read(name) for name in names}}
+            found = {"t": self.piece.t, **{name: read(name) for name in names}}
+            if times > 1:
+                places = np.arange(len(self.piece.t), dtype=np.float64)
+                fine = np.arange((len(places) - 1) * times + 1) / times
+                found = {k: interpolated(places, np.asarray(x), fine) if np.ndim(x) else x for k, x in found.items()}
+            self._read[key] = found
         return self._read[key]
 
     def lacks(self, term: Term) -> bool:
@@ -398,9 +404,12 @@ class Regressors:
         joints = [i for i in self.motion.view(joint).joints if i in felt] if joint in felt else [joint]
         parts, told = [], self._told(term)
         for s in self.signals(joint):
-            read = [{**s.of(term, i), **given} for i in joints]
-            band = s.piece.low_pass
-            columns = library.columns_in_band(term.effect, read, shapes, s.piece.dt, band.kernel, band.factor)
+            band, dt = s.piece.low_pass, s.piece.dt
+            times = max(1, round(dt / FINEST_STEP)) if library.effects[term.effect].gives_way else 1
+            read = [{**s.of(term, i, times), **given} for i in joints]
+            # Of the steps between two samples the filter reads none.
+            kernel = np.kron(band.kernel, np.arange(times) == 0)[: len(band.kernel) * times - times + 1]
+            columns = library.columns_in_band(term.effect, read, shapes, dt / times, kernel, band.factor * times)
             if told < band.cutoff:
                 columns = band.narrowed(columns, told)
             parts.append([s.piece.equation(columns[:, k], i) for k, i in enumerate(joints)])
@@ -456,10 +465,10 @@ def arm_functions_read(model: Model, term: Term) -> set[str]:
     return outputs | {LINK_LOAD for s in read if s.source is None and s.needs == "arm"}
 
 
-def open_rotors(model: Model, terms: Iterable[Term]) -> tuple[int, ...]:
-    """Joints (0-based) whose rotor inertia the model file leaves out, no rigid motion determines, and a term needs."""
+def unseen_rotors(model: Model, terms: Iterable[Term]) -> tuple[int, ...]:
+    """Joints (0-based) whose rotor's part in their inertia no rigid motion determines, and a term needs."""
     needed = {
         t.joint - 1 for t in terms if t.joint is not None and arm_functions_read(model, t) & {LINK_LOAD, LINK_SIDE}
     }
     identified = {lump.name for lump in model.lumps}
-    return tuple(sorted(i for i in needed if model.joints[i].rotor_inertia is None and f"I{i + 1}" not in identified))
+    return tuple(sorted(i for i in needed if f"I{i + 1}" not in identified))

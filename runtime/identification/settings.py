@@ -53,6 +53,13 @@ CLEARLY_LIKELIER: Final = 30.0
 """natural logarithm of a likelihood, doubled; a torque is taken at another time, and an effect may be named, where that
 is so much likelier: on clean recordings 10 alone would have named something on 23 of 30; trial of the method."""
 
+# what gives way ------------------------------------------------------------------------------------------------------
+
+FINEST_STEP: Final = 0.001
+"""s; the step by which a link behind a transmission is simulated from slower samples: a load that is continued in a
+straight line is off by h² of its second derivative, which passes for the joint's own give. At 1 ms that is 1 % of a
+stiffness whose resonance is at 24 Hz, and at 8 ms two thirds; theory of the step, and simulated drives."""
+
 # the width of a gap -------------------------------------------------------------------------------------------------
 
 AS_GOOD_A_FLANK: Final = 1.05
@@ -88,6 +95,10 @@ that width holds; development recordings with elasticity."""
 WHITENED_BIAS: Final = 1.5
 """standard deviations per shift of a parameter between plain and whitened rows; whitening takes a third to all of the
 bias away; development recordings with elasticity and a disturbance on the link."""
+
+ROTOR_STATED: Final = 0.35
+"""part of a rotor's inertia in a model file; its standard deviation: a catalogue's number times a ratio squared leaves
+out gear, coupling and brake, and is right to a factor of two in 95 % of cases; a choice."""
 
 # the twist of a transmission ----------------------------------------------------------------------------------------
 

@@ -169,12 +169,7 @@ class JointStates:
         )
 
     def _keep(
-        self,
-        topic: str,
-        layout: Layout,
-        rows: NDArray[np.uint8],
-        times: NDArray[np.int64],
-        numbers: NDArray[np.int64],
+        self, topic: str, layout: Layout, rows: NDArray[np.uint8], times: NDArray[np.int64], numbers: NDArray[np.int64]
     ) -> None:
         stamp = np.ascontiguousarray(rows[:, _ENCAPSULATION : _ENCAPSULATION + _STAMP])
         seconds = stamp.view(f"{layout.order}i4")[:, 0].astype(np.int64)

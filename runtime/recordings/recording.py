@@ -214,10 +214,7 @@ def drives_of(recordings: Sequence[Recording]) -> tuple[DrivenJoint | None, ...]
 
 
 def read(
-    path: Path | str,
-    arm: RecordedArm | None,
-    mapping: Mapping[str, str] | None = None,
-    allow_gaps: bool = False,
+    path: Path | str, arm: RecordedArm | None, mapping: Mapping[str, str] | None = None, allow_gaps: bool = False
 ) -> Recording:
     """The recording at `path`, in any format of EXPECTED; arguments as in `checked`. Raises RecordingError."""
     refuse = Refusal(printable(path))
@@ -244,13 +241,13 @@ def checked(
         refuse(message, contents.header)
 
     mapping = dict(mapping or {})
-    stated, rate = mapping.pop(TORQUE, ""), samples.told_rate(mapping.pop(samples.RATE, ""), fail)
+    stated = mapping.pop(TORQUE, "")
     if arm is None:
         arm = RecordedArm.without_model(names.count_joints(contents, mapping, fail))
     understood = names.understood(contents, arm.joints, mapping, fail)
     header = [f.name for f in contents.fields]
     used = columns(header, understood.known, arm=arm, mapping=understood.mapping, fail=fail)
-    look = samples.Look(arm.joints, allow_gaps, rate, refuse)
+    look = samples.Look(arm.joints, allow_gaps, refuse)
     table, apart = clocks.on_one(contents, used, allow_gaps, refuse, look)
     cells = {name: column.cell for name, column in used.items()}
     arm, named = arm.with_laws(used), arm

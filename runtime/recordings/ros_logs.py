@@ -208,11 +208,7 @@ def _indexed(chunk: memoryview, content: memoryview, log: _Log) -> Iterator[Mess
 
 
 def _of_channel(
-    buffer: NDArray[np.uint8],
-    channel: int,
-    starts: NDArray[np.int64],
-    lengths: NDArray[np.int64],
-    log: _Log,
+    buffer: NDArray[np.uint8], channel: int, starts: NDArray[np.int64], lengths: NDArray[np.int64], log: _Log
 ) -> Iterator[MessageBatch]:
     """Messages of a channel at these places, in the order in which they were logged."""
     if not log.is_wanted(channel) or not len(starts):

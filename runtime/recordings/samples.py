@@ -10,7 +10,7 @@ itself does at other places (noise, steps of an encoder, stick-slip, impacts, re
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -28,6 +28,7 @@ from runtime.recordings.settings import (
     COUNTED_STEPS,
     EVEN_RENEWALS,
     FEWEST_RENEWALS,
+    GAP,
     IN_PHASE,
     LEAST_STEPS,
     LONGEST_EXCURSION,
@@ -57,12 +58,10 @@ class Look:
 
     joints      what slides has no turns; a motor's encoder wraps after a turn of the motor
     allow_gaps  leave failed reads out instead of refusing them
-    rate        Hz at which held signals are renewed, where the user tells it
     """
 
     joints: Sequence[DescribedJoint]
     allow_gaps: bool
-    rate: float | None
     refuse: Refusal
 
     def __call__(self, table: Samples) -> Samples:
@@ -96,8 +95,8 @@ class Look:
         return replace(table, signals=signals, notes=tuple(notes), turned=frozenset(turned))
 
     def _renewed(self, table: Samples, names: Collection[str]) -> Samples:
-        """Rows in which values are renewed, where all signals are held alike or the rate is told."""
-        found = {name: _held(table.signals[name]) for name in names if not name.endswith("_desired")}
+        """Rows in which values are renewed: of a command that a drive held, too, each then acts half a row later."""
+        found = {name: _held(table.signals[name], name[0] == "q") for name in names if not name.endswith("_desired")}
         held = {name: own for name, own in found.items() if own is not None and own.times > 0}
         if not held:
             return table
@@ -107,7 +106,7 @@ class Look:
         for name in [name for name, own in found.items() if own is None or own.oftener(times)]:
             rows = _changes(table.signals[name])
             if np.mean(np.isin(rows, first.rows)) > 1 - COMMON_VALUE:
-                held[name] = _Held(rows, first.times)
+                held[name] = _Held(rows, first.times, rows[:0])
             else:
                 free.append(name)
         if free and all(name.startswith("qd") for name in held):
@@ -117,21 +116,10 @@ class Look:
         slowest = {name: own for name, own in held.items() if own.times > SAME_RATE * times}
         others = [*free, *(name for name in held if name not in slowest)]
         hz = 1 / (times * float(np.median(np.diff(table.signals["t"]))))
-        rate = number(hz, 3)
-        told = self.rate is not None and SAME_RATE < self.rate / hz < 1 / SAME_RATE
-        if others and not told:
-            name = next(iter(slowest))
-            self.refuse(
-                f"{_list(slowest)}: each value comes {number(times, 3)} times, but not of {_list(others)}, and nothing "
-                f"says at which rate they are renewed; if it is {rate} Hz, read the rows in which they are: "
-                f'pass --map {RATE}="{rate} Hz"',
-                table.at(name, int(slowest[name].rows[0])),
-            )
         thinned, moved = _thinned(table, slowest, times)
-        note = (
-            f"{_list(slowest) if others else 'all signals'}: each value comes {number(times, 3)} times; read are the "
-        )
-        note += f"{_rows(len(thinned.numbers), len(table.numbers))} in which they are renewed ({rate} Hz)"
+        kept = _rows(len(thinned.numbers), len(table.numbers))
+        note = f"{_list(slowest) if others else 'all signals'}: each value comes {number(times, 3)} times; "
+        note += f"read are the {kept} in which values renew, every {number(1e3 / hz, 3)} ms"
         note += f"; {_list(moved)}, renewed in others, interpolated there" if moved else ""
         return replace(thinned, notes=(*table.notes, note))
 
@@ -163,23 +151,6 @@ class Look:
             self.refuse(f"{counted}; drop them, or pass --allow-gaps to leave them out", table.at(name, k))
         left = f"left out: {table.at(name, k)}: {counted}"
         return replace(table.kept(~rows), notes=(*table.notes, left))
-
-
-RATE = "rate"
-"""The entry of `--map` that says at which rate held signals are renewed, in Hz."""
-
-
-def told_rate(text: str, fail: Callable[[str], object]) -> float | None:
-    """The rate in Hz that `--map` states, if it does."""
-    if not text:
-        return None
-    try:
-        rate = float(text.strip().removesuffix("Hz"))
-    except ValueError:
-        rate = 0.0
-    if not 0 < rate < np.inf:
-        fail(f"--map {RATE}: expected the rate in Hz at which held signals are renewed, such as 62.5")
-    return rate
 
 
 def _rows(count: int, of: int) -> str:
@@ -245,7 +216,8 @@ def _turns(x: Array, pieces: NDArray[np.int64] | None, ratio: float) -> tuple[Ar
         fits = able & (np.abs(whole) == 1) & (np.abs(jumps - whole * turn) <= off)
         if fits.any():
             seen = float(np.median(size[fits]))
-            known_better = abs(seen - turn) <= TURN_OFF * usual / np.sqrt(np.count_nonzero(fits))
+            least = float(np.quantile(np.abs(steps[steps != 0]), LEAST_STEPS))
+            known_better = abs(seen - turn) <= TURN_OFF * max(usual / np.sqrt(np.count_nonzero(fits)), least)
             turn = turn if known_better else seen
             return _counted(steps, turn, k[fits], whole[fits], pieces), turn
     return None
@@ -281,21 +253,24 @@ def _register(x: Array, k: Rows, size: Array) -> Iterator[tuple[float, Mask]]:
 
 @dataclass(frozen=True)
 class _Held:
-    """A held signal: the rows (M,) in which it changes, and how many times each value comes; 0: it hardly changes."""
+    """A held signal: the rows (M,) in which it changes, how many times each value comes, 0 if it hardly changes, and
+    those (S,) in which it changes so much that renewals before them were lost, if they are late."""
 
     rows: Rows
     times: float
+    jumps: Rows
 
     def oftener(self, times: float) -> bool:
         """Whether a signal of which nothing can be said changes oftener than one whose values come that many times."""
         return self.times == 0 and bool(np.mean(np.diff(self.rows) < np.floor(times)) > 1 - IN_PHASE)
 
 
-def _held(x: Array) -> _Held | None:
-    """Whether a signal x (N,) is held: renewed at even distances, and not with each sample. None: it is not.
+def _held(x: Array, position: bool) -> _Held | None:
+    """Whether a signal x (N,) is held: renewed now and then, and not with each sample. None: it is not.
 
-    Only changes by more than the least ones count: an encoder repeats itself where the joint is slow. Where most
-    samples are renewals, the distances of the others are even.
+    Only changes by more than the least ones count: an encoder repeats itself where the joint is slow. A bus renews at
+    uneven distances, too, but so does what switches between a few values. Where most samples are renewals, the
+    distances of the others are even.
     """
     changed = x[1:] != x[:-1]
     count = int(np.count_nonzero(changed))
@@ -303,18 +278,20 @@ def _held(x: Array) -> _Held | None:
         return None
     rows = _changes(x)
     if count < FEWEST_RENEWALS:
-        return _Held(rows, 0.0)
+        return _Held(rows, 0.0, rows[:0])
     steps = np.abs(x[rows] - x[rows - 1])
     quick = steps > COUNTED_STEPS * float(np.quantile(steps, LEAST_STEPS))
     apart = np.diff(rows)[quick[1:] & quick[:-1]]
-    if (times := _even(apart)) > 0:
-        return _Held(rows, times)
+    if (times := _apart(apart, np.inf if len(np.unique(x[rows])) > FEWEST_RENEWALS else EVEN_RENEWALS)) > 0:
+        # A joint moves off from rest ever faster, and catches up at once with what was lost; its torque may jump.
+        caught_up = position & np.append(steps[:-1] > steps[1:], True) | (np.diff(rows, prepend=0) <= GAP * times)
+        return _Held(rows, times, rows[quick & caught_up])
     stalled = np.flatnonzero(~changed) + 1
     after = np.clip(np.searchsorted(rows, stalled), 1, count - 1)
     stalled = stalled[quick[after - 1] & quick[after]]
-    if (every := _even(np.diff(stalled))) > 0:
-        return _Held(rows, every / (every - 1))
-    return _Held(rows, 0.0) if len(apart) < FEWEST_RENEWALS else None
+    if (every := _apart(np.diff(stalled), EVEN_RENEWALS)) > 0:
+        return _Held(rows, every / (every - 1), rows[:0])
+    return _Held(rows, 0.0, rows[:0]) if len(apart) < FEWEST_RENEWALS else None
 
 
 def _changes(x: Array) -> Rows:
@@ -322,19 +299,22 @@ def _changes(x: Array) -> Rows:
     return np.flatnonzero(x[1:] != x[:-1]) + 1
 
 
-def _even(apart: Rows) -> float:
-    """The mean of distances (M,) that are even and more than one sample; else 0."""
+def _apart(apart: Rows, most: float) -> float:
+    """The mean of distances (M,) that are more than one sample, the longest at most so many times the shortest, without
+    those in which renewals were lost; or 0."""
     if len(apart) < FEWEST_RENEWALS:
         return 0.0
     low, high = np.quantile(apart, [1 - IN_PHASE, IN_PHASE])
-    even = low >= 2 and high <= EVEN_RENEWALS * low
-    return float(np.mean(apart[(apart >= low) & (apart <= high)])) if even else 0.0
+    usual = apart[(apart >= low) & (apart <= min(high, EVEN_RENEWALS * float(np.median(apart))))]
+    return float(np.mean(usual)) if low >= 2 and high <= most * low else 0.0
 
 
-def _filled(rows: Rows, times: float, length: int) -> Rows:
-    """Rows of renewals, with those in which the value stayed the same, for a signal that comes that many times."""
+def _filled(rows: Rows, jumps: Rows, times: float, length: int) -> Rows:
+    """Rows of renewals, with those in which the value stayed the same, for a signal that comes that many times: before
+    a jump renewals were lost, and what was read in their place is none."""
     gaps = np.diff(rows)
-    more = np.where(gaps > times + 1.5, np.round(gaps / times) - 1, 0).astype(np.intp)
+    same = (gaps > times + 1.5) & ~np.isin(rows[1:], jumps)
+    more = np.where(same, np.round(gaps / times) - 1, 0).astype(np.intp)
     nth = np.arange(more.sum()) - np.repeat(np.cumsum(more) - more, more) + 1
     between = np.repeat(rows[:-1], more) + nth * np.repeat(gaps / (more + 1), more)
     before, after = np.arange(rows[0], -0.5, -times), np.arange(rows[-1], length - 0.9, times)
@@ -352,11 +332,11 @@ def _thinned(table: Samples, held: Mapping[str, _Held], times: float) -> tuple[S
     together = [name for name, own in held.items() if np.count_nonzero(keep[own.rows]) > len(own.rows) / 2]
     for name in together:
         keep[held[name].rows] = True
-    rows = _filled(np.flatnonzero(keep), times, length)
-    keep[rows] = True
+    jumps = np.concatenate([held[name].jumps for name in together])
+    keep[rows := _filled(np.flatnonzero(keep), jumps, times, length)] = True
     thinned, moved = table.kept(keep), [name for name in held if name not in together]
     for name in moved:
-        own = _filled(held[name].rows, times, length)
+        own = _filled(held[name].rows, held[name].jumps, times, length)
         thinned.signals[name] = make_interp_spline(own, table.signals[name][own], k=SPLINE_DEGREE)(rows)
     return thinned, moved
 

@@ -27,17 +27,7 @@ from runtime.motion.motion import Motion, prepare
 from runtime.motion.settings import STANDSTILL_NOISE
 from runtime.recordings.recording import Recording, RecordingError, drives_of
 from runtime.replay.driven_arm import OPEN_LOOP, DrivenArm, Feedback, Windows
-from runtime.replay.settings import (
-    AGREES,
-    RESTING,
-    RUNAWAY,
-    SAME_PERIOD,
-    SHORTEST,
-    START,
-    STEP,
-    STRETCH,
-    WINDOWS,
-)
+from runtime.replay.settings import AGREES, RESTING, RUNAWAY, SAME_PERIOD, SHORTEST, START, STEP, STRETCH, WINDOWS
 from runtime.replay.track import Track, tracks
 from runtime.simulation.integrator import Integrator
 from symbolic.model_file.arm import Gains

@@ -17,16 +17,7 @@ from numpy.typing import ArrayLike
 
 from runtime.model.casadi_functions import effect_function, effect_torque, evaluate, ordered, slope
 from runtime.model.loader import Model
-from runtime.model.terms import (
-    OF_DRIVE,
-    Prediction,
-    SignalContext,
-    Structure,
-    Term,
-    check_complete,
-    given,
-    joints_of,
-)
+from runtime.model.terms import OF_DRIVE, Prediction, SignalContext, Structure, Term, check_complete, given, joints_of
 from runtime.simulation.settings import (
     DRIVE_STEPS,
     FORCE_WIDTH,

@@ -93,10 +93,7 @@ FAMILY: dict[str, tuple[str, Callable[[Row, Row], Values]]] = {
     ),
     "torque_saturation": ("drive", lambda p, _: {"coefficient": 1 / (3 * p["LIMIT"] ** 2)}),
     "torque_scale": ("drive", lambda p, _: {"factor": 1 / p["GAIN"]}),
-    "elasticity": (
-        "transmissions",
-        lambda p, _: {"stiffness": p["STIFFNESS"], "damping": p["STIFFNESS_DAMPING"]},
-    ),
+    "elasticity": ("transmissions", lambda p, _: {"stiffness": p["STIFFNESS"], "damping": p["STIFFNESS_DAMPING"]}),
     "backlash": (
         "transmissions",
         lambda p, _: {"gap": p["GAP"], "stiffness": p["STIFFNESS"], "damping": p["STIFFNESS_DAMPING"]},

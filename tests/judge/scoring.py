@@ -19,10 +19,7 @@ MIMIC = 1.05
 """Physics that the library lacks, explained to within this multiple of the floor, is a mimic and not an error."""
 NEAR_LINE = 0.01
 """An order that is found within this part of a hidden one is that one."""
-ALIKE = (
-    frozenset(("linear_spring", "gravity", "cable", "parallel_spring")),
-    frozenset(("torque_delay", "elasticity")),
-)
+ALIKE = (frozenset(("linear_spring", "gravity", "cable", "parallel_spring")), frozenset(("torque_delay", "elasticity")))
 """Within these a rival counts as right where the proposed experiment separates it from the truth."""
 
 

@@ -262,8 +262,5 @@ SPATIAL: dict[int, tuple[SpatialBody, ...]] = {
     ),
 }
 
-HOME: dict[int, tuple[float, ...]] = {
-    6: (0.0, -1.1, 1.3, -0.4, 1.2, 0.3),
-    7: (0.0, -0.5, 0.2, -1.6, 0.3, 1.4, 0.5),
-}
+HOME: dict[int, tuple[float, ...]] = {6: (0.0, -1.1, 1.3, -0.4, 1.2, 0.3), 7: (0.0, -0.5, 0.2, -1.6, 0.3, 1.4, 0.5)}
 """rad, about which the arms move: not stretched, and no two axes parallel that need not be."""

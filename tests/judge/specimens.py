@@ -25,10 +25,7 @@ def carrying(_rows: Rows, arm: dict[str, float], _amount: float) -> None:
     arm.update(PAYLOAD=MORE, PAYLOAD_TIME=0.0)
 
 
-CHANGES: dict[str, Put] = {
-    "payload": carrying,
-    "thinner grease": at(0, VISCOUS_POSITIVE=0.77, VISCOUS_NEGATIVE=0.77),
-}
+CHANGES: dict[str, Put] = {"payload": carrying, "thinner grease": at(0, VISCOUS_POSITIVE=0.77, VISCOUS_NEGATIVE=0.77)}
 
 
 def of_two_joints(seed: int, name: str, change: str | None = None) -> Recording:

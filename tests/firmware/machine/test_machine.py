@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import ceil, floor, inf, nan
 from pathlib import Path
@@ -490,7 +490,6 @@ def test_counters_of_an_encoder_may_overflow(talk: Talk) -> None:
 
 # --- what stops the arm ---
 
-Cause = Callable[[Talk], Step]
 SLOW = [(0.0, 0.0)] * 3 + [(1.0, 0.0)] * 3
 
 

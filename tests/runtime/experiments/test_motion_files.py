@@ -164,10 +164,7 @@ def test_urscript_starts_only_at_the_start_and_stops_at_the_end(export: Run) -> 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (
-            ("--to", "urdf", "--out", "m.urdf"),
-            "--to urdf: expected no MOTION; urdf, mjcf, bam are formats of arms",
-        ),
+        (("--to", "urdf", "--out", "m.urdf"), "--to urdf: expected no MOTION; urdf, mjcf, bam are formats of arms"),
         (("--to", "lerobot", "--out", "m.csv"), "--out m.csv: expected a name that ends in .parquet"),
         (("--to", "lerobot", "--out", "m.parquet", "--unit", "turns"), "expected deg, rad, normalised"),
         (("--to", "csv", "--out", "motion.csv"), "motion.csv"),

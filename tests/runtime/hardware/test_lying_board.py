@@ -103,8 +103,7 @@ def test_telemetry_that_cannot_be_stops_the_arm(make: Callable[..., Rig], clean:
 
 
 @pytest.mark.parametrize(
-    "changed",
-    [{"state": 9}, {"reason": 200}, {"joint": 200}, {"enabled": 7}, {"state": 2, "enabled": 1, "reason": 1}],
+    "changed", [{"state": 9}, {"reason": 200}, {"joint": 200}, {"enabled": 7}, {"state": 2, "enabled": 1, "reason": 1}]
 )
 def test_a_last_word_that_cannot_be(make: Callable[..., Rig], changed: dict[str, int]) -> None:
     """The recording is whole by then; what the board says of its end is not."""

@@ -397,8 +397,7 @@ def test_a_simulated_run_is_stopped_within_a_second_and_its_recording_kept(
 
 
 @pytest.mark.parametrize(
-    ("said", "status"),
-    [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, -signal.SIGTERM, marks=pytest.mark.slow)],
+    ("said", "status"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, -signal.SIGTERM, marks=pytest.mark.slow)]
 )
 def test_before_the_arm_moves_a_signal_ends_all_within_a_second(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: signal.Signals, status: int

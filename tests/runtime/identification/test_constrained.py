@@ -67,10 +67,7 @@ def test_bounded_is_optimal(problem: tuple[NDArray, NDArray, NDArray, NDArray]) 
 
 
 @given(
-    bounded_problems(),
-    st.lists(st.sampled_from([1, 0, -1]), min_size=7, max_size=7),
-    st.booleans(),
-    st.integers(0, 6),
+    bounded_problems(), st.lists(st.sampled_from([1, 0, -1]), min_size=7, max_size=7), st.booleans(), st.integers(0, 6)
 )
 @settings(max_examples=100, deadline=None)
 def test_folds_together_are_as_each_alone(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from runtime.fit_warnings import warnings
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.fitting import fit_motion
@@ -19,15 +21,18 @@ from runtime.workspace.source import Source
 from tests import bank, spatial_wrist
 from tests.judge.bodies import ARMS
 from tests.judge.cases import Setting
+from tests.judge.recorder import Logger
 from tests.judge.sensed import sensed
 from tests.kept import kept
 
 ELASTICITY = Term("elasticity", 1)
 
 
-def soft(stiffness: float, seed: int) -> tuple[Fit, float]:
-    """A fit with an elasticity of the independent plant, and its damping there, N m s/rad."""
-    made, model = kept(sensed, Setting(), ("elasticity", 0, stiffness), seed=seed), bank.model("judge1")
+def soft(stiffness: float, seed: int, rotor: float = ARMS[1][0].rotor, **setting: Any) -> tuple[Fit, float]:
+    """A fit with an elasticity of the independent plant, and its damping there, N m s/rad; rotor: as it is stated."""
+    made = kept(sensed, Setting(**setting), ("elasticity", 0, stiffness), seed=seed)
+    text = bank.TEXTS["judge1"].replace(f"rotor_inertia = {ARMS[1][0].rotor}", f"rotor_inertia = {rotor}")
+    model = Source(Path("judge1.toml"), text).compiled.model()
     known = {**structure(model), ELASTICITY: {}}
     return fit_motion(model, prepared(model, [made.plain]), known), made.plant[0]["STIFFNESS_DAMPING"]
 
@@ -41,6 +46,25 @@ def test_a_soft_joint_pushed_from_outside_is_within_its_interval() -> None:
     values = found.inference.values[ELASTICITY]
     assert holds(values["stiffness"], 1500.0)
     assert holds(values["damping"], damping)
+
+
+@pytest.mark.parametrize("every", [4, 15])
+def test_a_stiffness_is_right_at_any_rate_of_the_rows(every: int) -> None:
+    """At 66 Hz the load between two rows, continued in a straight line, would make 3000 N m/rad 2000."""
+    found, damping = soft(3000.0, 7, level=0.0, logger=Logger(every=every))
+    values = found.inference.values[ELASTICITY]
+    assert values["stiffness"].value == pytest.approx(3000.0, rel=0.08)
+    assert holds(values["stiffness"], 3000.0)
+    assert holds(values["damping"], damping)
+
+
+@pytest.mark.parametrize(("stiffness", "seed"), [(3000.0, 8), (1000.0, 9)])
+@pytest.mark.parametrize("rotor", [0.07, 0.14])
+def test_a_stiffness_is_no_surer_than_the_stated_rotor(stiffness: float, seed: int, rotor: float) -> None:
+    """The link's inertia is the joint's less the rotor's 0.1 kg m^2; the interval says why it is wide."""
+    found, _ = soft(stiffness, seed, rotor)
+    assert holds(found.inference.values[ELASTICITY]["stiffness"], stiffness)
+    assert [w for w in warnings(found, ()) if "elasticity@1 stiffness" in w and "rotor_inertia" in w]
 
 
 def test_a_stiffness_is_no_surer_than_the_inertia_behind_it() -> None:

@@ -189,8 +189,7 @@ def test_mistakes_that_make_up_for_each_other_are_doubts(drive: Model, wrong: tu
 
 
 @pytest.mark.parametrize(
-    ("stated", "scale", "cure"),
-    [("", 1000 / 7, "mA"), ("A", 1000, "mA"), ("", 1000, "mN m"), ("N m", 1000, "mN m")],
+    ("stated", "scale", "cure"), [("", 1000 / 7, "mA"), ("A", 1000, "mA"), ("", 1000, "mN m"), ("N m", 1000, "mN m")]
 )
 def test_currents_in_another_unit(drive: Model, stated: str, scale: float, cure: str) -> None:
     """A torque constant of 7 N m/A at the joint: currents read as torques, and currents in mA read as in A."""

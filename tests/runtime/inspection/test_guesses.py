@@ -27,13 +27,7 @@ def test_a_log_of_a_lab():
 def test_joints_are_counted_wherever_their_number_stands():
     names = {f"J{k}_pos_rad": (-1.0, 1.0) for k in (1, 2)} | {f"torque_{k}": (-9.0, 9.0) for k in (0, 1)}
     found = guessed(2, time=(0, 5), **names)
-    assert found == {
-        "t": "time",
-        "q1": "J1_pos_rad",
-        "q2": "J2_pos_rad",
-        "tau1": "torque_0",
-        "tau2": "torque_1",
-    }
+    assert found == {"t": "time", "q1": "J1_pos_rad", "q2": "J2_pos_rad", "tau1": "torque_0", "tau2": "torque_1"}
 
 
 TIMES = [(1.0, ""), (5000.0, " [ms]"), (5e6, " [us]"), (1e11, " [ns]"), (1e13, "")]

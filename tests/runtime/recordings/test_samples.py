@@ -14,11 +14,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from runtime.cli import main, output
+from runtime.diagnosis.stages import diagnose
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.contents import RecordingError, Refusal
 from runtime.recordings.in_memory import of_frame
 from runtime.recordings.recording import Recording, checked, read
 from symbolic.model_file.arm import DescribedJoint
+from tests import bank, plants
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
@@ -96,8 +98,9 @@ def test_a_motion_that_rests_and_reverses_is_believed(rate, noise):
 
 
 @settings(max_examples=15, deadline=None)
-@given(part=st.floats(0.01, 0.9), name=st.sampled_from(("tau1", "tau2")), seed=st.integers(0, 99))
+@given(part=st.floats(0.01, 0.85), name=st.sampled_from(("tau1", "tau2")), seed=st.integers(0, 99))
 def test_a_torque_that_is_zero_in_a_part_of_the_rows(part, name, seed):
+    """Of fewer than a seventh that are left, two are as far apart as from 0."""
     zero = np.random.default_rng(seed).random(3000) < part
     columns = changed(motion(250.0, 0.05), name, lambda x: np.where(zero, 0.0, x))
     with pytest.raises(RecordingError, match=f"{name} is 0 beside .* in {zero.sum()} of 3000 rows"):
@@ -190,18 +193,25 @@ def test_signals_that_are_renewed_in_different_rows():
 
 
 @pytest.mark.parametrize("names", [("tau1", "tau2"), ("q1", "q2"), ("tau1",)])
-def test_some_that_are_held_need_their_rate(names):
-    """What the message names is what reads them."""
+def test_some_that_are_held_are_read_when_they_are_renewed(names):
     good = motion(250.0, 0.05)
-    columns = good | {name: held(good[name], 4) for name in names}
-    with pytest.raises(RecordingError, match=f"{', '.join(names)}: each value comes 4 times, but not of") as error:
-        recording(columns)
-    told = re.search(r"--map (rate)=\"([\d.]+ Hz)\"", str(error.value))
-    assert told is not None
-    made = recording(columns, **{told[1]: told[2]})
+    made = recording(good | {name: held(good[name], 4) for name in names})
     np.testing.assert_array_equal(made.tau[0], good["tau1"][::4])
-    with pytest.raises(RecordingError, match="each value comes 4 times"):
-        recording(columns, rate="100")
+    assert f"{', '.join(names)}: each value comes 4 times; read are the 750 of 3000 rows" in made.notes[0]
+    assert "in which values renew, every 16 ms" in made.notes[0]
+
+
+@pytest.mark.parametrize("hidden", [None, "elasticity"])
+def test_what_a_bus_renews_unevenly_names_nothing_that_is_not_there(hidden):
+    """Rows at 1 kHz with values of a bus at 66 Hz that is early, late, and loses every tenth: taken for values that
+    stayed, these would make an inertia of a quarter and a delay of 90 ms."""
+    made, rng = plants.record(hidden, 3), np.random.default_rng(0)
+    due = np.arange(0.0, len(made.t) - 20, 15.15)
+    rows = np.floor(due + rng.uniform(0, 8, len(due))).astype(int)[rng.random(len(due)) > 0.1]
+    last = rows[np.maximum(np.searchsorted(rows, np.arange(len(made.t)), side="right") - 1, 0)]
+    found = diagnose(bank.model("drive"), [recording({"t": made.t, "q1": made.q[last], "tau1": made.tau[last]}, True)])
+    assert not found.findings
+    assert found.last.fit.inference.lumps[0].value == pytest.approx(plants.ROTOR + plants.LINK, rel=0.02)
 
 
 def test_an_encoder_that_hardly_moves_on_is_not_held():
@@ -225,7 +235,7 @@ def test_the_rates_of_another_clock_are_not_read():
         ("02-encoder-dropouts-to-zero/rows_of_zeros.csv", (1, 2), "in 6 of 5000 rows"),
         ("03-angle-wrap/one_jump.csv", (0, 0), "q2 jumps by a turn of 6.283 rad 1 times, first at line 1698"),
         ("04-held-samples/both_x4.csv", (0, 0), "all signals: each value comes 4 times"),
-        ("04-held-samples/tau_x4.csv", (1, 2), "tau1, tau2: each value comes 4 times"),
+        ("04-held-samples/tau_x4.csv", (0, 0), "tau1, tau2: each value comes 4 times"),
     ],
 )
 def test_files_that_people_meet(capsys, file, statuses, said):
