@@ -6,7 +6,7 @@ recording that was not fitted may deny it, it may be no effect of its kind, or t
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,11 +52,10 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     if candidate.evidence.score > evidence.score:
         evidence = replace(candidate.evidence, repaid=evidence.repaid)
     kept = [r for r in candidate.results if r.gate is not SCORE and r.gate not in _REFITTED]
-    borne_out = said is not None and said.falls_to < HELD_OUT.limit and said.sigmas > STEADY.limit
     results = [
         SCORE.asked(evidence.score, evidence.due),
         *kept,
-        *([] if borne_out else _without_another_recording(before, after, candidate, evidence)),
+        *_where_others_do_not_bear_it_out(before, after, replace(candidate, evidence=evidence), said),
         FALL.asked(max(_fall(before, after, i) for i in own_joints(model, term))),
         SIZE.asked(float(_at_a_bound(after, term))),
         *_of_its_kind(after, term),
@@ -122,21 +121,24 @@ def above_noise(step: Step, joints: Sequence[int]) -> bool:
     return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
 
 
-def _without_another_recording(before: Step, after: Step, candidate: Candidate, evidence: Evidence) -> list[GateResult]:
+def _where_others_do_not_bear_it_out(
+    before: Step, after: Step, candidate: Candidate, said: Heard | None
+) -> Iterator[GateResult]:
     """Of the gates that recordings answer better which were not fitted: how much of what is above the noise a term
     takes away, at that of its joints where it is most, how steadily, and, if others come near, over how much time."""
-    model, parts = after.fit.model, []
-    own = own_joints(model, candidate.term)
-    for i in own:
-        was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
-        parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
-    least = SHARE.limit / (2 if model.library.effects[candidate.term.effect].several else 1)
-    if evidence.due < SHARE.limit * evidence.score and all(before.joints[i].floor.repeating is None for i in own):
-        least = 0.0  # no repeated motion shows the floor, which may be far higher: the score alone is sure enough
-    spread = max(spread_over(after.fitted, before.fitted, i) for i in own)
-    steady = STEADY.asked(steadily(after.fitted, before.fitted, acting(model, candidate.term)))
-    found = [SHARE.asked(max(parts), least), steady]
-    return found if candidate.alone else [*found, ONCE.asked(spread)]
+    model, own, parts = after.fit.model, own_joints(after.fit.model, candidate.term), []
+    if said is None or said.falls_to >= HELD_OUT.limit or said.sigmas <= STEADY.limit:
+        for i in own:
+            was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
+            parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
+        # Where no repeated motion shows the floor, it may be far higher, and the share larger.
+        sure = candidate.evidence.score > 10 * candidate.evidence.due
+        guessed = all(before.joints[i].floor.repeating is None for i in own)
+        half = model.library.effects[candidate.term.effect].several or (guessed and sure)
+        yield SHARE.asked(max(parts), SHARE.limit / 2 if half else None)
+        yield STEADY.asked(steadily(after.fitted, before.fitted, acting(model, candidate.term)))
+    if not candidate.alone and (said is None or not said.clear):
+        yield ONCE.asked(max(spread_over(after.fitted, before.fitted, i) for i in own))
 
 
 def error_falls(before: Step, after: Step, joint: int) -> bool:

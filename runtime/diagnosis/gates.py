@@ -96,11 +96,12 @@ EDGE: Final = Gate(
 SHARE: Final = Gate(
     "share",
     "part of the squared error above the noise floor that goes with it, all refitted; not asked where recordings that "
-    "were not fitted bear it out, or where no repeated motion shows the floor and the price is a fifth of the score",
+    "were not fitted bear it out",
     "above",
     0.2,
     "part",
-    "what explains less is not what is missing; half is enough where a joint may have several",
+    "what explains less is not what is missing; half is enough where a joint may have several, or where the score is "
+    "ten times the price and no repeated motion shows the floor",
     "a quarter in the trial of the method, a fifth after development recordings with two effects",
 )
 ONCE: Final = Gate(

@@ -455,7 +455,10 @@ def _of_stated_rotors(
         there = whole.at(np.append(found, 0.0))
         shift = covariance @ along.T @ whole.plain_normal(there)[:-1, -1]
         alone = np.append(-along @ shift, 1.0)
-        seen = max(float(alone @ whole.plain_normal(there) @ alone), 1e-300)
+        normal = whole.plain_normal(there)
+        if (seen := float(alone @ normal @ alone)) <= 1e-12 * normal[-1, -1]:
+            yield shift, ROTOR_STATED * stated  # the data say nothing of it
+            continue
         scores = whole.scores(there, [stretches(problem.motion, i) for i in range(problem.motion.n)]) @ alone / seen
         biased = SMOOTHING_BIAS * float(whole.products(there, smoothed) @ alone) / seen
         off, variance = float(scores.sum()), float(scores @ scores) + biased**2
