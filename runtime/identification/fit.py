@@ -340,24 +340,6 @@ def places(fit: Fit, term: Term, names: list[str]) -> list[int]:
     return [*range(part.start, part.stop), *(names.index(f"{term} {name}", problem.layout.size) for name in free)]
 
 
-def given_shape(fit: Fit, term: Term) -> dict[str, Estimate]:
-    """A term's parameters, as sure as they are if its shape is what was found.
-
-    Where a term vanishes any shape fits it, so that what is not known of its shape says nothing against the term.
-    Source: a nuisance parameter that is there under the alternative only: Davies 1977, Biometrika 64(2).
-    """
-    problem = fit.problem
-    sure = fit.uncertainty
-    found = replace(sure, covariance=sure.covariance.copy())
-    coefficients = problem.layout.slices[term].stop - problem.layout.slices[term].start
-    shape = places(fit, term, found.names)[coefficients:]
-    own, cross = found.covariance[np.ix_(shape, shape)], found.covariance[:, shape]
-    if shape and np.isfinite(own).all():
-        known = np.isfinite(cross).all(axis=1)
-        found.covariance[np.ix_(known, known)] -= cross[known] @ np.linalg.pinv(own, hermitian=True) @ cross[known].T
-    return _term_estimates(fit, term, found)
-
-
 def _term_estimates(fit: Fit, term: Term, among: Uncertainty) -> dict[str, Estimate]:
     """Declared parameters out of linear coefficients and shapes, by the delta method."""
     problem = fit.problem

@@ -22,23 +22,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve, times
+from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve
 from runtime.regression.noise import Whitening
-from runtime.regression.rows import (
-    Block,
-    Columns,
-    JointAt,
-    JointColumns,
-    JointProducts,
-    JointRows,
-    RowStack,
-    joint_columns,
-    merged,
-)
+from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, joint_columns, merged
 from runtime.regression.settings import LEAST_OWN
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
+JointColumns = tuple[Array, Array, Places]
 Torques = Mapping[int, Array]
 """By joint (0-based), (..., M)."""
 
@@ -70,7 +61,7 @@ class LinearSystem:
 
     gram    (F, R, R) products of all rows on F stretches, compensated and weighted: the torque first, then each block's
     blocks  in the order of their rows      stacks  by joint what there is of the rows
-    level   (F,) squared error that noise in the columns makes without candidates; a constant of all of them
+    level   squared error that noise in the columns makes without candidates; a constant of all of them
     zero    keys of blocks that are left out
     base    the system without the last block, where that was added to one
     """
@@ -79,7 +70,7 @@ class LinearSystem:
     blocks: tuple[BlockPlace, ...]
     stacks: tuple[tuple[RowStack, ...], ...]
     gram: Array
-    level: Array
+    level: float = 0.0
     zero: frozenset[Hashable] = frozenset()
     base: LinearSystem | None = None
     _local: tuple[JointProducts, ...] = ()
@@ -102,7 +93,7 @@ class LinearSystem:
         for rows, part in zip(joints, local, strict=True):
             gram[:, part.index[:, None], part.index] += rows.weight**2 * part.gram
         stacks = tuple(tuple(part.stacks.values()) for part in local)
-        return cls(tuple(joints), tuple(places), stacks, gram, np.zeros(len(gram)), _local=tuple(local))
+        return cls(tuple(joints), tuple(places), stacks, gram, _local=tuple(local))
 
     def with_block(self, block: Block) -> LinearSystem:
         """The system with one more block."""
@@ -151,12 +142,12 @@ class LinearSystem:
 
     def levelled(self) -> LinearSystem:
         """The system with the noise level of its own solution."""
-        plain = replace(self, level=np.zeros(len(self.gram)))
-        level, direction = np.zeros(len(self.gram)), plain.solution.direction
+        plain = replace(self, level=0.0)
+        level, direction = 0.0, plain.solution.direction
         for rows, parts in zip(self.joints, self.stacks, strict=True):
             for _, noise in (part.combined(direction) for part in parts):
                 if noise is not None:
-                    level += rows.weight**2 * np.array([noise[part] @ noise[part] for part in rows.folds])
+                    level += rows.weight**2 * float(noise @ noise)
         return replace(plain, level=level)
 
     def without_noise(self) -> LinearSystem:
@@ -277,9 +268,9 @@ class LinearSystem:
         return found
 
     @cached_property
-    def _folds(self) -> Array:
-        """(F, K, K) of the unknowns' columns."""
-        return self.gram[:, self.unknown[:, None], self.unknown]
+    def _products(self) -> Array:
+        """(R, R) on all rows."""
+        return self.gram.sum(axis=0)
 
     @cached_property
     def _whole(self) -> Alike:
@@ -306,7 +297,7 @@ class LinearSystem:
     def solution(self) -> Solution:
         """Least squares on all rows, every coefficient within its bounds; the system does not keep it, as the two would
         keep each other until the garbage collector comes."""
-        return Solution(self, self._torque, self.gram @ self._torque)
+        return Solution(self, self._torque, self._products @ self._torque)
 
     @cached_property
     def _coefficients(self) -> Array:
@@ -322,18 +313,18 @@ class LinearSystem:
         and of its columns."""
         torque = self._torque.copy()
         torque[self.blocks[-1].start :] += added
-        return Solution(self, torque, self.gram @ torque)
+        return Solution(self, torque, self._products @ torque)
 
     def solve_before(self, added: Array) -> Solution:
         """The system before the last block was added, with more of that block in the measured torque."""
         assert self.base is not None
         torque = np.append(self.base._torque, added)
-        return Solution(self.base, torque, self.gram @ torque)
+        return Solution(self.base, torque, self._products @ torque)
 
     @cached_property
     def normal(self) -> Array:
         """(K, K) Gram matrix of the columns on all rows."""
-        return self._folds.sum(axis=0)
+        return self._products[self.unknown[:, None], self.unknown]
 
     def least(
         self, violated: Callable[[Array], Array | None] = lambda _: None, held: Mapping[int, float] | None = None
@@ -341,7 +332,7 @@ class LinearSystem:
         """(K,) least squares that `violated` accepts, see `minimise`. Directions that no row sees stay near where the
         blocks have them; held: coefficients by their place, with their values."""
         near = np.concatenate([np.zeros(0), *(b.near for b in self.blocks)])
-        moment = (self.gram.sum(axis=0) @ self._torque)[self.unknown]
+        moment = (self._products @ self._torque)[self.unknown]
         lower, upper = (bound.copy() for bound in self.bounds)
         for place, value in (held or {}).items():
             lower[place] = upper[place] = value
@@ -357,7 +348,7 @@ class LinearSystem:
 
     def shift(self, theta: Array, along: Array) -> Array:
         """(F,) from coefficients theta to those of least squares without bounds, in directions along (K, F)."""
-        moment = (self.gram.sum(axis=0) @ self._direction(theta))[self.unknown]
+        moment = (self._products @ self._direction(theta))[self.unknown]
         return solve(along.T @ self.normal @ along, along.T @ moment)
 
     def residual(self, theta: Array) -> tuple[Array, ...]:
@@ -391,8 +382,12 @@ class LinearSystem:
 
     def at(self, theta: Array) -> tuple[JointAt, ...]:
         """Every joint at coefficients theta (K,)."""
-        direction, every = self._direction(theta), zip(self.joints, self.stacks, self._columns, strict=True)
-        return tuple(JointAt.of(rows, parts, direction, columns) for rows, parts, columns in every)
+        direction, found = self._direction(theta), []
+        for rows, parts, columns in zip(self.joints, self.stacks, self._columns, strict=True):
+            left, heard = zip(*(part.combined(direction) for part in parts), strict=True)
+            none = np.zeros(rows.count)
+            found.append(JointAt(sum(left, none), sum((x for x in heard if x is not None), none), *columns))
+        return tuple(found)
 
     @cached_property
     def _columns(self) -> tuple[JointColumns, ...]:
@@ -502,7 +497,7 @@ class LinearSystem:
         """How much of a torque of the last block, theta (1 + k,), the measurement holds already, and its standard
         deviation if rows are white."""
         assert self.base is not None
-        base, whole, own = self.base, self.gram.sum(axis=0), slice(self.blocks[-1].start, None)
+        base, whole, own = self.base, self._products, slice(self.blocks[-1].start, None)
         against = np.column_stack([whole[:, own] @ theta, whole[:, : own.start] @ base._torque])
         taken = base.projection @ against[base.unknown]
         left = theta @ (against[own] - whole[own][:, base.unknown] @ taken)
@@ -516,7 +511,7 @@ class LinearSystem:
 class Solution:
     """Least squares of a system for one torque.
 
-    torque (R,): the combination of all rows that is explained; against (F, R): its products with them. Errors are
+    torque (R,): the combination of all rows that is explained; against (R,): its products with them. Errors are
     weighted as the rows are.
     """
 
@@ -525,14 +520,9 @@ class Solution:
     against: Array
 
     @cached_property
-    def _moments(self) -> tuple[Array, Array]:
-        """(F, K) with the columns, and (F,) with itself."""
-        return self.against[:, self.system.unknown], self.against @ self.torque
-
-    @cached_property
     def coefficients(self) -> Array:
         """(K,) of all rows, each within its bounds."""
-        found: Array = self.system._whole.solve(self._moments[0].sum(axis=0)[None])[0]
+        found: Array = self.system._whole.solve(self.against[None, self.system.unknown])[0]
         return found
 
     @property
@@ -546,18 +536,8 @@ class Solution:
         return self.system.residual(self.coefficients)
 
     @cached_property
-    def _coefficients(self) -> Array:
-        return self.solution.coefficients
-
-    @cached_property
     def sse(self) -> float:
         """Squared error on all rows."""
-        (moments, squares), theta = self._moments, self.coefficients[None]
-        left = _left(self.system._whole.grams, moments.sum(axis=0)[None], squares.sum()[None], theta)
-        return float(left[0] + self.system.level.sum())
-
-
-def _left(grams: Array, moments: Array, squares: Array, theta: Array) -> Array:
-    """(F,) squared errors of coefficients theta (F, K)."""
-    left: Array = squares + (theta * (times(grams, theta) - 2 * moments)).sum(axis=1)
-    return left
+        theta, moment = self.coefficients, self.against[self.system.unknown]
+        left = self.against @ self.torque + theta @ (self.system.normal @ theta - 2 * moment)
+        return float(left) + self.system.level
