@@ -105,14 +105,6 @@ class TrialFit:
         return self.errors if self.physical else np.full_like(self.errors, np.inf)
 
 
-_Positions = tuple[tuple[int, ...], tuple[str, ...]]
-"""What of a reading says how positions are read."""
-
-
-def _positions(reading: Reading) -> _Positions:
-    return reading.positions, reading.units
-
-
 def _last_at_start(q: Array) -> int:
     """Number of samples of a position (N,) until it is for the last time where it began."""
     crossed = np.flatnonzero(np.diff(np.sign(q - q[0]) >= 0))
@@ -133,8 +125,8 @@ class Trials:
         self.motion, _ = fit.motion.excerpt(EXCERPT)
         every = range(self.motion.n)
         self.able = [i for i in every if _is_torque(self.motion.torque(i, self.found.skew)[self.motion.moving(i)])]
-        self._rows: dict[_Positions, dict[int, Array]] = {}
-        self._systems: dict[_Positions, LinearSystem] = {}
+        self._rows: dict[tuple[tuple[int, ...], tuple[str, ...]], dict[int, Array]] = {}
+        self._systems: dict[tuple[tuple[int, ...], tuple[str, ...]], LinearSystem] = {}
         self._fits: dict[Reading, TrialFit] = {}
 
     def fit(self, reading: Reading) -> TrialFit:
@@ -176,7 +168,8 @@ class Trials:
             weight = 1 / float(np.linalg.norm(torque)) if _is_torque(torque) else 0.0
             every, whole = np.ones(len(torque), dtype=bool), np.zeros(len(torque), dtype=np.intp)
             joints.append(JointRows(torque, every, whole, weight))
-        block, key = Block("model", columns, layout.lower, layout.upper, near=layout.stated), _positions(reading)
+        block = Block("model", columns, layout.lower, layout.upper, near=layout.stated)
+        key = reading.positions, reading.units
         system = self._systems[key] = LinearSystem.of(joints, [block], self._systems.get(key))
         theta, found = system.least(), np.zeros(n)
         left = zip(joints, system.residual(theta), strict=True)
@@ -195,7 +188,7 @@ class Trials:
     def _rows_of(self, reading: Reading) -> dict[int, Array]:
         """Joint (0-based) with a torque -> (2 + K + n, M): the part without free coefficient, the columns, the
         acceleration, and the torques of all joints in its band; M is at most 2 + K + n."""
-        key = _positions(reading)
+        key = reading.positions, reading.units
         if key not in self._rows:
             motion, skew, found = _mixed(self.motion, self._mix(reading)), self.found.skew, {}
             problem = Problem(self.model, motion, self.problem.layout.terms, self.problem.regressors.prediction)

@@ -82,15 +82,9 @@ def inverse(gram: Array) -> Array:
     found, there = np.zeros(gram.shape), np.flatnonzero(np.diag(gram) > 0)
     part, size = np.ix_(there, there), np.sqrt(np.diag(gram)[there])
     if len(there):
-        scaled = gram[part] / np.outer(size, size)
-        factor, failed = lapack.dpotrf(scaled, lower=True)
-        if not failed and np.diagonal(factor).min() > WELL_POSED:
-            own = lapack.dpotrs(factor, np.eye(len(there)), lower=True)[0]
-        else:
-            value, vector = np.linalg.eigh(scaled)
-            seen = value > RANK * value[-1]
-            own = (vector[:, seen] / value[seen]) @ vector[:, seen].T
-        found[part] = own / np.outer(size, size)
+        value, vector = np.linalg.eigh(gram[part] / np.outer(size, size))
+        seen = value > RANK * value[-1]
+        found[part] = (vector[:, seen] / value[seen]) @ vector[:, seen].T / np.outer(size, size)
     return found
 
 

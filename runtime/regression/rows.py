@@ -187,23 +187,10 @@ class JointAt:
     noise: Array
     unknown: Places
 
-    @classmethod
-    def of(cls, rows: JointRows, parts: Sequence[RowStack], direction: Array, columns: JointColumns) -> JointAt:
-        """direction (R,) of the residual."""
-        left, left_noise = np.zeros(rows.count), np.zeros(rows.count)
-        for part in parts:
-            combined, heard = part.combined(direction)
-            left += combined
-            left_noise += 0.0 if heard is None else heard
-        return cls(left, left_noise, *columns)
 
-
-JointColumns = tuple[Array, Array, Places]
-"""One joint's columns and their noise (b, m), on the rows that count, of those unknowns (b,) that have any."""
-
-
-def joint_columns(parts: Sequence[RowStack], number: Places) -> JointColumns:
-    """number (R,) of the unknowns of a system, -1 for what is none."""
+def joint_columns(parts: Sequence[RowStack], number: Places) -> tuple[Array, Array, Places]:
+    """One joint's columns and their noise (b, m), on the rows that count, of those unknowns (b,) that have any; number
+    (R,) of the unknowns of a system, -1 for what is none."""
     columns, noise, unknown = [], [], []
     for part in parts:
         own = number[part.index] >= 0

@@ -24,21 +24,12 @@ from numpy.typing import NDArray
 
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve
 from runtime.regression.noise import Whitening
-from runtime.regression.rows import (
-    Block,
-    Columns,
-    JointAt,
-    JointColumns,
-    JointProducts,
-    JointRows,
-    RowStack,
-    joint_columns,
-    merged,
-)
+from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, joint_columns, merged
 from runtime.regression.settings import LEAST_OWN
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
+JointColumns = tuple[Array, Array, Places]
 Torques = Mapping[int, Array]
 """By joint (0-based), (..., M)."""
 
@@ -79,7 +70,7 @@ class LinearSystem:
     blocks: tuple[BlockPlace, ...]
     stacks: tuple[tuple[RowStack, ...], ...]
     gram: Array
-    level: float
+    level: float = 0.0
     zero: frozenset[Hashable] = frozenset()
     base: LinearSystem | None = None
     _local: tuple[JointProducts, ...] = ()
@@ -102,7 +93,7 @@ class LinearSystem:
         for rows, part in zip(joints, local, strict=True):
             gram[np.ix_(part.index, part.index)] += rows.weight**2 * part.gram
         stacks = tuple(tuple(part.stacks.values()) for part in local)
-        return cls(tuple(joints), tuple(places), stacks, gram, 0.0, _local=tuple(local))
+        return cls(tuple(joints), tuple(places), stacks, gram, _local=tuple(local))
 
     def with_block(self, block: Block) -> LinearSystem:
         """The system with one more block."""
@@ -291,7 +282,7 @@ class LinearSystem:
     def solution(self) -> Solution:
         """Least squares on all rows, every coefficient within its bounds; the system does not keep it, as the two would
         keep each other until the garbage collector comes."""
-        return Solution(self, self._torque, self.gram @ self._torque)
+        return Solution(self, self._torque, self._products @ self._torque)
 
     @cached_property
     def _coefficients(self) -> Array:
@@ -307,13 +298,13 @@ class LinearSystem:
         and of its columns."""
         torque = self._torque.copy()
         torque[self.blocks[-1].start :] += added
-        return Solution(self, torque, self.gram @ torque)
+        return Solution(self, torque, self._products @ torque)
 
     def solve_before(self, added: Array) -> Solution:
         """The system before the last block was added, with more of that block in the measured torque."""
         assert self.base is not None
         torque = np.append(self.base._torque, added)
-        return Solution(self.base, torque, self.gram @ torque)
+        return Solution(self.base, torque, self._products @ torque)
 
     @cached_property
     def normal(self) -> Array:
@@ -376,8 +367,12 @@ class LinearSystem:
 
     def at(self, theta: Array) -> tuple[JointAt, ...]:
         """Every joint at coefficients theta (K,)."""
-        direction, every = self._direction(theta), zip(self.joints, self.stacks, self._columns, strict=True)
-        return tuple(JointAt.of(rows, parts, direction, columns) for rows, parts, columns in every)
+        direction, found = self._direction(theta), []
+        for rows, parts, columns in zip(self.joints, self.stacks, self._columns, strict=True):
+            left, heard = zip(*(part.combined(direction) for part in parts), strict=True)
+            none = np.zeros(rows.count)
+            found.append(JointAt(sum(left, none), sum((x for x in heard if x is not None), none), *columns))
+        return tuple(found)
 
     @cached_property
     def _columns(self) -> tuple[JointColumns, ...]:
@@ -502,14 +497,9 @@ class Solution:
     against: Array
 
     @cached_property
-    def _moments(self) -> tuple[Array, float]:
-        """(K,) with the columns, and with itself."""
-        return self.against[self.system.unknown], float(self.against @ self.torque)
-
-    @cached_property
     def coefficients(self) -> Array:
         """(K,) of all rows, each within its bounds."""
-        found: Array = self.system._whole.solve(self._moments[0][None])[0]
+        found: Array = self.system._whole.solve(self.against[None, self.system.unknown])[0]
         return found
 
     @property
@@ -525,5 +515,6 @@ class Solution:
     @cached_property
     def sse(self) -> float:
         """Squared error on all rows."""
-        (moments, square), theta = self._moments, self.coefficients
-        return square + float(theta @ (self.system.normal @ theta - 2 * moments)) + self.system.level
+        theta, moment = self.coefficients, self.against[self.system.unknown]
+        left = self.against @ self.torque + theta @ (self.system.normal @ theta - 2 * moment)
+        return float(left) + self.system.level
