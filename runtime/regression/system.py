@@ -282,7 +282,7 @@ class LinearSystem:
     def solution(self) -> Solution:
         """Least squares on all rows, every coefficient within its bounds; the system does not keep it, as the two would
         keep each other until the garbage collector comes."""
-        return Solution(self, self._torque, self._products @ self._torque)
+        return Solution(self, self._torque, self.gram @ self._torque)
 
     @cached_property
     def _coefficients(self) -> Array:
@@ -298,13 +298,13 @@ class LinearSystem:
         and of its columns."""
         torque = self._torque.copy()
         torque[self.blocks[-1].start :] += added
-        return Solution(self, torque, self._products @ torque)
+        return Solution(self, torque, self.gram @ torque)
 
     def solve_before(self, added: Array) -> Solution:
         """The system before the last block was added, with more of that block in the measured torque."""
         assert self.base is not None
         torque = np.append(self.base._torque, added)
-        return Solution(self.base, torque, self._products @ torque)
+        return Solution(self.base, torque, self.gram @ torque)
 
     @cached_property
     def normal(self) -> Array:
