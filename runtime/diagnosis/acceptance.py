@@ -132,7 +132,7 @@ def _where_others_do_not_bear_it_out(
             was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
             parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
         # Where no repeated motion shows the floor, it may be far higher, and the share larger.
-        sure = candidate.evidence.score > 10 * candidate.evidence.due
+        sure = candidate.evidence.due < SHARE.limit / 2 * candidate.evidence.score
         guessed = all(before.joints[i].floor.repeating is None for i in own)
         half = model.library.effects[candidate.term.effect].several or (guessed and sure)
         yield SHARE.asked(max(parts), SHARE.limit / 2 if half else None)
@@ -200,8 +200,7 @@ def _of_its_kind(after: Step, term: Term) -> list[GateResult]:
 
 
 def _pushing(step: Step, term: Term) -> float:
-    """Of a contact the part of the squared error that goes with its push alone where it touches, in that direction of
-    motion in which it is less."""
+    """The part of a contact's push that the torque shows, in that direction of motion in which it is less."""
     fit, joint = step.fit, (term.joint or 1) - 1
     info, own = fit.model.library.effects[term.effect], fit.problem.layout.slices[term]
     contact, series = info.of_kind("contact"), step.joints[joint]
@@ -209,11 +208,8 @@ def _pushing(step: Step, term: Term) -> float:
     torques = fit.coefficients[own, None] * fit.problem.rows(joint, fit.shapes)[0][own][:, fit.motion.moving(joint)]
     push = torques[[c.name for c in info.coefficients].index(contact.name)]
     without = series.residual + torques.sum(axis=0)
-    touches, parts = np.abs(push) > 0.1 * np.max(np.abs(push), initial=0.0), []
-    for rows in (touches & (series.qd > 0), touches & (series.qd < 0)):
-        was = float(without[rows] @ without[rows])
-        parts.append(1 - float(np.sum((without[rows] - push[rows]) ** 2)) / max(was, 1e-300))
-    return min(parts)
+    ways = [way for way in (series.qd > 0, series.qd < 0) if push[way].any()]
+    return min((float(without[way] @ push[way]) / float(push[way] @ push[way]) for way in ways), default=0.0)
 
 
 def _off_the_turn(after: Step, term: Term) -> float:

@@ -100,8 +100,8 @@ SHARE: Final = Gate(
     "above",
     0.2,
     "part",
-    "what explains less is not what is missing; half is enough where a joint may have several, or where the score is "
-    "ten times the price and no repeated motion shows the floor",
+    "what explains less is not what is missing; half is enough where a joint may have several, or where the price is "
+    "such a part of the score and no repeated motion shows the floor",
     "a quarter in the trial of the method, a fifth after development recordings with two effects",
 )
 ONCE: Final = Gate(
@@ -145,13 +145,13 @@ SIZE: Final = Gate(
 )
 CONTACT: Final = Gate(
     "contact",
-    "part of the squared error that goes with a contact's push where it touches, in that direction in which it is less",
+    "part of a contact's push that the torque shows, in that direction of motion in which it is less",
     "above",
-    0.2,
+    0.75,
     "part",
     "a contact pushes back whichever way the joint moves; drag over a part of the range and what follows a reversal do "
     "not",
-    "as the share: true contacts 0.6 and more",
+    "development recordings of stops: 0.94 and more, 0.57 at most of what follows a reversal",
 )
 TURN: Final = Gate(
     "turn",
