@@ -341,8 +341,12 @@ class _NonuniformFFT:
 
     def sums(self, x: Array, index: NDArray[np.intp]) -> NDArray[np.complex128]:
         """(K,) sums of x (M,) e^(-i order angle) at orders of the grid, the angle from its least."""
-        transformed = rfft(self._shares @ x)[index]
-        phase = index * (2 * np.pi / self.size)
-        # A spline stands one step behind its first share; its spectrum is the fourth power of a sinc.
-        found: NDArray[np.complex128] = transformed * np.exp(1j * phase) / np.sinc(phase / (2 * np.pi)) ** 4
+        found: NDArray[np.complex128] = rfft(self._shares @ x)[index] * self._unblurred[index]
         return found
+
+    @cached_property
+    def _unblurred(self) -> NDArray[np.complex128]:
+        """(size // 2 + 1,) by which a transform is multiplied: a spline stands one step behind its first share, and its
+        spectrum is the fourth power of a sinc."""
+        phase = np.arange(self.size // 2 + 1) * (2 * np.pi / self.size)
+        return np.asarray(np.exp(1j * phase) / np.sinc(phase / (2 * np.pi)) ** 4)
