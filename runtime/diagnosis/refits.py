@@ -78,8 +78,8 @@ def best_of(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Te
 def simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
     """Of candidates that nothing tells apart the likeliest; of such as are as likely that with the fewest unknowns, at
     one joint before all."""
-    best = max(c.evidence.score - c.evidence.price for c in those)
-    near = [c for c in those if c.evidence.score - c.evidence.price > best - ALIKE]
+    best = max(c.evidence.net for c in those)
+    near = [c for c in those if c.evidence.net > best - ALIKE]
     return min(near, key=lambda c: (unknowns(trail, c), c.evidence.price, not c.term.joint, -c.evidence.gain))
 
 
