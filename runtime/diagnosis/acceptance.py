@@ -28,7 +28,7 @@ from runtime.diagnosis.settings import (
     MOST_LEFT,
     WIDEST_ORDER,
 )
-from runtime.diagnosis.steps import Step
+from runtime.diagnosis.steps import Step, explained
 from runtime.identification.problem import Skew
 from runtime.identification.regressors import Regressors
 from runtime.model.catalogue import EffectInfo
@@ -126,16 +126,13 @@ def _where_others_do_not_bear_it_out(
 ) -> Iterator[GateResult]:
     """Of the gates that recordings answer better which were not fitted: how much of what is above the noise a term
     takes away, at that of its joints where it is most, how steadily, and, if others come near, over how much time."""
-    model, own, parts = after.fit.model, own_joints(after.fit.model, candidate.term), []
+    model, own = after.fit.model, own_joints(after.fit.model, candidate.term)
     if said is None or said.falls_to >= HELD_OUT.limit or said.sigmas <= STEADY.limit:
-        for i in own:
-            was, now, floor = before.fitted.rms[i], after.fitted.rms[i], before.joints[i].floor.value
-            parts.append((was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300))
         # Where no repeated motion shows the floor, it may be far higher, and the share larger.
         sure = candidate.evidence.due < SHARE.limit / 2 * candidate.evidence.score
         guessed = all(before.joints[i].floor.repeating is None for i in own)
         half = model.library.effects[candidate.term.effect].several or (guessed and sure)
-        yield SHARE.asked(max(parts), SHARE.limit / 2 if half else None)
+        yield SHARE.asked(max(explained(before, after, i) for i in own), SHARE.limit / 2 if half else None)
         yield STEADY.asked(steadily(after.fitted, before.fitted, acting(model, candidate.term)))
     if not candidate.alone and (said is None or not said.clear):
         yield ONCE.asked(max(spread_over(after.fitted, before.fitted, i) for i in own))

@@ -141,14 +141,16 @@ class Step:
         return int(np.argmin([-(1 - b / a) if a else 0.0 for a, b in both]))
 
     def share(self) -> float:
-        """(rms_before² − rms_after²) / (rms_before² − floor²), at most 1; of the twist where that is what shows it."""
-        twist = self.candidate.twist
-        if twist is not None:
-            return float(np.clip(1 - (twist.after / twist.before) ** 2, 0.0, 1.0))
-        i = self.joint_index
-        before, after = self.previous.fitted.rms[i], self.fitted.rms[i]
-        excess = before**2 - self.previous.joints[i].floor.value ** 2
-        return float(np.clip((before**2 - after**2) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+        """Part that it explains of what is above the noise; of the twist where that is what shows it."""
+        if (twist := self.candidate.twist) is not None:
+            return max(1 - (twist.after / twist.before) ** 2, 0.0)
+        return max(explained(self.previous, self, self.joint_index), 0.0)
+
+
+def explained(before: Step, after: Step, joint: int) -> float:
+    """Part of a joint's squared error (0-based) above the noise floor that is gone."""
+    was, now, floor = before.fitted.rms[joint], after.fitted.rms[joint], before.joints[joint].floor.value
+    return (was**2 - now**2) / max(was**2 - floor**2, was**2 - now**2, 1e-300)
 
 
 @lru_cache(maxsize=1)

@@ -24,6 +24,7 @@ from runtime.diagnosis.settings import (
 from runtime.diagnosis.steps import (
     Step,
     Trail,
+    explained,
     physics,
     remainder,
     seconds_moving,
@@ -229,12 +230,6 @@ def _withdrawn(trail: Trail, joint: int) -> JointVerdict | None:
     if weak or only_nearest(first, last, joint):
         return JointVerdict(joint, "comes nearest", withdrawn=here)
     return None
-
-
-def explained(first: Step, last: Step, joint: int) -> float:
-    """Part of a joint's squared error (0-based) above the noise floor that is gone."""
-    before, after, floor = first.fitted.rms[joint], last.fitted.rms[joint], first.joints[joint].floor.value
-    return (before**2 - after**2) / max(before**2 - floor**2, before**2 - after**2, 1e-300)
 
 
 # what is said of a joint at which nothing was withdrawn --------------------------------------------------------------

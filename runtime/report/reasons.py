@@ -17,12 +17,13 @@ from runtime.diagnosis.steps import (
     Remainder,
     Step,
     after_effect,
+    explained,
     lines_above,
     physics,
     remainder,
     seconds_moving,
 )
-from runtime.diagnosis.verdict import Diagnosis, JointVerdict, explained
+from runtime.diagnosis.verdict import Diagnosis, JointVerdict
 from runtime.fit_warnings import Suspicion, improper_inertia, warnings
 from runtime.identification.compare import JointSeries
 from runtime.identification.fit import Fit, places, quantile
