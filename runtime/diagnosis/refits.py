@@ -10,7 +10,7 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import STEADY
 from runtime.diagnosis.ranking import weigh
 from runtime.diagnosis.score import NOT_WEIGHED
-from runtime.diagnosis.settings import ABOVE_NOISE, ALIKE, LEAST_PRICE
+from runtime.diagnosis.settings import ABOVE_NOISE, LEAST_PRICE
 from runtime.diagnosis.steps import Step, Trail
 from runtime.model.terms import Term, joints_of
 
@@ -76,11 +76,8 @@ def best_of(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Te
 
 
 def simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
-    """Of candidates that nothing tells apart the likeliest; of such as are as likely that with the fewest unknowns, at
-    one joint before all."""
-    best = max(c.evidence.net for c in those)
-    near = [c for c in those if c.evidence.net > best - ALIKE]
-    return min(near, key=lambda c: (unknowns(trail, c), c.evidence.price, not c.term.joint, -c.evidence.gain))
+    """Of candidates that nothing tells apart that with the fewest unknowns, of such the likeliest."""
+    return min(those, key=lambda c: (unknowns(trail, c), -c.evidence.net))
 
 
 def unknowns(trail: Trail, candidate: Candidate) -> int:

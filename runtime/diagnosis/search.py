@@ -35,6 +35,7 @@ from runtime.diagnosis.refits import (
     weighed_anew,
 )
 from runtime.diagnosis.settings import (
+    ALIKE,
     HEARD_SIGMAS,
     LEAST_MOVING_S,
     LEAST_PRICE,
@@ -263,7 +264,8 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
         return _dropped(trail, weak[0].term if weak else finding.term)
     ranking = _in_the_place(trail, finding, without)
     able = [c for c in ranking.candidates if c.passes and c.term not in trail.taken_back]
-    best = simplest(trail, able) if able else finding.candidate
+    near = [c for c in able if c.evidence.net > able[0].evidence.net - ALIKE]
+    best = simplest(trail, near) if near else finding.candidate
     if best.term == finding.term:
         return trail
     return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail

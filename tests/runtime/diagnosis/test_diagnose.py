@@ -227,3 +227,27 @@ def test_the_improved_file_is_the_file_that_was_fitted(tmp_path: Path) -> None:
     again = kept(diagnose, Source.read(path, None).compiled.model(), [recorded("linear_spring", 4)])
     assert named(again) == []
     assert again.steps[0].fitted.rms[0] < 1.3 * result.steps[-1].fitted.rms[0]
+
+
+LINK = "link = { length = 0.3, mass = 0.4, com = [0.15, 0], inertia = 0.003 }\neffects = { coulomb = {}, viscous = {} }"
+PENDULUM = (
+    f'name = "rod"\ngravity = [0, 0]\n[[joint]]\ntype = "revolute"\ngear_ratio = 1\nrotor_inertia = 0.01\n{LINK}\n'
+)
+
+
+def swung(stiffness: float, seed: int) -> Recording:
+    """About hanging down, by little: a weight that restores it is a spring."""
+    rng, t, whole = np.random.default_rng(seed), np.arange(4000) / 200, np.zeros(4000, dtype=np.int64)
+    w = 2 * np.pi * np.array([[0.11], [0.37], [1.3]]) * rng.uniform(0.8, 1.2, (3, 1))
+    waves = np.array([[0.12], [0.08], [0.03]]) * np.exp(1j * (w * t + rng.uniform(0, 6, (3, 1))))
+    q, qd, qdd = (np.sum(waves * (1j * w) ** k, axis=0).imag for k in range(3))
+    tau = 0.022 * qdd + 0.1 * qd + 0.2 * np.sign(qd) + stiffness * np.sin(q) + 0.01 * rng.standard_normal(4000)
+    return Recording(Path("run.csv"), t, whole, q[None], tau[None], ("revolute",), (slice(0, len(t)),), (None,))
+
+
+@pytest.mark.parametrize(("stiffness", "first"), [(0.4 * 0.15 * 9.81, "gravity"), (0.3, "linear_spring")])
+def test_weight_of_the_size_that_masses_predict_is_named_before_a_spring(stiffness: float, first: str) -> None:
+    model = Source.shipped("drive").with_text(PENDULUM).compiled.model()
+    found = diagnose(model, [swung(stiffness, 1)], [swung(stiffness, 2)]).findings[0]
+    assert found.term.effect == first
+    assert {"gravity", "linear_spring"} <= {t.effect for t in (found.term, *found.rivals)}
