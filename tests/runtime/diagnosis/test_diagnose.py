@@ -229,10 +229,8 @@ def test_the_improved_file_is_the_file_that_was_fitted(tmp_path: Path) -> None:
     assert again.steps[0].fitted.rms[0] < 1.3 * result.steps[-1].fitted.rms[0]
 
 
-LINK = "link = { length = 0.3, mass = 0.4, com = [0.15, 0], inertia = 0.003 }\neffects = { coulomb = {}, viscous = {} }"
-PENDULUM = (
-    f'name = "rod"\ngravity = [0, 0]\n[[joint]]\ntype = "revolute"\ngear_ratio = 1\nrotor_inertia = 0.01\n{LINK}\n'
-)
+ROD = "{ length = 0.3, mass = 0.4, com = [0.15, 0], inertia = 0.003 }, effects = { coulomb = {}, viscous = {} }"
+ROD = f'name = "rod"\ngravity = [0, 0]\njoint = [{{ type="revolute", gear_ratio=1, rotor_inertia=0, link={ROD} }}]'
 
 
 def swung(stiffness: float, seed: int) -> Recording:
@@ -247,7 +245,7 @@ def swung(stiffness: float, seed: int) -> Recording:
 
 @pytest.mark.parametrize(("stiffness", "first"), [(0.4 * 0.15 * 9.81, "gravity"), (0.3, "linear_spring")])
 def test_weight_of_the_size_that_masses_predict_is_named_before_a_spring(stiffness: float, first: str) -> None:
-    model = Source.shipped("drive").with_text(PENDULUM).compiled.model()
+    model = Source.shipped("drive").with_text(ROD).compiled.model()
     found = diagnose(model, [swung(stiffness, 1)], [swung(stiffness, 2)]).findings[0]
     assert found.term.effect == first
     assert {"gravity", "linear_spring"} <= {t.effect for t in (found.term, *found.rivals)}
