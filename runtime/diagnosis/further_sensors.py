@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.gates import LAG, LESS_PLAY, MORE_PLAY, ON_LINK, ON_MOTOR, RIGID, Gate, GateResult
-from runtime.diagnosis.settings import SENSOR_SIGMAS, STRETCHES
+from runtime.diagnosis.settings import SENSOR_SIGMAS, SENSOR_STRETCHES
 from runtime.identification.regressors import Regressors, Signals
 from runtime.identification.settings import LOADED
 from runtime.identification.twist import late, without_peaks
@@ -56,7 +56,7 @@ def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -
         return None
     part = cross / square
     score = torque * (seen - part * torque)
-    sums = np.array([[fold.sum()] for fold in np.array_split(score, STRETCHES)])
+    sums = np.array([[fold.sum()] for fold in np.array_split(score, SENSOR_STRETCHES)])
     return Echo(part, float(np.sqrt(over_stretches(sums, 1)[0, 0])) / square)
 
 

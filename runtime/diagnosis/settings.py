@@ -165,6 +165,9 @@ something that its parameters took up; a choice beside ABOVE_NOISE and what is m
 
 # further sensors ----------------------------------------------------------------------------------------------------
 
+SENSOR_STRETCHES: Final = 10
+"""number of stretches of time; their sums count as independent; the usual number (Kohavi 1995)."""
+
 SENSOR_SIGMAS: Final = 3.0
 """standard deviations; what a sensor says against a candidate must be as sure; three in a thousand of a normal
 distribution."""
