@@ -22,7 +22,7 @@ from runtime.identification.estimate import Estimate
 from runtime.identification.fit import SKEW, Fit, interval, places, stretches
 from runtime.identification.problem import Problem
 from runtime.identification.regressors import Regressors
-from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LOADED, ROTOR_STATED
+from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LOADED
 from runtime.model.terms import Term
 from runtime.motion.spectra import in_band_white_density
 from runtime.regression.bounded import inverse
@@ -257,8 +257,8 @@ def _motor_terms(problem: Problem, joint: int) -> list[Term]:
 
 
 def _load_errors(fit: Fit, joint: int) -> Array:
-    """(m, M) of the load, from what the fitted model spends before the transmission, from when the torque is taken and
-    from a stated rotor: its principal errors, a standard deviation each."""
+    """(m, M) of the load, from what the fitted model spends before the transmission and from when the torque is taken:
+    its principal errors, a standard deviation each."""
     problem = fit.problem
     found = fit.uncertainty
     where = [k for t in _motor_terms(problem, joint) for k in places(fit, t, found.names)]
@@ -266,8 +266,6 @@ def _load_errors(fit: Fit, joint: int) -> Array:
     told = [k for k in where if np.isfinite(found.covariance[k, k])]
     size, direction = np.linalg.eigh(found.covariance[np.ix_(told, told)])
     errors: Array = (direction * np.sqrt(np.maximum(size, 0.0))).T @ found.columns(joint)[told]
-    rotor = ROTOR_STATED * (problem.model.joints[joint].rotor_inertia or 0.0)
-    errors = np.vstack([errors, rotor * problem.regressors.acceleration(joint)])
     if fit.skew_free:
         return errors
     # Where it was not estimated, it is anything that a hold explains.
