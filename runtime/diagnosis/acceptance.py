@@ -161,10 +161,8 @@ def _predicted(step: Step, term: Term) -> bool:
     if vector is None:
         return False
     stated, size = vector
-    values = step.fit.inference.values[term].values()
-    low, high = stated + np.array([e.interval or (e.value, e.value) for e in values]).T
-    least, most = np.linalg.norm(np.clip(0.0, low, high)), np.linalg.norm(np.maximum(abs(low), abs(high)))
-    return bool(least < (1 + GROSS) * size and most > (1 - GROSS) * size)
+    found = np.linalg.norm(stated + [e.value for e in step.fit.inference.values[term].values()])
+    return bool(abs(found - size) < GROSS * size)
 
 
 def _at_a_bound(step: Step, term: Term) -> bool:
