@@ -154,12 +154,12 @@ def _fall(before: Step, after: Step, joint: int) -> float:
 # is it an effect of its kind? ----------------------------------------------------------------------------------------
 
 
-def _predicted(step: Step, term: Term) -> bool:
+def _predicted(step: Step, term: Term) -> bool | None:
     """Whether a term's values, as refitted, are what the masses of the model file predict, as far as these are right:
-    a vector that it changes has its known size."""
+    a vector that it changes has its known size. None: the file predicts nothing of it."""
     vector = known_vector(step.fit.model, term)
     if vector is None:
-        return False
+        return None
     stated, size = vector
     found = np.linalg.norm(stated + [e.value for e in step.fit.inference.values[term].values()])
     return bool(abs(found - size) < GROSS * size)

@@ -48,7 +48,7 @@ class Candidate:
     """A term at its best shape, and what the gates say of it once it was weighed.
 
     searched    number of shape parameters that were searched      among  of places among which the shape was chosen
-    predicted   whether the model file predicts its values: then they are no unknowns
+    predicted   whether its values are what the model file predicts: then they are no unknowns; None: it predicts none
     fall        of the squared error on the excerpt
     edge        distance of the shape from an end of what was searched, part of the stretch
     eff         RMS torque that only it explains, N m (N)
@@ -63,7 +63,7 @@ class Candidate:
     fall: float
     edge: float
     among: int = 1
-    predicted: bool = False
+    predicted: bool | None = None
     eff: float = 0.0
     alone: bool = False
     twist: TwistResidual | None = None
@@ -159,13 +159,13 @@ class FittedBase:
         recorded = self.motion.recorded(joint, self.fit.skew)[self.motion.moving(joint)]
         return float(np.sqrt(np.mean(recorded**2))) if len(recorded) else 0.0
 
-    def unknowns(self, term: Term, searched: int, predicted: bool = False) -> int:
+    def unknowns(self, term: Term, searched: int, predicted: bool | None = None) -> int:
         """How many more there are with a term. What the model file predicts the size of has none of its own."""
         info, effects = self.model.library.effects[term.effect], self.model.library.effects
         own = searched + (0 if info.sized or predicted else len(info.coefficients))
         return max(own - sum(len(effects[t.effect].coefficients) for t in self.replaced(term)), 0)
 
-    def price(self, term: Term, searched: int, among: int, rows: int, predicted: bool = False) -> float:
+    def price(self, term: Term, searched: int, among: int, rows: int, predicted: bool | None = None) -> float:
         """What a term's score must exceed, sought at every joint and `among` places of its shape; rows: independent
         ones."""
         places = 1 if term.joint is None else self.model.n

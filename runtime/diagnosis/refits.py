@@ -76,8 +76,9 @@ def best_of(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Te
 
 
 def simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
-    """Of candidates that nothing tells apart that with the fewest unknowns, of such the likeliest."""
-    return min(those, key=lambda c: (unknowns(trail, c), -c.evidence.net))
+    """Of candidates that nothing tells apart that with the fewest unknowns, of such one that does not contradict the
+    model file before one that does, then the likeliest."""
+    return min(those, key=lambda c: (unknowns(trail, c), c.predicted is False, -c.evidence.net))
 
 
 def unknowns(trail: Trail, candidate: Candidate) -> int:

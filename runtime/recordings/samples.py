@@ -353,7 +353,7 @@ def _failed(x: Array, pieces: NDArray[np.int64] | None, kind: str, own: Array | 
         _mark_excursions(x, pieces, bad, position, own)
     before = np.count_nonzero(bad)
     for value, any_time in _suspected(x):
-        bad |= _repeated(x, (x == value) & ~bad, bad, any_time=any_time and position)
+        bad |= _repeated(x, x == value, bad, any_time=any_time and position)
     if free and before < np.count_nonzero(bad) < len(x) / 2:
         _mark_excursions(x, pieces, bad, position, own)
     return bad
@@ -389,7 +389,7 @@ def _repeated(x: Array, same: Mask, failed: Mask, any_time: bool) -> Mask:
         found &= (last - first <= LONGEST_EXCURSION) & (after >= 3) & (after + 2 < len(y))
     for a, b in zip(first[found], last[found], strict=True):
         bad[a:b] = True
-    many = np.count_nonzero(bad) >= max(MANY_READS, COMMON_VALUE * count)
+    many = np.count_nonzero(bad | (same & failed)) >= max(MANY_READS, COMMON_VALUE * count)
     return same if many else bad
 
 
