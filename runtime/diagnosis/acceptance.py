@@ -101,9 +101,13 @@ def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: 
         little = said.falls_to >= HELD_OUT.limit and said.sigmas <= HEARD_SIGMAS
         if said.clear or said.falls_to >= 1 or little:
             return said.clear
+    return gained(other, best) - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > HEARD_SIGMAS
+
+
+def gained(other: Step, best: Step) -> float:
+    """Logarithm of a step's likelihood on what was fitted over another's, each whitened by what it leaves."""
     joints = _rows(best)
-    gained = likelihood(joints, other.fit.residual) - likelihood(joints, best.fit.residual)
-    return gained - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > HEARD_SIGMAS
+    return likelihood(joints, other.fit.residual) - likelihood(joints, best.fit.residual)
 
 
 def own_joints(model: Model, term: Term) -> tuple[int, ...]:

@@ -8,14 +8,14 @@ stretches, of one that acts for a moment they lie within it, and stretches witho
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from runtime.diagnosis.gates import HELD_OUT
-from runtime.diagnosis.settings import HEARD_SIGMAS, IDLE, OUTWEIGHED, STRETCHES
+from runtime.diagnosis.settings import HEARD_SIGMAS, IDLE, STRETCHES
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ class Errors:
 @dataclass(frozen=True)
 class Heard:
     """falls_to: part of the squared error that is left where the fits differ; sigmas: by how many standard deviations
-    of its stretches' logarithms that is below 1. Infinite and 0 where other joints lose by it."""
+    of its stretches' logarithms that is below 1. Infinite and 0 where nothing is told."""
 
     falls_to: float
     sigmas: float
@@ -54,14 +54,12 @@ class Heard:
 
 
 def heard(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> Heard:
-    """Of one fit's errors against another's, at that of some groups of joints (0-based) at which it falls most; no
-    joint may lose more than a part of what is gained there."""
+    """Of one fit's errors against another's, at that of some groups of joints (0-based) at which it falls most; what
+    joints clearly lose is charged to it."""
     told = [_at(one, other, group) for group in groups]
     best = min(told, key=lambda h: h.falls_to, default=Heard(1.0, 0.0))
-    gained = -np.log(best.falls_to)
     against = [_at(other, one, (i,)) for i in range(len(one.rms))]
-    lost = sum(-np.log(h.falls_to) for h in against if h.clear)
-    return best if lost <= OUTWEIGHED * max(gained, 0.0) else Heard(inf, 0.0)
+    return replace(best, falls_to=best.falls_to / float(np.prod([h.falls_to for h in against if h.clear])))
 
 
 def steadily(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> float:

@@ -13,6 +13,7 @@ from runtime.diagnosis.acceptance import (
     above_noise,
     acting,
     explains_better,
+    gained,
     lost_without,
     may_be_the_rest,
     own_joints,
@@ -278,15 +279,16 @@ def _holds(before: Step, after: Step, finding: Step) -> bool:
 
 
 def _in_the_place(trail: Trail, finding: Step, without: Step) -> Ranking:
-    """Candidates that could stand for a finding beside the step without it. What acts on none of its joints explains
-    something else, and what contains another finding would take that one's place as well."""
+    """Candidates of a finding's own comparison that could stand for it beside the step without it. What acts on none of
+    its joints explains something else, and what contains another finding would take that one's place as well."""
     own = set(joints_of(trail.model, finding.term))
     others = {(f.term.effect, f.term.joint) for f in trail.findings if f.term != finding.term}
     effects = trail.model.library.effects
     terms = [
         t
         for t in without.base.terms()
-        if own & set(joints_of(trail.model, t))
+        if finding.ranking.of(t)
+        and own & set(joints_of(trail.model, t))
         and not any((g, t.joint) in others for g in effects[t.effect].generalises)
     ]
     return _ranked(without, terms)
@@ -345,15 +347,16 @@ def paired(trail: Trail) -> Trail:
 
 
 def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | None:
-    kept = [(t, v) for t, v in trail.added() if t != finding.term]
-    made = refit(trail, second)
-    rest = [finding.candidate, *([second] if made.candidate.passes else [])]
-    own = made.step if made.candidate.passes else trail.last
-    for first in _runners_up(trail, finding):
+    kept, own, rest = [(t, v) for t, v in trail.added() if t != finding.term], trail.last, [finding.candidate]
+    for k, first in enumerate(_runners_up(trail, finding)):
+        if k == 0 and (made := refit(trail, second)).candidate.passes:
+            own, rest = made.step, [finding.candidate, second]
         one = trail.refitted(trail.structure([*kept, (first.term, first.shape)]), trail.last)
         beside = [t for t in one.base.terms() if place_of(trail, t) == place_of(trail, first.term)]
         other = _ranked(one, beside).best
         if other is None or {first.term, other.term} == {finding.term, second.term}:
+            continue
+        if gained(one, own) + other.evidence.gain < 0:
             continue
         start = trail.structure([*kept, (other.term, other.shape)])
         alone = trail.refitted(start, one)

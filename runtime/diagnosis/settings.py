@@ -96,10 +96,6 @@ AS_WELL: Final = 0.5
 """natural logarithm; a whole order explains as well as a line's own within it; one standard deviation of a
 normal distribution; a choice, with simulated lines at 45.5 periods a turn in view."""
 
-OUTWEIGHED: Final = 0.1
-"""part of the log-likelihood that a row of the term's joints gains; so much may rows of other joints lose, whose shared
-inertias a better structure moves; a choice: a simulated UR10 lost a fortieth."""
-
 # what is left when nothing more passes ------------------------------------------------------------------------------
 
 LEAST_EXPLAINED: Final = 0.5

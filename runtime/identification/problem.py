@@ -239,7 +239,9 @@ class Problem:
         self._told = object()
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
-        self._last: LinearSystem | None = like._last if like is not None and like.motion is motion else None
+        same = like is not None and like.motion is motion
+        self._last: LinearSystem | None = like._last if same else None
+        self._cuts: Array = like._cuts if same else np.zeros((0, len(model.lumps)))
         self._joints: dict[tuple[int, float, float], JointRows] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
@@ -247,7 +249,7 @@ class Problem:
         prediction = self.regressors.prediction
         assert prediction is not None
         told, ahead = replace(prediction, rotors=dict(rotors)), self.regressors.ahead
-        made = Problem(self.model, self.motion, self.layout.terms, told, ahead)
+        made = Problem(self.model, self.motion, self.layout.terms, told, ahead, like=self)
         made.weights = self.weights
         return made
 
@@ -463,15 +465,15 @@ class Problem:
         lumps, motion = theta[self.layout.lumps], self.motion
         if motion.rigid_given:
             return None
-        met = inertia_cuts(self.model, configurations([p.q for p in motion.pieces]), lumps)
-        if met is None:
-            return None
-        # A cut holds for every fit along this motion: what others have met is most of what this one will meet.
-        enough, key = 40, ("inertia cuts", self.model.directory)
-        known = np.vstack([motion.columns.get(key, met[:0]), met])[-enough:]
-        motion.columns[key] = known
-        cuts = np.zeros((len(known), len(theta)))
-        cuts[:, self.layout.lumps] = known
+        # A cut holds for every fit along this motion: what a fit met before is most of what it will meet.
+        if (self._cuts @ lumps > 0).all():
+            met = inertia_cuts(self.model, configurations([p.q for p in motion.pieces]), lumps)
+            if met is None:
+                return None
+            most = 40
+            self._cuts = np.vstack([self._cuts, met])[-most:]
+        cuts = np.zeros((len(self._cuts), len(theta)))
+        cuts[:, self.layout.lumps] = self._cuts
         return cuts
 
     def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:

@@ -112,7 +112,7 @@ class Motion:
 
     @cached_property
     def columns(self) -> dict[tuple[Hashable, ...], Array]:
-        """A cache of what depends on the motion and the model alone: in-band regressors, later torques, cuts of D."""
+        """A cache of what depends on the motion and the model alone: in-band regressors, later torques."""
         return {}
 
     # --- other motions made of it ---

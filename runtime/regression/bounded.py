@@ -253,7 +253,10 @@ def minimise(
     # Each cut is a posture at which D was not positive definite; good data need a few. The margin is the solver's.
     most, margin, known = 30, 1e-6, dict[bytes, Array]()
     for _ in range(most):
+        before = len(known)
         known |= {cut.tobytes(): cut for cut in cuts / scale}
+        if len(known) == before:
+            break  # to rounding it meets them all
         a = np.array(list(known.values()))
         a /= np.maximum(np.linalg.norm(a, axis=1), 1e-300)[:, None]
         scaled = program.solve(lowest, highest, a, margin - a @ (begin * scale))
