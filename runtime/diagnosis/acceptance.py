@@ -22,7 +22,6 @@ from runtime.diagnosis.settings import (
     AS_WELL,
     AT_THE_FLOOR,
     FAR_ABOVE_NOISE,
-    GROSS,
     HEARD_SIGMAS,
     LEAST_EXPLAINED,
     MOST_LEFT,
@@ -33,7 +32,7 @@ from runtime.identification.problem import Skew
 from runtime.identification.regressors import Regressors
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, joints_of, known_vector
+from runtime.model.terms import Term, Values, joints_of
 from runtime.regression.rows import JointRows
 from symbolic.described import DescribedParameter
 
@@ -45,7 +44,7 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     term, model = candidate.term, after.fit.model
     said = None if after.held_out is None or before.held_out is None else told(after, before, term)
     rows = _rows(after)[joints_of(model, term)[0]].independent
-    predicted = _predicted(after, term)
+    predicted = before.base.predicted(term, after.fit.coefficients[after.fit.problem.layout.slices[term]])
     dear = before.base.price(term, candidate.searched, candidate.among, rows, predicted)
     evidence = between(before, after, dear, said.repays if said else 0.0)
     # A fit of all rows is not the likeliest of coloured noise: what screening found beside the same base counts, too.
@@ -93,15 +92,17 @@ def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]]) -
     return heard(one.held_out, other.held_out, groups).clear
 
 
-def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: float = 0.0) -> bool:
+def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: float, whole: float) -> bool:
     """Whether a step is clearly better than another: recordings that were not fitted say so, or they say it less
-    clearly, if there are any, and it is likelier by more than ALIKE beyond what it costs more, and not by chance."""
+    clearly, if there are any, and it is likelier, over the dispersion, by more than ALIKE beyond what it costs more and
+    by more than another form of the same law is. whole: what the likelihood gains by it beside neither."""
     if other.held_out is not None and best.held_out is not None:
         said = heard(other.held_out, best.held_out, groups)
         little = said.falls_to >= HELD_OUT.limit and said.sigmas <= HEARD_SIGMAS
         if said.clear or said.falls_to >= 1 or little:
             return said.clear
-    return gained(other, best) - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > HEARD_SIGMAS
+    gain, spread = gained(other, best), max(between(best, other).dispersion, 1.0)
+    return gain / spread - cost > ALIKE and gain > REST.limit * whole
 
 
 def gained(other: Step, best: Step) -> float:
@@ -156,17 +157,6 @@ def _fall(before: Step, after: Step, joint: int) -> float:
 
 
 # is it an effect of its kind? ----------------------------------------------------------------------------------------
-
-
-def _predicted(step: Step, term: Term) -> bool | None:
-    """Whether a term's values, as refitted, are what the masses of the model file predict, as far as these are right:
-    a vector that it changes has its known size. None: the file predicts nothing of it."""
-    vector = known_vector(step.fit.model, term)
-    if vector is None:
-        return None
-    stated, size = vector
-    found = np.linalg.norm(stated + [e.value for e in step.fit.inference.values[term].values()])
-    return bool(abs(found - size) < GROSS * size)
 
 
 def _at_a_bound(step: Step, term: Term) -> bool:

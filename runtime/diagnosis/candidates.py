@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from runtime.diagnosis.gates import GateResult, failed
 from runtime.diagnosis.score import NOT_WEIGHED, Evidence, price
-from runtime.diagnosis.settings import MOST_OF_ONE
+from runtime.diagnosis.settings import GROSS, MOST_OF_ONE
 from runtime.identification import grids
 from runtime.identification.fit import Fit, smoothing_change
 from runtime.identification.grids import motor_angle
 from runtime.identification.problem import change
 from runtime.identification.recorded_torque import LINK_LOAD
 from runtime.identification.regressors import Regressors
-from runtime.model.terms import Term, Values, joints_of, reads_arm
+from runtime.model.terms import Term, Values, joints_of, known_vector, reads_arm
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
 
@@ -164,6 +164,15 @@ class FittedBase:
         info, effects = self.model.library.effects[term.effect], self.model.library.effects
         own = searched + (0 if info.sized or predicted else len(info.coefficients))
         return max(own - sum(len(effects[t.effect].coefficients) for t in self.replaced(term)), 0)
+
+    def predicted(self, term: Term, coefficients: Array) -> bool | None:
+        """Whether these are what the masses of the model file predict, as far as they are right: a vector that the term
+        changes has its known size. None: the file predicts nothing of it."""
+        vector = known_vector(self.model, term)
+        if vector is None:
+            return None
+        stated, size = vector
+        return bool(abs(np.linalg.norm(stated + coefficients) - size) < GROSS * size)
 
     def price(self, term: Term, searched: int, among: int, rows: int, predicted: bool | None = None) -> float:
         """What a term's score must exceed, sought at every joint and `among` places of its shape; rows: independent

@@ -111,7 +111,7 @@ def _typical(shapes: Sequence[Values]) -> Values:
 
 def _seen(weighing: Weighing, added: Array, dispersion: float, edge: float = np.inf) -> bool:
     found = weighing.solutions(added)
-    evidence = Evidence(found.gain, dispersion, weighing.price)
+    evidence = Evidence(found.gain, dispersion, weighing.price())
     return not failed(results(evidence, found.eff, weighing.floor, edge))
 
 

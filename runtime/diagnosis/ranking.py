@@ -186,8 +186,9 @@ class Whitened:
         residual."""
         weighing = Weighing(self, candidate.term, candidate.searched, block=block, among=candidate.among)
         found = weighing.solutions()
-        evidence = found.evidence(weighing.price)
         theta = np.append(1.0, found.after.coefficients[len(self.system.unknown) :])
+        predicted = self.base.predicted(candidate.term, theta[1:])
+        evidence = found.evidence(weighing.price(predicted))
         torque = self.base.torque(weighing.joints[0])
         told = (
             *results(evidence, found.eff, weighing.floor, candidate.edge),
@@ -196,7 +197,7 @@ class Whitened:
             *weighing.of_torque(theta),
             *self._sensors.results(weighing.plain_base, candidate, block, theta),
         )
-        weighed = replace(candidate, eff=found.eff, evidence=evidence, results=told)
+        weighed = replace(candidate, eff=found.eff, evidence=evidence, predicted=predicted, results=told)
         return weighed, found.white_after.residual
 
     def at_both(self, candidate: Candidate, block: Block, singles: Mapping[int, Block]) -> Candidate:
@@ -241,11 +242,10 @@ class Weighing:
         self.joints = joints_of(base.model, self.term)
         self.floor = self.beside.floors[self.joints[0]]
 
-    @property
-    def price(self) -> float:
+    def price(self, predicted: bool | None = None) -> float:
         """What its score must exceed."""
         rows = self.beside.system.joints[self.joints[0]].independent
-        return self.beside.base.price(self.term, self.searched, self.among, rows)
+        return self.beside.base.price(self.term, self.searched, self.among, rows, predicted)
 
     @cached_property
     def _instead(self) -> tuple[LinearSystem, LinearSystem]:

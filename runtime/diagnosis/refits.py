@@ -60,7 +60,7 @@ def best_of(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Te
     best = max(able, key=lambda one: one.candidate.evidence.net)
     for one in able:
         groups = of_either(trail, one.term, best.term)
-        if one is not best and preferred(one.step, best.step, groups, dearer(one, best)):
+        if one is not best and preferred(one.step, best.step, groups, dearer(one, best), one.candidate.evidence.gain):
             best = one
     # What helps at some moments only is no finding, but it may be as likely as one.
     others = [one for one in those if all(r.gate is STEADY for r in one.candidate.failed)]
@@ -99,7 +99,8 @@ def clearly_worse(trail: Trail, one: Refitted, best: Refitted) -> bool:
         # The blows in a gap follow from motion above the band, which a simulation does not know: an error of theirs
         # says little where what stands in their place leaves far more than noise as well.
         return False
-    return preferred(best.step, one.step, of_either(trail, one.term, best.term), dearer(best, one))
+    gain = best.candidate.evidence.gain
+    return preferred(best.step, one.step, of_either(trail, one.term, best.term), dearer(best, one), gain)
 
 
 def of_either(trail: Trail, one: Term, other: Term) -> list[Collection[int]]:

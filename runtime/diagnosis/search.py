@@ -1,7 +1,7 @@
 """The search over sets of terms: add, drop, swap. Screening proposes, a fit of all rows decides.
 
 Of every joint the best candidates are refitted, each alone; the best of them are added one after another. What was
-found before is then asked again. A term that was dropped is not added a second time.
+found before is then asked again. A set that was left for a better one is not made a second time.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ def _apart(those: list[Refitted]) -> list[Refitted]:
 def _able(trail: Trail, place: int | None) -> list[Candidate]:
     """Candidates of a place that pass, or may once recordings that are not fitted are heard, the likeliest first."""
     heard = trail.held_out is not None
-    here = [c for c in trail.ranking.candidates if place_of(trail, c.term) == place and c.term not in trail.taken_back]
+    here = [c for c in trail.ranking.candidates if place_of(trail, c.term) == place and not trail.left_before(c.term)]
     able = [c for c in here if c.passes or (heard and _hopeful(c) and trail.company(c.term) not in trail.refused)]
     able = [c for c in able if seconds_moving(trail.motion, joints_of(trail.model, c.term)[0]) >= LEAST_MOVING_S]
     return sorted(able, key=lambda c: -c.evidence.gain)
@@ -262,14 +262,25 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     if superfluous:
         # Of the two the later one is superfluous where it does not hold without the other.
         weak = [f for f in trail.findings if f.term in later and not _holds(finding.previous, without, f)]
-        return _dropped(trail, weak[0].term if weak else finding.term)
+        return _dropped(trail, weak[0].term if weak else _least_missed(trail, finding, without))
     ranking = _in_the_place(trail, finding, without)
-    able = [c for c in ranking.candidates if c.passes and c.term not in trail.taken_back]
+    able = [c for c in ranking.candidates if c.passes and not trail.left_before(c.term, finding.term)]
     near = [c for c in able if c.evidence.net > able[0].evidence.net - ALIKE]
     best = simplest(trail, near) if near else finding.candidate
     if best.term == finding.term:
         return trail
     return _instead(trail, finding, best, _in_its_place(trail, finding, best), ranking) or trail
+
+
+def _least_missed(trail: Trail, finding: Step, without: Step) -> Term:
+    """Of a superfluous finding and those of its joints that are superfluous as well, that without which the rest is
+    likeliest."""
+    left = {finding.term: without}
+    for other in (f for f in trail.findings if f.term != finding.term and share_a_joint(trail, f.term, finding.term)):
+        rest = trail.without(other.term)
+        if not _holds(rest, trail.last, other):
+            left[other.term] = rest
+    return max(left, key=lambda term: gained(left[term], trail.last))
 
 
 def _holds(before: Step, after: Step, finding: Step) -> bool:
@@ -309,9 +320,10 @@ def _instead(trail: Trail, finding: Step, other: Candidate, there: Step, ranking
     and not clearly worse, which makes the two rivals."""
     own, groups = finding.term, of_either(trail, other.term, finding.term)
     dearer = other.evidence.price - finding.candidate.evidence.price
-    better = preferred(there, trail.last, groups, dearer)
+    better = preferred(there, trail.last, groups, dearer, other.evidence.gain)
     simpler = unknowns(trail, other) < unknowns(trail, finding.candidate)
-    if not better and not (simpler and not preferred(trail.last, there, groups, -dearer)):
+    worse = preferred(trail.last, there, groups, -dearer, finding.candidate.evidence.gain)
+    if not better and not (simpler and not worse):
         return None
     rivals = () if better else (own,)
     findings = [
@@ -367,7 +379,8 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
             lost = [lost_without(finding.previous, x, pair, finding.joint_index) for x in (alone, one)]
             if not REST.asked(min(lost)).passes:
                 continue
-        if all(c.passes for c in each) and preferred(pair, own, acting(trail.model, first.term), cost):
+        whole = sum(c.evidence.gain for c in each)
+        if all(c.passes for c in each) and preferred(pair, own, acting(trail.model, first.term), cost, whole):
             trail = trail.rebuilt([f for f in trail.findings if f is not finding], {}, (finding.term,))
             for candidate in each:
                 made = refit(trail, candidate, stale=True)
@@ -385,7 +398,7 @@ def _runners_up(trail: Trail, finding: Step) -> list[Candidate]:
         for c in sorted(finding.ranking.candidates, key=lambda c: -c.evidence.gain)
         if place_of(trail, c.term) == place_of(trail, own)
         and c.term not in named
-        and c.term not in trail.taken_back
+        and not trail.left_before(c.term, own)
         and c.evidence.score > LEAST_PRICE
         and own.effect not in effects[c.term.effect].generalises
         and c.term.effect not in effects[own.effect].generalises
@@ -413,7 +426,8 @@ def with_rivals_decided(trail: Trail) -> Trail:
             if swapped is not None:
                 return swapped
             cost = finding.candidate.evidence.price - candidate.evidence.price
-            if not preferred(trail.last, there, of_either(trail, term, finding.term), cost):
+            gain = finding.candidate.evidence.gain
+            if not preferred(trail.last, there, of_either(trail, term, finding.term), cost, gain):
                 alike.append(term)
         trail = with_rivals(trail, {finding.term: tuple(alike)})
     return trail

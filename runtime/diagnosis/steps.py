@@ -196,7 +196,7 @@ class Trail:
     held_out     the motion that is never fitted            names       files of the recordings, in their order
     suspicions   what must be put right in the data before anything is sought
     last         the last step                              ranking     the last comparison of candidates
-    taken_back   terms that were added once and are not added again: they would come and go for ever
+    left         sets of terms of shared joints that another took the place of: none is made again
     refused      candidates that did not hold once all was refitted, by term and the findings that shared its joints
     work         of the search: what it has done and may do
     sought       joints (0-based) at which effects are sought; None: all
@@ -209,7 +209,7 @@ class Trail:
     suspicions: tuple[Suspicion, ...]
     last: Step
     ranking: Ranking = NOT_RANKED
-    taken_back: frozenset[Term] = field(default_factory=frozenset)
+    left: frozenset[frozenset[Term]] = field(default_factory=frozenset)
     refused: Mapping[tuple[Term, frozenset[Term]], Candidate] = field(default_factory=dict)
     work: SearchWork = field(default_factory=SearchWork)
     sought: frozenset[int] | None = None
@@ -249,6 +249,10 @@ class Trail:
         """A term and the findings that share a joint with it: what is found elsewhere changes no answer of it."""
         own = set(joints_of(self.model, term))
         return term, frozenset(f.term for f in self.findings if own & set(joints_of(self.model, f.term)))
+
+    def left_before(self, term: Term, instead: Term | None = None) -> bool:
+        """Whether the set that a term would make, in the place of another, was left for a better one."""
+        return self.company(term)[1] - {instead} | {term} in self.left
 
     def structure(self, added: Sequence[tuple[Term, Values]]) -> Structure:
         """The structure as given with these terms in place of what they generalise, shapes as last found."""
@@ -295,8 +299,8 @@ class Trail:
     def rebuilt(
         self, kept: Sequence[Step], shapes: Mapping[Term, Values], gone: Sequence[Term], first: Step | None = None
     ) -> Trail:
-        """The trail with these findings alone, refitted one after another; gone: terms that are not added again; first:
-        the model as given, if not as it was fitted."""
+        """The trail with these findings alone, refitted one after another; gone: terms whose sets are not made again;
+        first: the model as given, if not as it was fitted."""
         known, last = {**dict(self.added()), **shapes}, first or self.first
         for k, finding in enumerate(kept):
             added = [(f.term, known[f.term]) for f in kept[: k + 1] if f.term in known]
@@ -308,7 +312,7 @@ class Trail:
                 ranking=finding.ranking,
                 rivals=finding.rivals,
             )
-        return replace(self, last=last, taken_back=self.taken_back | frozenset(gone))
+        return replace(self, last=last, left=self.left | {self.company(t)[1] for t in gone})
 
 
 def _fitted(model: Model, motion: Motion, held_out: Motion | None, known: Structure, start: Step | None) -> Step:

@@ -239,9 +239,9 @@ class Problem:
         self._told = object()
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
         self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
-        same = like is not None and like.motion is motion
-        self._last: LinearSystem | None = like._last if same else None
-        self._cuts: Array = like._cuts if same else np.zeros((0, len(model.lumps)))
+        same = like if like is not None and like.motion is motion else None
+        self._last: LinearSystem | None = None if same is None else same._last
+        self._cuts: Array = np.zeros((0, len(model.lumps))) if same is None else same._cuts
         self._joints: dict[tuple[int, float, float], JointRows] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:

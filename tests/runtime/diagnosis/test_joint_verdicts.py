@@ -148,7 +148,7 @@ def test_what_passes_every_gate_and_is_not_accepted_is_said() -> None:
     assert [v.why for v in diagnosis.joints] == ["not borne out", "noise"]
     why = "all is refitted: with it and everything refitted, the error falls by 0.4 %, not by 1 %"
     assert (diagnosis.verdict, why in reason(diagnosis)) == ("unexplained", True)
-    again = replace(trail, ranking=Ranking((replace(near, results=()),)), taken_back=frozenset({near.term}))
+    again = replace(trail, ranking=Ranking((replace(near, results=()),)), left=frozenset({frozenset({near.term})}))
     assert decide(again).verdict == "clean"
     assert decide(replace(trail, held_out=trail.motion)).verdict == "clean"
 

@@ -117,7 +117,8 @@ def test_what_a_later_finding_makes_needless_is_dropped(opened) -> None:
         trail = trail.to(forced(trail, Term(effect, 1)))
     found = follow(trail)
     assert [str(f.term) for f in found.findings] == ["load_friction@1"]
-    assert found.taken_back == {Term("linear_spring", 1), Term("offset", 1)}
+    spring, load, offset = (Term(effect, 1) for effect in ("linear_spring", "load_friction", "offset"))
+    assert found.left == {frozenset({spring, load, offset}), frozenset({load, offset})}
 
 
 def test_a_likelier_rival_is_swapped_in(opened) -> None:
