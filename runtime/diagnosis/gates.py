@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from runtime.diagnosis.settings import LEAST_PRICE
+from runtime.motion.settings import RESOLVED
 from runtime.regression.settings import LEAST_OWN
 
 Sensor = Literal["link encoder", "output sensor"]
@@ -79,10 +80,10 @@ PART: Final = Gate(
     "part",
     "RMS of that torque, of the joint's whole torque",
     "above",
-    0.002,
+    RESOLVED,
     "part",
-    "nobody would model less of a joint's torque",
-    "a choice: a fifth of the error of the best models of real arms",
+    "an error that is less is not asked for anything",
+    "magnets weaken by so much a kelvin, and a motor's torque with them",
 )
 EDGE: Final = Gate(
     "edge",
@@ -286,24 +287,6 @@ BOTH_JOINTS: Final = Gate(
     "seen over two rates that are alike, does not",
     "development recordings with two joints: 150 and more where a motor turns with both",
 )
-EACH_SHARE: Final = Gate(
-    "share at each joint",
-    "part of the variance above the noise floor that a torque of two joints explains, at the joint with the lesser",
-    "above",
-    SHARE.limit,
-    SHARE.unit,
-    "what is missing at two joints because a motor turns with both is so at either",
-    "simulated drag of a fluid, which acts on both joints: 0.1 and 0.6",
-)
-PROPORTION: Final = Gate(
-    "proportion",
-    "part of what separate torques at two joints explain that is lost where one motor makes both, whitened",
-    "below",
-    0.2,
-    "part",
-    "a motor works on both joints in proportion: 0.02 at most is lost then, half and more of a torque that acts on one",
-    "development recordings with two joints",
-)
 RECORDINGS: Final = Gate(
     "recordings",
     "number of parameters on which the recordings contradict each other",
@@ -318,7 +301,7 @@ GATES: Final = (
     *(SCORE, TORQUE, PART, EDGE, RESOLUTION, MODEL, ENCODERS),
     *(SHARE, ONCE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT),
     *(LAG, RIGID, MORE_PLAY, LESS_PLAY, ON_LINK, ON_MOTOR, BOUND),
-    *(EACH_SHARE, BOTH_JOINTS, PROPORTION, RECORDINGS),
+    *(BOTH_JOINTS, RECORDINGS),
 )
 """In the order in which their failures are listed."""
 

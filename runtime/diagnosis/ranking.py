@@ -18,12 +18,10 @@ from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors
 from runtime.diagnosis.gates import (
     BOTH_JOINTS,
-    EACH_SHARE,
     EDGE,
     ENCODERS,
     MODEL,
     PART,
-    PROPORTION,
     RESOLUTION,
     SCORE,
     TORQUE,
@@ -114,29 +112,15 @@ def results(evidence: Evidence, eff: float, floor: float, edge: float) -> Iterat
     yield EDGE.asked(edge)
 
 
-def _of_two_joints(
-    plain: LinearSystem, white: LinearSystem, block: Block, white_block: Block, floors: Sequence[float]
-) -> Iterator[GateResult]:
-    """What the gates say of a block at two joints; plain: without it, white: whitened, with the best of either joint.
+def _of_two_joints(white: LinearSystem, block: Block) -> GateResult:
+    """What the gate says of a whitened block at two joints; white: the system with the best of either joint.
 
     Where two rates are alike, or one joint's friction has another law, a torque on their sum explains what one joint
     lacks, and its columns at the other say nothing. What is common to both must show at either.
     """
-    before, after = plain.solution.residual, plain.with_block(block).solution.residual
-    shares = []
-    for joint in block.columns:
-        was, now = (float(left[joint] @ left[joint]) for left in (before, after))
-        excess = was - plain.joints[joint].count * floors[joint] ** 2
-        shares.append((was - now) / max(excess, was - now, 1e-300))
-    yield EACH_SHARE.asked(min(shares))
-    tied = white.with_block(white_block).solution
-    least = min(white.with_block(_part_at(white_block, {joint})).solution.sse for joint in block.columns)
-    yield BOTH_JOINTS.asked(0.5 * white.count * float(np.log(max(least, 1e-300) / max(tied.sse, 1e-300))))
-    apart = white
-    for joint in block.columns:
-        apart = apart.with_block(_part_at(white_block, {joint}))
-    fall = white.solution.sse - apart.solution.sse
-    yield PROPORTION.asked((tied.sse - apart.solution.sse) / fall if fall > 0 else 1.0)
+    tied = white.with_block(block).solution.sse
+    least = min(white.with_block(_part_at(block, {joint})).solution.sse for joint in block.columns)
+    return BOTH_JOINTS.asked(0.5 * white.count * float(np.log(max(least, 1e-300) / max(tied, 1e-300))))
 
 
 def _part_at(block: Block, joints: Collection[int]) -> Block:
@@ -201,14 +185,13 @@ class Whitened:
         return weighed, found.white_after.residual
 
     def at_both(self, candidate: Candidate, block: Block, singles: Mapping[int, Block]) -> Candidate:
-        """A candidate of two joints, and what the gates say of its torque at either; singles: by joint (0-based), what
+        """A candidate of two joints, and what the gate says of its torque at either; singles: by joint (0-based), what
         explains most there by itself."""
-        replaced = self.base.replaced(candidate.term)
-        plain, white = self.base.without(self.system, replaced), self.base.without(self.white, replaced)
+        white = self.base.without(self.white, self.base.replaced(candidate.term))
         for single in (singles[i] for i in block.columns if i in singles):
             white = white.with_block(single.whitened(self.whitening))
-        found = _of_two_joints(plain, white, block, block.whitened(self.whitening), self.floors)
-        return replace(candidate, results=(*candidate.results, *found))
+        found = _of_two_joints(white, block.whitened(self.whitening))
+        return replace(candidate, results=(*candidate.results, found))
 
     def _resolution(self, candidate: Candidate) -> Iterator[GateResult]:
         """Where an encoder does not resolve a gap, its noise says where it is crossed, to which the torque of the

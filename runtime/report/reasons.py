@@ -217,10 +217,6 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
     ),
     gates.BOUND.name: lambda r, *_: f"it may be none: its 95 % interval begins at {r.value:.3g}",
     gates.BOTH_JOINTS.name: _told("its torque at one of its two joints gains {}, not {}"),
-    gates.EACH_SHARE.name: _told("it alone explains {} % of the excess at one of its two joints, not {} %", 100),
-    gates.PROPORTION.name: lambda r, *_: (
-        f"its torques at two joints are not in proportion: {100 * r.value:.0f} % of what they explain is lost for that"
-    ),
     gates.RECORDINGS.name: lambda *_: (
         "the recordings contradict each other, so that what is missing in which of them is not known"
     ),
