@@ -111,8 +111,7 @@ def disturbed_at_the_first_joint(seed: int) -> Recording:
 
 def test_what_a_later_finding_makes_needless_is_dropped(opened) -> None:
     """A spring and an offset that are not there stand in the trail before load friction is sought."""
-    recording = kept(record, Upright(gravity=9.81, by_load=0.2), 10)
-    trail = begin(opened(gravity=9.81), [recording])
+    trail = begin(opened(gravity=9.81), [kept(record, Upright(gravity=9.81, by_load=0.2), 10)])
     for effect in ("linear_spring", "offset"):
         trail = trail.to(forced(trail, Term(effect, 1)))
     found = follow(trail)
