@@ -94,15 +94,18 @@ def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]]) -
 
 def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: float, whole: float) -> bool:
     """Whether a step is clearly better than another: recordings that were not fitted say so, or they say it less
-    clearly, if there are any, and it is likelier, over the dispersion, by more than ALIKE beyond what it costs more and
-    by more than another form of the same law is. whole: what the likelihood gains by it beside neither."""
+    clearly, if there are any, and it is likelier, over the dispersion, by more than ALIKE beyond what it costs more,
+    and by more than another form of the same law is, or from stretch to stretch. whole: what the likelihood gains by
+    it beside neither."""
     if other.held_out is not None and best.held_out is not None:
         said = heard(other.held_out, best.held_out, groups)
         little = said.falls_to >= HELD_OUT.limit and said.sigmas <= HEARD_SIGMAS
         if said.clear or said.falls_to >= 1 or little:
             return said.clear
     gain, spread = gained(other, best), max(between(best, other).dispersion, 1.0)
-    return gain / spread - cost > ALIKE and gain > REST.limit * whole
+    if gain / spread - cost <= ALIKE:
+        return False
+    return gain > REST.limit * whole or steadily(other.fitted, best.fitted, groups) > HEARD_SIGMAS
 
 
 def gained(other: Step, best: Step) -> float:
