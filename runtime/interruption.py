@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -44,6 +45,40 @@ def listening() -> Iterator[Callable[[], int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def heard_at_last() -> Iterator[None]:
+    """Ctrl-C within raises KeyboardInterrupt, and again shortly after where that was dropped: by a finalizer, by the
+    callback of a weak reference, as an import has, or by C that takes any exception for an answer."""
+
+    def heard(*_: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0.2)
+        raise KeyboardInterrupt
+
+    def again(*_: object) -> None:
+        # What tidies up after the first is not disturbed.
+        if not came_of_ctrl_c(sys.exception()):
+            heard()
+
+    own = threading.current_thread() is threading.main_thread() and _own() is signal.default_int_handler
+    if sys.platform == "win32" or not own:
+        yield
+        return
+    kept = {signal.SIGINT: signal.signal(signal.SIGINT, heard), signal.SIGALRM: signal.signal(signal.SIGALRM, again)}
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in kept.items():
+            signal.signal(number, handler)
+
+
+def came_of_ctrl_c(error: BaseException | None) -> bool:
+    """Whether an exception is Ctrl-C's, or was raised while that was handled."""
+    return error is not None and (
+        isinstance(error, KeyboardInterrupt) or came_of_ctrl_c(error.__cause__ or error.__context__)
+    )
 
 
 def _let_go(streams: list[int]) -> None:

@@ -92,7 +92,7 @@ class DescribedParameter:
 
     role      "linear": solved exactly by identification; "shape": searched on a grid; "given": from the model file or
               `default`, because motion cannot identify it
-    default   the value of a "given" parameter that the model file does not state
+    default   the value that the model file need not state, of a "given" parameter and of some shapes
     kind      the meaning of a parameter for searches, limits and evidence: "stiffness" (> 0) of a shape and its
               "damping"; "contact", a linear stiffness without which there is no contact; "play", from flank to flank;
               "side", +1 or -1; "begin" and "end" of an interval of positions; "onset", a start time, also tried where

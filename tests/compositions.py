@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 from math import exp, pi
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from stepped import Controller
 
 from codegen.c.controller import MIN_DEGREE
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.planning.trajectory import JointMotion, Phase, Trajectory
 
-Array = NDArray[np.float64]
 PLATE = {
     "plate": {"stiffness": 686.0, "pretension": 24.0, "friction": 2.0, "position": 0.3},
     "plate_damping": {"coefficient": 5.0},

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import savemat
 
+from runtime.arrays import Array
 from tests.runtime.recordings.formats import write_mcap
-
-Array = NDArray[np.float64]
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 REAL = DATA / "real"

@@ -12,11 +12,10 @@ from math import copysign, cos
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
-Array = NDArray[np.float64]
 PERIOD = 1e-3
 SUBSTEPS = 4
 BANDWIDTH = 50.0  # rad/s of the servo

@@ -23,7 +23,7 @@ from PIL.Image import Quantize
 
 from runtime.cli.main import app
 from runtime.cli.output import run
-from runtime.notebook.figures import ResultFigures
+from runtime.notebook.html import ResultFigures
 from runtime.report.page.page_figures import Drawn
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -12,12 +12,10 @@ from math import cos, exp, pi, sin, sqrt
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 from runtime.simulation import demo as plant
-
-Array = NDArray[np.float64]
 
 ROTOR, LINK = 0.10, 0.1365  # kg m^2
 WARMING = 15.0  # K, reached with a time constant of a third of the recording

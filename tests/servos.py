@@ -14,11 +14,9 @@ from typing import Any
 
 import numpy as np
 import plants
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.simulation import demo
-
-Array = NDArray[np.float64]
 
 KP, KD = 300.0, 15.0  # N m/rad, N m s/rad
 KT, OHM = 2.0, 2.0  # N m/A, ohm, at the joint's output

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 from tests.judge import space
 from tests.judge.bodies import torque
 from tests.spatial_arms import TABLES
 from tests.wrist import CoupledMotor
-
-Array = NDArray[np.float64]
 
 MASSES = (10.5, 4.0, 4.1, 3.6, 1.0, 0.2)  # kg
 CENTRES = (

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import binomtest
 
+from runtime.arrays import Array
 from runtime.recordings.clocks import ClockShift, torque_shift
 from runtime.recordings.settings import CLOCK_SHIFT_LEAST
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 
 FINE = 2000  # Hz, of the motion itself

@@ -10,15 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.cli import main, output
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import read
 from runtime.workspace.names import column_mapping
 from tests.runtime.recordings.formats import write_sqlite
-
-Array = NDArray[np.float64]
 
 DEGREES, RPM, NS = 180 / np.pi, 30 / np.pi, 1e9
 MOST_ROUNDS = 3

@@ -36,7 +36,7 @@ codegen.firmware
 codegen.verify
 codegen.descriptions codegen.prepare
 
-runtime.version runtime.files runtime.plain_json runtime.documents
+runtime.arrays runtime.version runtime.files runtime.plain_json runtime.documents
 runtime.wording runtime.setting runtime.interruption runtime.progress
 runtime.model
 runtime.exchange

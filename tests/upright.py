@@ -13,13 +13,11 @@ from math import copysign, cos, exp, tanh
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 from tests import one_joint
 from tests.one_joint import LINK, ROTOR
-
-Array = NDArray[np.float64]
 
 MOMENT = 0.4  # kg m
 COUNT = 2 * np.pi / 200_000

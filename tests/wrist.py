@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
-
-Array = NDArray[np.float64]
 
 RATE, SECONDS = 1000.0, 24.0
 LENGTH, SECOND_LENGTH = 0.30, 0.2  # m, of the links

@@ -1104,13 +1104,13 @@ void tendon_torque_saturation_columns_batch_f64(
     double *restrict out)
 {
     (void)dt;
-    (void)p;
     for (size_t at = 0; at < joints; ++at) {
         const double *restrict predicted = s[at].predicted;
         TENDON_INDEPENDENT
         for (size_t k = 0; k < count; ++k) {
             out[(2U * at + 0U) * count + k] = 0.0;
-            out[(2U * at + 1U) * count + k] = predicted[k] * (predicted[k] * predicted[k]);
+            out[(2U * at + 1U) * count + k] = predicted[k] * tendon_pow_f64(tendon_abs_f64(predicted[k]), p[1] -
+        1.0);
         }
     }
 }
@@ -1129,7 +1129,8 @@ void tendon_torque_saturation_torque_batch_f64(
         const double *restrict predicted = s[at].predicted;
         TENDON_INDEPENDENT
         for (size_t k = 0; k < count; ++k) {
-            out[(1U * at + 0U) * count + k] = p[0] * (predicted[k] * (predicted[k] * predicted[k]));
+            out[(1U * at + 0U) * count + k] = predicted[k] * tendon_pow_f64(p[0] * (predicted[k] * predicted[k]),
+        0.5 * p[1] - 0.5);
         }
     }
 }

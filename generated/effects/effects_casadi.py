@@ -89,7 +89,8 @@ PARAMETERS = {
         "phase": ("1", "at q = 0, in rad", None),
     },
     "torque_saturation": {
-        "coefficient": ("1/(N^2 m^2)", "excess of the recorded torque per cubed torque", None),
+        "coefficient": ("1/(N^2 m^2)", "inverse square of the torque at which half of the recorded one acts", None),
+        "exponent": ("1", "power of the torque: 3 for a magnet that saturates, 15 for a limit beyond which nothing acts", 3.0),
     },
     "torque_scale": {
         "factor": ("1", "recorded torque over true torque", None),
@@ -978,23 +979,23 @@ def torque_ripple_torque():
 
 
 def torque_saturation_torque():
-    """torque_saturation_torque: The motor's torque constant falls at large current, so that the current overstates the
-      torque. c tau^3, tau the predicted torque
+    """torque_saturation_torque: The torque constant falls at large current, or the drive has a limit: the recorded
+      torque is too large. tau (c tau^2)^((n - 1)/2), tau the predicted torque: c tau^3 unless n is stated
     in   predicted [N m]: predicted motor torque, all active effects included
-    in   p (1) [1/(N^2 m^2)]: coefficient
+    in   p (2) [1/(N^2 m^2), 1]: coefficient, exponent
     in   x (0): empty: no memory
     in   width (4) [rad/s, rad, N m, s]: half widths of the switches in rate, position, force, time
     out  torque [N m]: added to the motor torque
     Source: Hanselman 2006, Brushless Permanent Magnet Motor Design
-    Operations: 3 operations (3 mul)
+    Operations: 5 operations (1 sub, 4 mul) and 1 pow
     """
     predicted = ca.SX.sym("predicted")
-    p = ca.SX.sym("p", 1)
-    (p_coefficient,) = ca.vertsplit(p)
+    p = ca.SX.sym("p", 2)
+    (p_coefficient, p_exponent) = ca.vertsplit(p)
     x = ca.SX.sym("x", 0)
     width = ca.SX.sym("width", 4)
     (width_rate, width_position, width_force, width_time) = ca.vertsplit(width)
-    torque = ca.SX(p_coefficient * (predicted * (predicted * predicted)))
+    torque = ca.SX(predicted * _power(p_coefficient * (predicted * predicted), 0.5 * p_exponent - 0.5))
     inputs, outputs = [predicted, p, x, width], [torque]
     return ca.Function("torque_saturation_torque", inputs, outputs, ["predicted", "p", "x", "width"], ["torque"])
 

@@ -410,16 +410,17 @@ double tendon_torque_ripple_torque_f64(double q, double ratio, double order, dou
     return amplitude * cos_1;
 }
 
-/* torque_saturation_torque: The motor's torque constant falls at large current, so that the current overstates the
- *   torque. c tau^3, tau the predicted torque
+/* torque_saturation_torque: The torque constant falls at large current, or the drive has a limit: the recorded
+ *   torque is too large. tau (c tau^2)^((n - 1)/2), tau the predicted torque: c tau^3 unless n is stated
  * in   predicted [N m]: predicted motor torque, all active effects included
- * in   coefficient [1/(N^2 m^2)]: excess of the recorded torque per cubed torque
+ * in   coefficient [1/(N^2 m^2)]: inverse square of the torque at which half of the recorded one acts
+ * in   exponent [1]: power of the torque: 3 for a magnet that saturates, 15 for a limit beyond which nothing acts
  * out  torque [N m]: added to the motor torque
  * Source: Hanselman 2006, Brushless Permanent Magnet Motor Design
- * Operations: 3 operations (3 mul) */
-double tendon_torque_saturation_torque_f64(double predicted, double coefficient)
+ * Operations: 5 operations (1 sub, 4 mul) and 1 pow */
+double tendon_torque_saturation_torque_f64(double predicted, double coefficient, double exponent)
 {
-    return coefficient * (predicted * (predicted * predicted));
+    return predicted * tendon_pow_f64(coefficient * (predicted * predicted), 0.5 * exponent - 0.5);
 }
 
 /* torque_scale_torque: The recorded torque is wrong by a factor: torque constant, gear ratio, amplifier gain.

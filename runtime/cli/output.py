@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeVar
 import typer
 
 from runtime.documents.parts import Document
+from runtime.interruption import came_of_ctrl_c, heard_at_last
 from runtime.plain_json import plain
 from runtime.version import is_our_module, is_ours
 
@@ -66,7 +67,8 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
     """Run `tendon ARGUMENTS` and return its exit status; errors of the user are one line on standard error."""
     _ARGUMENTS.set(tuple(arguments))
     try:
-        status = int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
+        with heard_at_last():
+            status = int(app(args=list(arguments) or ["--help"], prog_name="tendon", standalone_mode=False) or 0)
         # typer turns Ctrl-C into a status without a message.
         return _complain("interrupted", INTERRUPTED) if status == INTERRUPTED else status
     except BrokenPipeError:
@@ -79,7 +81,7 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
         # Errors of files carry their name; without one it is a stream.
         return _complain(_reason(error, "standard output" if error.errno in _NO_ROOM else ""), BAD_INPUT)
     except Exception as error:
-        if _came_of_ctrl_c(error):
+        if came_of_ctrl_c(error):
             return _complain("interrupted", INTERRUPTED)
         # typer's usage errors come from one click or another; both can format themselves.
         if show := getattr(error, "format_message", None):
@@ -92,12 +94,6 @@ def run(app: typer.Typer, arguments: Sequence[str]) -> int:
             how = f"{sys.executable} -m pip install {_DISTRIBUTIONS.get(package, package)}"
             return _complain(f"this needs {package}, which is not installed; run: {how}", BAD_INPUT)
         raise
-
-
-def _came_of_ctrl_c(error: BaseException | None) -> bool:
-    return error is not None and (
-        isinstance(error, KeyboardInterrupt) or _came_of_ctrl_c(error.__cause__ or error.__context__)
-    )
 
 
 def collect_seldom() -> None:

@@ -13,26 +13,16 @@ import numpy as np
 
 from runtime.diagnosis import score
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, ONCE, REST, SCORE, SHARE, SIZE, STEADY, TURN, GateResult
+from runtime.diagnosis.gates import CONTACT, FALL, HELD_OUT, ONCE, REST, SCORE, SIZE, TURN, GateResult
 from runtime.diagnosis.heard import Heard, heard, spread_over, steadily
 from runtime.diagnosis.score import Evidence, likelihood
-from runtime.diagnosis.settings import (
-    ABOVE_NOISE,
-    ALIKE,
-    AS_WELL,
-    AT_THE_FLOOR,
-    FAR_ABOVE_NOISE,
-    HEARD_SIGMAS,
-    LEAST_EXPLAINED,
-    MOST_LEFT,
-    WIDEST_ORDER,
-)
-from runtime.diagnosis.steps import Step, explained
-from runtime.identification.problem import Skew
+from runtime.diagnosis.settings import ABOVE_NOISE, ALIKE, FAR_ABOVE_NOISE, FLOOR_KNOWN, HEARD_SIGMAS
+from runtime.diagnosis.steps import Step
 from runtime.identification.regressors import Regressors
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
-from runtime.model.terms import Term, Values, joints_of
+from runtime.model.terms import Term, joints_of
+from runtime.motion.settings import MOST
 from runtime.regression.rows import JointRows
 from symbolic.described import DescribedParameter
 
@@ -54,7 +44,7 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     results = [
         SCORE.asked(evidence.score, evidence.due),
         *kept,
-        *_where_others_do_not_bear_it_out(before, after, replace(candidate, evidence=evidence), said),
+        *_once(before, after, candidate, said),
         FALL.asked(max(_fall(before, after, i) for i in own_joints(model, term))),
         SIZE.asked(float(_at_a_bound(after, term))),
         *_of_its_kind(after, term),
@@ -64,7 +54,7 @@ def refitted(before: Step, after: Step, candidate: Candidate) -> Candidate:
     return replace(candidate, evidence=evidence, predicted=predicted, results=tuple(results))
 
 
-_REFITTED = (SHARE, ONCE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT)
+_REFITTED = (ONCE, FALL, SIZE, CONTACT, TURN, REST, HELD_OUT)
 
 
 def between(without: Step, beside: Step, price: float = 0.0, repaid: float = 0.0) -> Evidence:
@@ -92,20 +82,16 @@ def explains_better(one: Step, other: Step, groups: Sequence[Collection[int]]) -
     return heard(one.held_out, other.held_out, groups).clear
 
 
-def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: float, whole: float) -> bool:
+def preferred(other: Step, best: Step, groups: Sequence[Collection[int]], cost: float) -> bool:
     """Whether a step is clearly better than another: recordings that were not fitted say so, or they say it less
-    clearly, if there are any, and it is likelier, over the dispersion, by more than ALIKE beyond what it costs more,
-    and by more than another form of the same law is, or from stretch to stretch. whole: what the likelihood gains by
-    it beside neither."""
+    clearly, if there are any, and it is likelier by more than ALIKE beyond what it costs more, and surely from stretch
+    to stretch."""
     if other.held_out is not None and best.held_out is not None:
         said = heard(other.held_out, best.held_out, groups)
         little = said.falls_to >= HELD_OUT.limit and said.sigmas <= HEARD_SIGMAS
         if said.clear or said.falls_to >= 1 or little:
             return said.clear
-    gain, spread = gained(other, best), max(between(best, other).dispersion, 1.0)
-    if gain / spread - cost <= ALIKE:
-        return False
-    return gain > REST.limit * whole or steadily(other.fitted, best.fitted, groups) > HEARD_SIGMAS
+    return gained(other, best) - cost > ALIKE and steadily(other.fitted, best.fitted, groups) > HEARD_SIGMAS
 
 
 def gained(other: Step, best: Step) -> float:
@@ -126,23 +112,13 @@ def acting(model: Model, term: Term) -> list[Collection[int]]:
 
 def above_noise(step: Step, joints: Sequence[int]) -> bool:
     """Whether the error is above the noise at any of these joints (0-based)."""
-    return any(step.fitted.rms[i] > AT_THE_FLOOR * step.floors[i] for i in joints)
+    return any(step.fitted.rms[i] > (1 - FLOOR_KNOWN) * step.floors[i] for i in joints)
 
 
-def _where_others_do_not_bear_it_out(
-    before: Step, after: Step, candidate: Candidate, said: Heard | None
-) -> Iterator[GateResult]:
-    """Of the gates that recordings answer better which were not fitted: how much of what is above the noise a term
-    takes away, at that of its joints where it is most, how steadily, and, if others come near, over how much time."""
-    model, own = after.fit.model, own_joints(after.fit.model, candidate.term)
-    if said is None or said.falls_to >= HELD_OUT.limit or said.sigmas <= STEADY.limit:
-        # Where no repeated motion shows the floor, it may be far higher, and the share larger.
-        sure = candidate.evidence.due < SHARE.limit / 2 * candidate.evidence.score
-        guessed = all(before.joints[i].floor.repeating is None for i in own)
-        half = model.library.effects[candidate.term.effect].several or (guessed and sure)
-        yield SHARE.asked(max(explained(before, after, i) for i in own), SHARE.limit / 2 if half else None)
-        yield STEADY.asked(steadily(after.fitted, before.fitted, acting(model, candidate.term)))
+def _once(before: Step, after: Step, candidate: Candidate, said: Heard | None) -> Iterator[GateResult]:
+    """Over how much time a term acts, if others come near and recordings that were not fitted do not bear it out."""
     if not candidate.alone and (said is None or not said.clear):
+        own = own_joints(after.fit.model, candidate.term)
         yield ONCE.asked(max(spread_over(after.fitted, before.fitted, i) for i in own))
 
 
@@ -205,33 +181,18 @@ def _pushing(step: Step, term: Term) -> float:
 
 
 def _off_the_turn(after: Step, term: Term) -> float:
-    """Of a line over the motor's angle, what the likelihood loses where its order is the nearest whole one of a turn of
-    the motor or of the joint, of what it may lose.
-
-    Where the interval is wide beside the distance of whole orders, one is near wherever the line is: it must explain as
-    well as the line's own order does.
-    """
-    model = after.fit.model
-    line = model.library.effects[term.effect].line
+    """By how much the interval of a line's order over the motor's angle misses the nearest whole one, of a turn of the
+    motor or of the joint, part of the distance of whole orders; infinite where it holds any."""
+    model, line = after.fit.model, after.fit.model.library.effects[term.effect].line
     assert line is not None
     assert term.joint is not None
-    order = after.fit.inference.values[term][line.name]
-    if order.interval is None:
-        return float("inf")
-    width, found = order.interval[1] - order.interval[0], [float("inf")]
-    for count in {1.0, model.joints[term.joint - 1].gear_ratio}:
-        whole, most = round(order.value * count) / count, ALIKE if width * count < WIDEST_ORDER else AS_WELL
-        if whole and width * count < 1.0:
-            there = _with_shape(after, term, {line.name: whole})
-            found.append(between(there, after).score / most)
-    return min(found)
-
-
-def _with_shape(step: Step, term: Term, shape: Values) -> Step:
-    fit = step.fit
-    shapes = {**fit.shapes, term: {**fit.shapes[term], **shape}}
-    solved = fit.problem.solve(shapes, Skew(fit.skew))
-    return replace(step, fit=replace(fit, shapes=shapes, coefficients=solved.coefficients, residual=solved.residual))
+    order, missed = after.fit.inference.values[term][line.name], [float("inf")]
+    low, high = order.interval or (-np.inf, np.inf)
+    for count in (1.0, model.joints[term.joint - 1].gear_ratio):
+        at, half = order.value * count, 0.5 * count * (high - low)
+        if half < 0.5 and round(at):
+            missed.append(max(abs(at - round(at)) - half, 0.0))
+    return min(missed)
 
 
 # one effect beside another -------------------------------------------------------------------------------------------
@@ -278,9 +239,9 @@ def only_nearest(first: Step, last: Step, joint: int) -> bool:
     left = last.joints[joint]
     before, after, spectrum = first.fitted.rms[joint], left.rms, left.floor.spectrum
     if left.floor.repeating is not None:
-        return after > ABOVE_NOISE * spectrum and left.floor.repeating**2 > MOST_LEFT * (before**2 - after**2)
+        return after > ABOVE_NOISE * spectrum and left.floor.repeating**2 > MOST * (before**2 - after**2)
     far = after > FAR_ABOVE_NOISE * spectrum and last.held_out is None
-    return far and before**2 - after**2 < LEAST_EXPLAINED * (before**2 - spectrum**2)
+    return far and before**2 - after**2 < MOST * (before**2 - spectrum**2)
 
 
 # dry friction's presliding under another name ------------------------------------------------------------------------

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.gates import GateResult, failed
 from runtime.diagnosis.score import NOT_WEIGHED, Evidence, price
-from runtime.diagnosis.settings import GROSS, MOST_OF_ONE
+from runtime.diagnosis.settings import MOST_FINDINGS
 from runtime.identification import grids
 from runtime.identification.fit import Fit, smoothing_change
 from runtime.identification.grids import motor_angle
@@ -26,10 +26,9 @@ from runtime.identification.problem import change
 from runtime.identification.recorded_torque import LINK_LOAD
 from runtime.identification.regressors import Regressors
 from runtime.model.terms import Term, Values, joints_of, known_vector, reads_arm
+from runtime.motion.settings import SOME
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ class FittedBase:
             if info.scope == "contact" and self.model.contact is None:
                 continue
             terms = [self._next(Term(name, place)) if info.several else Term(name, place) for place in places]
-            new = (t for t in terms if t not in active and t not in covered and t.number <= MOST_OF_ONE)
+            new = (t for t in terms if t not in active and t not in covered and t.number <= MOST_FINDINGS)
             found += [t for t in new if self._possible(t)]
         return found
 
@@ -172,7 +171,8 @@ class FittedBase:
         if vector is None:
             return None
         stated, size = vector
-        return bool(abs(np.linalg.norm(stated + coefficients) - size) < GROSS * size)
+        # Masses of a model file are right to 5 to 20 %.
+        return bool(abs(np.linalg.norm(stated + coefficients) - size) < SOME * size)
 
     def price(self, term: Term, searched: int, among: int, rows: int, predicted: bool | None = None) -> float:
         """What a term's score must exceed, sought at every joint and `among` places of its shape; rows: independent

@@ -15,18 +15,9 @@ from itertools import combinations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from runtime.diagnosis.settings import (
-    CONTRADICTS,
-    FAR_ABOVE_NOISE,
-    GROSS,
-    GROSS_TORQUE,
-    LEAST_MOVING_S,
-    LEAST_PASSES,
-    MATERIAL,
-    MOSTLY,
-)
+from runtime.arrays import Array
+from runtime.diagnosis.settings import FAR_ABOVE_NOISE, LEAST_MOVING_S, LEAST_PASSES
 from runtime.diagnosis.steps import seconds_moving
 from runtime.documents.fits import ContradictionEntry, RecordingFit
 from runtime.fit_warnings import Suspicion, suspicions
@@ -37,12 +28,10 @@ from runtime.identification.problem import Problem, Skew
 from runtime.identification.settings import INTERVAL_SIGMAS
 from runtime.model.loader import LumpInfo
 from runtime.motion.motion import Motion
-from runtime.motion.settings import MORE_THAN_NOISE
+from runtime.motion.settings import CERTAIN, LITTLE, MORE_THAN_NOISE, MOST, SOME
 from runtime.recordings.recording import Recording
 from runtime.wording import times_floor
 from symbolic.model_file.arm import ROTOR
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -187,7 +176,7 @@ def _apart(
 def contradict(one: float, other: float, spread: float) -> bool:
     """Whether two values of a parameter cannot both be right; `spread`: standard deviation of their difference."""
     difference = abs(one - other)
-    return difference > CONTRADICTS * spread and difference > MATERIAL * max(abs(one), abs(other))
+    return difference > CERTAIN * spread and difference > LITTLE * max(abs(one), abs(other))
 
 
 @dataclass(frozen=True)
@@ -208,8 +197,8 @@ def wrong_in_file(fit: Fit) -> list[WrongInFile]:
     found = []
     for k, (lump, e) in enumerate(zip(fit.model.lumps, fit.inference.lumps, strict=True)):
         if lump.value is not None and contradict(lump.value, e.value, deviation(e)):
-            far = abs(lump.value - e.value) > GROSS * max(abs(lump.value), abs(e.value))
-            found.append(WrongInFile(lump, lump.value, e, far and _of_torque(fit, k, lump.value) > GROSS_TORQUE))
+            far = abs(lump.value - e.value) > SOME * max(abs(lump.value), abs(e.value))
+            found.append(WrongInFile(lump, lump.value, e, far and _of_torque(fit, k, lump.value) > LITTLE))
     return found
 
 
@@ -355,4 +344,4 @@ def far_above_noise(joint: JointSeries) -> bool:
 
 def mostly_missed(joints: Sequence[JointSeries]) -> list[JointSeries]:
     """Joints of whose torque more is missed than found, and that is no noise."""
-    return [s for s in joints if s.relative > MOSTLY and far_above_noise(s)]
+    return [s for s in joints if s.relative > MOST and far_above_noise(s)]

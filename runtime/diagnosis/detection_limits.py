@@ -17,8 +17,8 @@ from typing import Literal
 
 import numpy as np
 from msgspec import UNSET
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.candidates import FittedBase
 from runtime.diagnosis.gates import TORQUE, failed
 from runtime.diagnosis.ranking import Weighing, Whitened, results
@@ -30,8 +30,6 @@ from runtime.model.catalogue import EffectInfo
 from runtime.model.terms import Term, Values, joints_of, unit_of
 from runtime.progress import is_late, of_each
 from runtime.regression.rows import Block, Columns
-
-Array = NDArray[np.float64]
 
 _OF_A_SPRING = ("stiffness", "damping")
 
@@ -109,9 +107,9 @@ def _typical(shapes: Sequence[Values]) -> Values:
     return shapes[int(np.argmin(away))]
 
 
-def _seen(weighing: Weighing, added: Array, dispersion: float, edge: float = np.inf) -> bool:
+def _seen(weighing: Weighing, added: Array, dispersion: tuple[float, float], edge: float = np.inf) -> bool:
     found = weighing.solutions(added)
-    evidence = Evidence(found.gain, dispersion, weighing.price())
+    evidence = Evidence(found.gain, *dispersion, weighing.price())
     return not failed(results(evidence, found.eff, weighing.floor, edge))
 
 

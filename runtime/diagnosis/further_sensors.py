@@ -13,22 +13,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.gates import LAG, LESS_PLAY, MORE_PLAY, ON_LINK, ON_MOTOR, RIGID, Gate, GateResult
-from runtime.diagnosis.settings import SENSOR_SIGMAS, SENSOR_STRETCHES
+from runtime.diagnosis.settings import SENSOR_STRETCHES
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import LOADED
 from runtime.identification.twist import late, without_peaks
 from runtime.model.terms import Term, joints_of
 from runtime.motion.piece import Piece, Sensors
+from runtime.motion.settings import CERTAIN, SOME
 from runtime.regression.noise import over_stretches
 from runtime.regression.rows import Block
 from runtime.regression.settings import LEAST_OWN
 from runtime.regression.system import LinearSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Echo:
 
     def asked(self, gate: Gate) -> GateResult:
         """Of a gate, whose limit must surely be missed to keep it closed."""
-        return gate.asked(self.part, spread=SENSOR_SIGMAS * self.spread)
+        return gate.asked(self.part, spread=CERTAIN * self.spread)
 
 
 def echo(torque: Array, seen: Array, noise: tuple[Array, Array] | None = None) -> Echo | None:
@@ -118,7 +116,7 @@ class FurtherSensors:
         both = np.concatenate(twists, axis=1)
         carried = np.concatenate(loads) + self._measured_lag(whole, own)[own]
         largest = without_peaks(carried)
-        use = motion.unaffected(own) & (np.abs(carried) > LOADED * largest)
+        use = motion.unaffected(own) & (np.abs(carried) > SOME * largest)
         torque = carried[use] / largest
         base = np.array([np.ones_like(torque), torque, torque**3])
         step = _beyond(base, np.sign(torque))
@@ -127,7 +125,7 @@ class FurtherSensors:
             return
         # No gap is negative; what comes out below zero is how far a spring's curve departs from a cubic.
         shown, modelled = max(there.part, 0.0), max(has.part, 0.0)
-        apart, spread = shown - modelled, SENSOR_SIGMAS * float(np.hypot(there.spread, has.spread))
+        apart, spread = shown - modelled, CERTAIN * float(np.hypot(there.spread, has.spread))
         alike = min(shown, modelled) > max(shown, modelled) / 2
         # It is more than a spring: a wider gap is a matter of its values.
         if alike or (apart > 0 and info.has_gap):

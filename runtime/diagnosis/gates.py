@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from runtime.diagnosis.settings import LEAST_PRICE
-from runtime.motion.settings import RESOLVED
+from runtime.motion.settings import MOST, RESOLVED, SOME
 from runtime.regression.settings import LEAST_OWN
 
 Sensor = Literal["link encoder", "output sensor"]
@@ -94,17 +94,6 @@ EDGE: Final = Gate(
     "a shape nearer to an end was not found but stopped there",
     "development recordings",
 )
-SHARE: Final = Gate(
-    "share",
-    "part of the squared error above the noise floor that goes with it, all refitted; not asked where recordings that "
-    "were not fitted bear it out",
-    "above",
-    0.2,
-    "part",
-    "what explains less is not what is missing; half is enough where a joint may have several, or where the price is "
-    "such a part of the score and no repeated motion shows the floor",
-    "a quarter in the trial of the method, a fifth after development recordings with two effects",
-)
 ONCE: Final = Gate(
     "once",
     "number of even stretches of time, of 40, over which its torque is spread; not asked where recordings that were "
@@ -123,17 +112,6 @@ FALL: Final = Gate(
     "part",
     "no user would add an effect for a smaller improvement",
     _TRIAL,
-)
-STEADY: Final = Gate(
-    "steady",
-    "standard deviations by which the logarithm of the squared error falls over stretches that hold equal parts of its "
-    "torque, of recordings that were not fitted or else of those that were",
-    "above",
-    1.645,
-    "standard deviations",
-    "what helps at one moment and harms at others bends to something else; 95 per cent of a normal distribution, on "
-    "one side",
-    "a real axis on which a spring helps for one of five laps",
 )
 SIZE: Final = Gate(
     "size",
@@ -156,11 +134,11 @@ CONTACT: Final = Gate(
 )
 TURN: Final = Gate(
     "turn",
-    "what the likelihood loses where a line's order is the nearest whole one, of what it may lose",
+    "distance of the interval of a line's order from the nearest whole one",
     "below",
-    1.0,
-    "part",
-    "any other line is one over time, a law over the position, or chance",
+    0.005,
+    "part of the distance of whole orders",
+    "any other line is one over time, a law over the position, or chance, which comes so near once in a hundred times",
     "by construction",
 )
 REST: Final = Gate(
@@ -203,7 +181,7 @@ ENCODERS: Final = Gate(
     "encoders",
     "square of what another reading of the encoders would change, of the torque's own square",
     "below",
-    0.4,
+    MOST,
     "part",
     "beyond, it is the encoder's torque and not the candidate's",
     _CODED,
@@ -212,7 +190,7 @@ LAG: Final = Gate(
     "lag",
     "part of a transmission's torque by which the link lags behind",
     "above",
-    0.3,
+    SOME,
     "part",
     "inertia that is not well known scales the lag",
     _LINKED,
@@ -222,7 +200,7 @@ RIGID: Final = Gate(
     "rigid",
     "part of another candidate's torque that is the lag of the link",
     "below",
-    0.5,
+    MOST,
     "part",
     "then the transmission gives way instead; between all of it and none, by construction",
     _LINKED,
@@ -252,7 +230,7 @@ ON_LINK: Final = Gate(
     "on the link",
     "part of a torque on the link that the torque sensor at the output feels",
     "above",
-    0.5,
+    MOST,
     "part",
     "between all of it and none",
     "by construction",
@@ -299,7 +277,7 @@ RECORDINGS: Final = Gate(
 
 GATES: Final = (
     *(SCORE, TORQUE, PART, EDGE, RESOLUTION, MODEL, ENCODERS),
-    *(SHARE, ONCE, FALL, STEADY, SIZE, CONTACT, TURN, REST, HELD_OUT),
+    *(ONCE, FALL, SIZE, CONTACT, TURN, REST, HELD_OUT),
     *(LAG, RIGID, MORE_PLAY, LESS_PLAY, ON_LINK, ON_MOTOR, BOUND),
     *(BOTH_JOINTS, RECORDINGS),
 )

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.ranking import Ranking, rank
-from runtime.diagnosis.settings import GUESS_REACH
 from runtime.diagnosis.steps import Step
 from runtime.identification.fitting import fit_motion
 from runtime.identification.problem import Problem
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, steps
+from runtime.motion.settings import LITTLE
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def _rank(base: FittedBase, terms: Sequence[Term], floors: Sequence[float]) -> R
 
 
 def _nearly_best(ranking: Ranking, model: Model) -> list[Candidate]:
-    least, effects = GUESS_REACH * ranking.candidates[0].evidence.net, model.library.effects
+    least, effects = (1 - LITTLE) * ranking.candidates[0].evidence.net, model.library.effects
     near = [c for c in ranking.candidates if c.passes and c.evidence.net >= least]
     return sorted(near, key=lambda c: (len(effects[c.term.effect].parameters), -c.evidence.net))
 

@@ -2,7 +2,8 @@
 
 Their errors are plain, not whitened: they hold what the fit's own values cost elsewhere. Time is cut where the two
 fits differ, so that each stretch holds as much of their difference: of an effect that acts everywhere these are even
-stretches, of one that acts for a moment they lie within it, and stretches without it say nothing.
+stretches, of one that acts for a moment they lie within it, and stretches without it say nothing. A law that is there
+takes as much from the squared error of each. Source: the test of two laws that are not nested, Vuong 1989.
 """
 
 from __future__ import annotations
@@ -12,32 +13,28 @@ from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.gates import HELD_OUT
-from runtime.diagnosis.settings import HEARD_SIGMAS, IDLE, STRETCHES
-
-Array = NDArray[np.float64]
+from runtime.diagnosis.score import stretches
+from runtime.diagnosis.settings import HEARD_SIGMAS, STRETCHES, TIED
+from runtime.motion.settings import LITTLE
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖.
-
-    left   by joint (m,): the residual's rows that count
-    ties   by joint, rows that hang together: a period of the band's end
-    """
+    """Error of every joint on one set of recordings: RMS and ‖τ − τ̂‖/‖τ‖; left: by joint (m,), the residual's rows that
+    count."""
 
     rms: tuple[float, ...]
     relative: tuple[float, ...]
     left: tuple[Array, ...] = ()
-    ties: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class Heard:
     """falls_to: part of the squared error that is left where the fits differ; sigmas: by how many standard deviations
-    of its stretches' logarithms that is below 1. Infinite and 0 where nothing is told."""
+    it falls from stretch to stretch. Infinite and 0 where nothing is told."""
 
     falls_to: float
     sigmas: float
@@ -63,7 +60,7 @@ def heard(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> Hear
 
 
 def steadily(one: Errors, other: Errors, groups: Sequence[Collection[int]]) -> float:
-    """Standard deviations by which the squared error's logarithm falls, at the best of some groups of joints."""
+    """Standard deviations by which the squared error falls, at the best of some groups of joints."""
     return max((_at(one, other, group).sigmas for group in groups), default=0.0)
 
 
@@ -77,31 +74,26 @@ def spread_over(one: Errors, other: Errors, joint: int) -> float:
 def _at(one: Errors, other: Errors, joints: Collection[int]) -> Heard:
     """Of one fit against another at some joints (0-based)."""
     own = [i for i in joints if len(one.left[i]) and other.rms[i] > 0]
-    return compared([one.left[i] for i in own], [other.left[i] for i in own], [one.ties[i] for i in own])
+    return compared([one.left[i] for i in own], [other.left[i] for i in own])
 
 
-def compared(left: Sequence[Array], before: Sequence[Array], ties: Sequence[int]) -> Heard:
-    """Of residuals (m,) of some joints against others; ties: numbers of rows that hang together."""
+def compared(left: Sequence[Array], before: Sequence[Array]) -> Heard:
+    """Of residuals (m,) of some joints against others."""
     units = [max(float(np.sqrt(np.mean(r**2))), 1e-300) for r in before]
-    parts = [_stretched(a / u, b / u, tie) for a, b, u, tie in zip(left, before, units, ties, strict=True)]
+    parts = [_stretched(a / u, b / u) for a, b, u in zip(left, before, units, strict=True)]
     now, was, sizes = (np.concatenate([part[k] for part in parts] or [np.zeros(0)]) for k in range(3))
     if not len(now) or not np.isfinite([*now, *was]).all():
         return Heard(inf, 0.0)
-    logs = np.log(was / now)
-    spread = float(np.std(logs, ddof=1)) / len(logs) ** 0.5 if len(logs) > 1 else inf
-    sigmas = float(np.mean(logs)) / spread if spread > 0 else 0.0
+    falls = was - now
+    spread = float(np.std(falls, ddof=1)) / len(falls) ** 0.5 if len(falls) > 1 else inf
+    sigmas = float(np.mean(falls)) / spread if spread > 0 else 0.0
     # The longest stretches are those in which the fits hardly differ.
-    busy = np.argsort(-sizes, kind="stable")[round(IDLE * len(sizes)) :]
+    busy = np.argsort(-sizes, kind="stable")[round(LITTLE * len(sizes)) :]
     return Heard(float(now[busy].sum() / was[busy].sum()), sigmas)
 
 
-def _stretched(left: Array, before: Array, tie: int) -> tuple[Array, Array, Array]:
+def _stretched(left: Array, before: Array) -> tuple[Array, Array, Array]:
     """(S,) squares of two residuals (m,) and numbers of rows, over stretches of equal squared difference."""
-    apart = np.cumsum((left - before) ** 2)
-    edges = [0]
-    if apart[-1] > 0:
-        for end in np.searchsorted(apart, apart[-1] * np.arange(1, STRETCHES) / STRETCHES) + 1:
-            if edges[-1] + tie <= end <= len(left) - tie:
-                edges.append(int(end))
-    squares = [np.maximum(np.add.reduceat(x**2, edges), 1e-300) for x in (left, before)]
-    return squares[0], squares[1], np.diff([*edges, len(left)])
+    edges = stretches((left - before) ** 2, TIED)
+    now, was = (np.maximum(np.add.reduceat(x**2, edges), 1e-300) for x in (left, before))
+    return now, was, np.diff([*edges, len(left)])

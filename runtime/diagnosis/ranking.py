@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis import score
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors
@@ -27,32 +27,22 @@ from runtime.diagnosis.gates import (
     TORQUE,
     GateResult,
 )
-from runtime.diagnosis.heard import compared
 from runtime.diagnosis.score import Evidence
-from runtime.diagnosis.settings import (
-    ALIKE,
-    FINALISTS,
-    FINALISTS_OF_A_JOINT,
-    HEARD_SIGMAS,
-    OF_WHAT_IS_LEFT,
-    WORTH_A_LOOK,
-)
+from runtime.diagnosis.settings import FINALISTS, FINALISTS_OF_A_JOINT, WORTH_A_LOOK
 from runtime.model.terms import Term, joints_of
+from runtime.motion.settings import SOME
 from runtime.progress import of_each
 from runtime.regression.noise import Whitening
 from runtime.regression.rows import Block
 from runtime.regression.system import LinearSystem, Solution
 from runtime.wording import times_floor
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Ranking:
-    """All finalists, the best first; rivals: terms from which these data cannot separate the best."""
+    """All finalists, the best first."""
 
     candidates: tuple[Candidate, ...] = ()
-    rivals: tuple[Term, ...] = ()
 
     @property
     def best(self) -> Candidate | None:
@@ -102,7 +92,7 @@ class Solutions:
         independent = [rows.independent for rows in self.white_after.system.joints]
         before, after = self.white_before.residual, self.white_after.residual
         gain = score.gain(independent, before, after)
-        return Evidence(gain, score.dispersion(independent, before, after), price)
+        return Evidence(gain, *score.dispersion(independent, before, after), price)
 
 
 def results(evidence: Evidence, eff: float, floor: float, edge: float) -> Iterator[GateResult]:
@@ -165,9 +155,8 @@ class Whitened:
         """Of the system and of the whitened one, without a candidate."""
         return self.system.solution, self.white.solution
 
-    def weighed(self, candidate: Candidate, block: Block) -> tuple[Candidate, tuple[Array, ...]]:
-        """A candidate with its block on the system, and what every gate says of it; (M,) by joint its whitened
-        residual."""
+    def weighed(self, candidate: Candidate, block: Block) -> Candidate:
+        """A candidate with its block on the system, and what every gate says of it."""
         weighing = Weighing(self, candidate.term, candidate.searched, block=block, among=candidate.among)
         found = weighing.solutions()
         theta = np.append(1.0, found.after.coefficients[len(self.system.unknown) :])
@@ -181,8 +170,7 @@ class Whitened:
             *weighing.of_torque(theta),
             *self._sensors.results(weighing.plain_base, candidate, block, theta),
         )
-        weighed = replace(candidate, eff=found.eff, evidence=evidence, predicted=predicted, results=told)
-        return weighed, found.white_after.residual
+        return replace(candidate, eff=found.eff, evidence=evidence, predicted=predicted, results=told)
 
     def at_both(self, candidate: Candidate, block: Block, singles: Mapping[int, Block]) -> Candidate:
         """A candidate of two joints, and what the gate says of its torque at either; singles: by joint (0-based), what
@@ -254,8 +242,9 @@ class Weighing:
         unit = own.base.rms(self.joints[0]) / float(np.sqrt(count))
         return Solutions(before, after, white_before, white_after, unit)
 
-    def dispersion(self, theta: Array) -> float:
-        """Of the score of a torque, (1 + k,) `theta` of the columns, beside noise like what is left now."""
+    def dispersion(self, theta: Array) -> tuple[float, float]:
+        """Of the score of a torque, (1 + k,) `theta` of the columns, beside noise like what is left now, and over how
+        many stretches it is spread."""
         own, white = self.beside.white, self._instead[1]
         taken = white.base if white.base is not None else own
         left = taken.beyond(self._white_block.torque(theta))
@@ -304,7 +293,7 @@ def weigh(base: FittedBase, candidates: Sequence[Candidate], floors: Sequence[fl
         solution = system.with_block(block).solution
         left = sum(r.weight**2 * float(e @ e) for r, e in zip(system.joints, solution.residual, strict=True))
         # Where the noise that is compensated for is most of what is left, nothing is known of the rest.
-        if solution.sse > OF_WHAT_IS_LEFT * left:
+        if solution.sse > SOME * left:
             finalists.append(candidate)
             blocks.append(block)
             errors.append(solution.sse)
@@ -313,25 +302,22 @@ def weigh(base: FittedBase, candidates: Sequence[Candidate], floors: Sequence[fl
     beside = Whitened(base, base.system, floors, blocks[int(np.argmin(errors))])
     found = [beside.weighed(c, b) for c, b in zip(finalists, blocks, strict=True)]
     found = _at_both_joints(beside, found, blocks)
-    found.sort(key=lambda one: (not one[0].passes, -one[0].evidence.net))
-    return Ranking(tuple(c for c, _ in found), _rivals(base, found))
+    return Ranking(tuple(sorted(found, key=lambda c: (not c.passes, -c.evidence.net))))
 
 
-def _at_both_joints(
-    beside: Whitened, weighed: Sequence[tuple[Candidate, tuple[Array, ...]]], blocks: Sequence[Block]
-) -> list[tuple[Candidate, tuple[Array, ...]]]:
+def _at_both_joints(beside: Whitened, weighed: Sequence[Candidate], blocks: Sequence[Block]) -> list[Candidate]:
     """Weighed candidates; those of two joints that pass are asked for their torque at either, beside the best
     candidate there that is of one joint."""
     effects = beside.base.model.library.effects
     singles: dict[int, tuple[float, Block]] = {}
-    for (c, _), block in zip(weighed, blocks, strict=True):
+    for c, block in zip(weighed, blocks, strict=True):
         joint = (c.term.joint or 0) - 1
         if effects[c.term.effect].scope == "joint" and c.evidence.net > singles.get(joint, (0.0, block))[0]:
             singles[joint] = c.evidence.net, block
     alone = {joint: block for joint, (_, block) in singles.items()}
     return [
-        (beside.at_both(c, block, alone) if c.passes and effects[c.term.effect].scope == "joints" else c, left)
-        for (c, left), block in zip(weighed, blocks, strict=True)
+        beside.at_both(c, block, alone) if c.passes and effects[c.term.effect].scope == "joints" else c
+        for c, block in zip(weighed, blocks, strict=True)
     ]
 
 
@@ -348,19 +334,3 @@ def _finalists(base: FittedBase, terms: Sequence[Term]) -> list[Candidate]:
         chosen += [c for c in hopeful if c.term.joint == joint][:FINALISTS_OF_A_JOINT]
     chosen += [c for c in scored if base.watched(c.term)]
     return list({c.term: c for c in chosen}.values())
-
-
-def _rivals(base: FittedBase, ranked: Sequence[tuple[Candidate, tuple[Array, ...]]]) -> tuple[Term, ...]:
-    """Those that pass, too, and that are as likely as the first over most stretches of time, at its joints."""
-    first, left = ranked[0]
-    if not first.passes:
-        return ()
-    found, own, motion = [], joints_of(base.model, first.term), base.motion
-    ties = [max(1, round(motion.row_rate(i) / motion.cutoff(i))) for i in own]
-    for other, residual in ranked[1:]:
-        if not (other.passes and set(own) & set(joints_of(base.model, other.term))):
-            continue
-        near = first.evidence.net - other.evidence.net < ALIKE
-        if near or compared([left[i] for i in own], [residual[i] for i in own], ties).sigmas < HEARD_SIGMAS:
-            found.append(other.term)
-    return tuple(found)

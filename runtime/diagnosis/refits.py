@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from runtime.diagnosis.acceptance import acting, between, own_joints, preferred, refitted
+from runtime.diagnosis.acceptance import acting, own_joints, preferred, refitted
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import STEADY
 from runtime.diagnosis.ranking import weigh
 from runtime.diagnosis.score import NOT_WEIGHED
-from runtime.diagnosis.settings import ABOVE_NOISE, LEAST_PRICE
+from runtime.diagnosis.settings import ABOVE_NOISE
 from runtime.diagnosis.steps import Step, Trail
 from runtime.model.terms import Term, joints_of
 
@@ -60,19 +59,12 @@ def best_of(trail: Trail, those: Sequence[Refitted]) -> tuple[Refitted, tuple[Te
     best = max(able, key=lambda one: one.candidate.evidence.net)
     for one in able:
         groups = of_either(trail, one.term, best.term)
-        if one is not best and preferred(one.step, best.step, groups, dearer(one, best), one.candidate.evidence.gain):
+        if one is not best and preferred(one.step, best.step, groups, dearer(one, best)):
             best = one
-    # What helps at some moments only is no finding, but it may be as likely as one.
-    others = [one for one in those if all(r.gate is STEADY for r in one.candidate.failed)]
-    alike = [one for one in others if one is best or not clearly_worse(trail, one, best)]
-    cheapest = simplest(trail, [one.candidate for one in alike if one.candidate.passes])
+    alike = [one for one in able if one is best or not clearly_worse(trail, one, best)]
+    cheapest = simplest(trail, [one.candidate for one in alike])
     first = next(one for one in alike if one.candidate is cheapest)
-    rivals = [one.term for one in alike if one is not first]
-    ranked = trail.ranking
-    if ranked.candidates and ranked.candidates[0].term in (first.term, *rivals):
-        tried = {one.term for one in those}
-        rivals += [t for t in ranked.rivals if t not in tried and place_of(trail, t) == place_of(trail, first.term)]
-    return first, tuple(rivals)
+    return first, tuple(one.term for one in alike if one is not first)
 
 
 def simplest(trail: Trail, those: Sequence[Candidate]) -> Candidate:
@@ -90,17 +82,12 @@ def dearer(one: Refitted, other: Refitted) -> float:
 
 
 def clearly_worse(trail: Trail, one: Refitted, best: Refitted) -> bool:
-    effects = trail.model.library.effects
-    if one.term.effect in effects[best.term.effect].generalises:
-        # Of two laws of which one contains the other: the score of what the wider one adds.
-        return between(one.step, best.step).score > LEAST_PRICE
     joint = best.step.joints[own_joints(trail.model, best.term)[0]]
-    if effects[one.term.effect].has_gap and joint.rms > ABOVE_NOISE * joint.floor.spectrum:
+    if trail.model.library.effects[one.term.effect].has_gap and joint.rms > ABOVE_NOISE * joint.floor.spectrum:
         # The blows in a gap follow from motion above the band, which a simulation does not know: an error of theirs
         # says little where what stands in their place leaves far more than noise as well.
         return False
-    gain = best.candidate.evidence.gain
-    return preferred(best.step, one.step, of_either(trail, one.term, best.term), dearer(best, one), gain)
+    return preferred(best.step, one.step, of_either(trail, one.term, best.term), dearer(best, one))
 
 
 def of_either(trail: Trail, one: Term, other: Term) -> list[Collection[int]]:

@@ -21,7 +21,7 @@ from runtime.diagnosis.acceptance import (
     refitted,
 )
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import FALL, HELD_OUT, ONCE, REST, SCORE, SHARE
+from runtime.diagnosis.gates import FALL, HELD_OUT, ONCE, REST, SCORE
 from runtime.diagnosis.ranking import Ranking, rank, weigh
 from runtime.diagnosis.refits import (
     Refitted,
@@ -37,18 +37,18 @@ from runtime.diagnosis.refits import (
 )
 from runtime.diagnosis.settings import (
     ALIKE,
+    FINALISTS_OF_A_JOINT,
     HEARD_SIGMAS,
     LEAST_MOVING_S,
     LEAST_PRICE,
     MOST_FINDINGS,
     MOST_PAIRED,
-    MOST_TRIED,
     SHOWN_ALIKE,
-    WORTH_A_REFIT,
 )
 from runtime.diagnosis.steps import CutShort, Step, Trail, seconds_moving, with_witnessed
 from runtime.diagnosis.twist import Witnessed, witnessed
 from runtime.model.terms import Term, joints_of
+from runtime.motion.settings import MOST
 
 # comparisons ---------------------------------------------------------------------------------------------------------
 
@@ -80,8 +80,8 @@ def undecided(trail: Trail, joint: int) -> Candidate | None:
 def _repayable(candidate: Candidate) -> bool:
     """Whether only that stands against a candidate which recordings that were not fitted answer."""
     missed = {r.gate.name for r in candidate.failed}
-    near = candidate.evidence.score > candidate.evidence.price - 0.5 * HEARD_SIGMAS**2
-    return bool(missed) and missed <= {SCORE.name, SHARE.name, ONCE.name} and near
+    near = candidate.evidence.score > replace(candidate.evidence, repaid=0.5 * HEARD_SIGMAS**2).due
+    return bool(missed) and missed <= {SCORE.name, ONCE.name} and near
 
 
 def not_borne_out(trail: Trail, joint: int) -> Candidate | None:
@@ -191,7 +191,7 @@ def _winner(trail: Trail, place: int | None, asked: list[Candidate]) -> list[tup
 def _apart(those: list[Refitted]) -> list[Refitted]:
     """Some refits of one place; the likeliest is alone if no other comes near it."""
     first, *rest = sorted(those, key=lambda one: -one.candidate.evidence.gain)
-    if any(one.candidate.evidence.gain > WORTH_A_REFIT * first.candidate.evidence.gain for one in rest):
+    if any(one.candidate.evidence.gain > MOST * first.candidate.evidence.gain for one in rest):
         return those
     asked = tuple(r for r in first.candidate.results if r.gate is not ONCE)
     return [replace(first, candidate=replace(first.candidate, alone=True, results=asked)), *rest]
@@ -209,7 +209,7 @@ def _able(trail: Trail, place: int | None) -> list[Candidate]:
 def _batches(able: list[Candidate]) -> Iterator[list[Candidate]]:
     """The likeliest candidates and what gains nearly as much; then, where none of them holds, the next."""
     while able:
-        batch = [c for c in able[:MOST_TRIED] if c.evidence.gain > WORTH_A_REFIT * able[0].evidence.gain]
+        batch = [c for c in able[:FINALISTS_OF_A_JOINT] if c.evidence.gain > MOST * able[0].evidence.gain]
         yield batch
         able = [c for c in able if c not in batch]
 
@@ -320,9 +320,9 @@ def _instead(trail: Trail, finding: Step, other: Candidate, there: Step, ranking
     and not clearly worse, which makes the two rivals."""
     own, groups = finding.term, of_either(trail, other.term, finding.term)
     dearer = other.evidence.price - finding.candidate.evidence.price
-    better = preferred(there, trail.last, groups, dearer, other.evidence.gain)
+    better = preferred(there, trail.last, groups, dearer)
     simpler = unknowns(trail, other) < unknowns(trail, finding.candidate)
-    worse = preferred(trail.last, there, groups, -dearer, finding.candidate.evidence.gain)
+    worse = preferred(trail.last, there, groups, -dearer)
     if not better and not (simpler and not worse):
         return None
     rivals = () if better else (own,)
@@ -364,23 +364,25 @@ def _pair_instead(trail: Trail, finding: Step, second: Candidate) -> Trail | Non
         if k == 0 and (made := refit(trail, second)).candidate.passes:
             own, rest = made.step, [finding.candidate, second]
         one = trail.refitted(trail.structure([*kept, (first.term, first.shape)]), trail.last)
-        beside = [t for t in one.base.terms() if place_of(trail, t) == place_of(trail, first.term)]
+        here = place_of(trail, first.term)
+        beside = [t for t in one.base.terms() if t != finding.term and place_of(trail, t) == here]
         other = _ranked(one, beside).best
-        if other is None or {first.term, other.term} == {finding.term, second.term}:
+        if other is None:
             continue
-        if gained(one, own) + other.evidence.gain < 0:
+        alone = trail.refitted(trail.structure([*kept, (other.term, other.shape)]), one)
+        # Its shape was that of one which stands for both.
+        again = _ranked(alone, [first.term]).best
+        if again is None or gained(alone, own) + again.evidence.gain < 0:
             continue
-        start = trail.structure([*kept, (other.term, other.shape)])
-        alone = trail.refitted(start, one)
-        pair = trail.refitted({**start, first.term: dict(one.shapes[first.term])}, one)
-        cost = first.evidence.price + other.evidence.price - sum(c.evidence.price for c in rest)
-        each = refitted(alone, pair, weighed_anew(alone, first)), refitted(one, pair, other)
+        both = [(other.term, alone.shapes[other.term]), (again.term, again.shape)]
+        pair = trail.refitted(trail.structure([*kept, *both]), alone)
+        cost = again.evidence.price + other.evidence.price - sum(c.evidence.price for c in rest)
+        each = refitted(alone, pair, again), refitted(one, pair, other)
         if may_be_the_rest(trail.model, first.term, other.term) or may_be_the_rest(trail.model, other.term, first.term):
             lost = [lost_without(finding.previous, x, pair, finding.joint_index) for x in (alone, one)]
             if not REST.asked(min(lost)).passes:
                 continue
-        whole = sum(c.evidence.gain for c in each)
-        if all(c.passes for c in each) and preferred(pair, own, acting(trail.model, first.term), cost, whole):
+        if all(c.passes for c in each) and preferred(pair, own, acting(trail.model, first.term), cost):
             trail = trail.rebuilt([f for f in trail.findings if f is not finding], {}, (finding.term,))
             for candidate in each:
                 made = refit(trail, candidate, stale=True)
@@ -426,8 +428,7 @@ def with_rivals_decided(trail: Trail) -> Trail:
             if swapped is not None:
                 return swapped
             cost = finding.candidate.evidence.price - candidate.evidence.price
-            gain = finding.candidate.evidence.gain
-            if not preferred(trail.last, there, of_either(trail, term, finding.term), cost, gain):
+            if not preferred(trail.last, there, of_either(trail, term, finding.term), cost):
                 alike.append(term)
         trail = with_rivals(trail, {finding.term: tuple(alike)})
     return trail

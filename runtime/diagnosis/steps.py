@@ -10,21 +10,13 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.gates import TORQUE
 from runtime.diagnosis.heard import Errors
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
-from runtime.diagnosis.settings import (
-    ABOVE_NOISE,
-    BUDGET,
-    BURST_POWER,
-    FORM_ABOVE_NOISE,
-    FORM_PART,
-    SLOW_AND_BURSTS,
-    SLOW_DENSITY,
-)
+from runtime.diagnosis.settings import ABOVE_NOISE, BUDGET, BURST_POWER, FLOOR_KNOWN, SLOW_AND_BURSTS, SLOW_DENSITY
 from runtime.documents.parts import SearchEnd
 from runtime.fit_warnings import Suspicion
 from runtime.identification.compare import JointSeries, errors, series, series_on, structure_shares
@@ -32,7 +24,7 @@ from runtime.identification.drive_gains import told_gains
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import Fit
 from runtime.identification.fitting import fit_motion
-from runtime.identification.identify import without_beats
+from runtime.identification.identify import without_folded, without_untold
 from runtime.identification.problem import Problem
 from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
@@ -40,9 +32,8 @@ from runtime.model.terms import Structure, Term, Values, joints_of, structure
 from runtime.motion import spectra
 from runtime.motion.band import LineAbove
 from runtime.motion.motion import Motion
+from runtime.motion.settings import SOME
 from runtime.progress import is_late
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +64,7 @@ class Step:
         found = series(fit) if joints is None else joints
         motion = fit.motion
         left = tuple(r[motion.moving(i)] for i, r in enumerate(fit.residual))
-        fitted = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found), left, _ties(motion))
+        fitted = Errors(tuple(j.rms for j in found), tuple(j.relative for j in found), left)
         return cls(fit, found, fitted, held_out)
 
     def after(
@@ -217,9 +208,12 @@ class Trail:
     @classmethod
     def begun(cls, model: Model, motion: Motion, held_out: Motion | None, names: Sequence[str]) -> Trail:
         """The structure of the model file, fitted."""
-        first = _fitted(model, motion, held_out, structure(model), None)
-        if (even := without_beats(first.fit)) is not motion:
-            motion, first = even, _fitted(model, even, held_out, structure(model), replace(first, held_out=None))
+        first = _fitted(model, motion, None, structure(model), None)
+        held_out = held_out and without_folded(first.fit, held_out)
+        if (told := without_untold(first.fit)) is not motion:
+            motion, first = told, _fitted(model, told, held_out, structure(model), first)
+        elif held_out is not None:
+            first = replace(first, held_out=errors_elsewhere(first.fit, held_out))
         return cls(model, motion, held_out, tuple(names), (), first)
 
     @property
@@ -336,11 +330,7 @@ def errors_elsewhere(fit: Fit, motion: Motion) -> Errors:
         use = motion.moving(i)
         found.append(errors(left[use], motion.recorded(i, fit.skew)[use]))
         kept.append(left[use])
-    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found), tuple(kept), _ties(motion))
-
-
-def _ties(motion: Motion) -> tuple[int, ...]:
-    return tuple(max(1, round(motion.row_rate(i) / motion.cutoff(i))) for i in range(motion.n))
+    return Errors(tuple(rms for rms, _ in found), tuple(relative for _, relative in found), tuple(kept))
 
 
 def residuals_elsewhere(fit: Fit, motion: Motion) -> list[Array]:
@@ -421,7 +411,7 @@ def after_effect(step: Step, joint: int, effect: EffectInfo) -> Remainder | None
     """What is left at a joint (0-based) once an effect was named and added; None if it is noise."""
     s = step.joints[joint]
     part = (s.floor.repeating or 0.0) ** 2 / s.rms**2 if s.rms else 0.0
-    if part < FORM_PART or s.rms < FORM_ABOVE_NOISE * s.floor.spectrum or not s.resolved:
+    if part < SOME or s.rms < (1 + FLOOR_KNOWN) * s.floor.spectrum or not s.resolved:
         return outside(step, joint)
     shares = structure_shares(s)
     strongest = max(shares, key=lambda name: shares[name])

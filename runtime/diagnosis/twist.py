@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime.diagnosis.candidates import Candidate, FittedBase, TwistResidual
 from runtime.diagnosis.gates import BOUND, GateResult
@@ -22,8 +21,6 @@ from runtime.model.loader import EffectInfo
 from runtime.model.terms import Term
 from runtime.regression.rows import Block, Columns
 from runtime.regression.system import LinearSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,7 @@ from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.gates import RECORDINGS
 from runtime.diagnosis.ranking import Ranking
 from runtime.diagnosis.search import not_borne_out, undecided, with_rivals
-from runtime.diagnosis.settings import (
-    LEAST_EXPLAINED,
-    LEAST_MOVING_S,
-    LIMIT_PART,
-)
+from runtime.diagnosis.settings import LEAST_MOVING_S
 from runtime.diagnosis.steps import (
     Step,
     Trail,
@@ -35,6 +31,7 @@ from runtime.identification.compare import JointSeries
 from runtime.identification.identify import unsound
 from runtime.model.loader import Model
 from runtime.model.terms import joints_of
+from runtime.motion.settings import MOST
 
 Verdict = Literal["effect", "clean", "unexplained", "refused"]
 Why = Literal[
@@ -226,7 +223,7 @@ def _withdrawn(trail: Trail, joint: int) -> JointVerdict | None:
         return JointVerdict(joint, "excitation", withdrawn=here)
     if trail.stopped or explains_better(last, first, [(joint,)]):
         return None  # what would explain the rest may not have been tried, or held-out recordings bear these out
-    weak = physics(last, joint) and explained(first, last, joint) < LEAST_EXPLAINED
+    weak = physics(last, joint) and explained(first, last, joint) < MOST
     if weak or only_nearest(first, last, joint):
         return JointVerdict(joint, "comes nearest", withdrawn=here)
     return None
@@ -275,4 +272,4 @@ def _is_blind(step: Step, joint: int, seen: Sequence[detection_limits.Limit]) ->
     """Whether half of the effects of a joint (0-based) that have a limit could be as large as its torque, unseen."""
     series = step.joints[joint]
     parts = sorted(limit.rms for limit in seen if limit.joint == joint)
-    return bool(parts) and parts[len(parts) // 2] * series.relative > LIMIT_PART * series.rms
+    return bool(parts) and parts[len(parts) // 2] * series.relative > MOST * series.rms

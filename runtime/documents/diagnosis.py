@@ -85,7 +85,11 @@ class EvidenceEntry(Document, frozen=True, kw_only=True):
     score: Annotated[float, key("gain over the dispersion, if that is above 1", "1")]
     price: Annotated[
         float,
-        key("what the score must exceed: joints, shapes and unknowns searched, less what held-out data repay", "1"),
+        key(
+            "what the score must exceed: joints, shapes and unknowns searched, less what held-out data repay; more "
+            "where few stretches of time tell the dispersion",
+            "1",
+        ),
     ]
     failed_gates: Annotated[list[str], key("a sentence for each gate that the candidate failed")]
     twist: Annotated[TwistEvidence | UnsetType, key("evidence of the link-side encoder; absent without it")] = UNSET

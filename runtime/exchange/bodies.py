@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from runtime.arrays import Array
 from runtime.exchange.settings import (
     BODY_LENGTH,
     EXACT_STEPS,
@@ -34,7 +35,6 @@ from runtime.exchange.settings import (
 from runtime.model.kinematics import in_frame_before, unit_axis
 from symbolic.model_file.arm import Arm
 
-Array = NDArray[np.float64]
 PER_BODY = 10
 """Inertial parameters of a body: m; m x, m y, m z; Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the joint frame's origin."""
 

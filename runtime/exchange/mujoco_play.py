@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from runtime.arrays import Array
 from runtime.exchange.settings import AT_REST, HOLD, PLAY_STEP, ROUNDS
-
-Array = NDArray[np.float64]
 
 
 class PlayError(ValueError):

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.plans import ArmEffectEntry, ExcessEntry, ExecutedJointEntry, ExecuteDocument
 from runtime.execution.options import TRIALS, ExecutionSettings
 from runtime.execution.results import PlannedCycle, mean, spread, trial_entry
@@ -32,7 +32,6 @@ from runtime.simulation.plant import Plant
 from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import Hidden, complete, true_effects
 
-Array = NDArray[np.float64]
 _MOST = 2.0**31
 """Largest count of an encoder's register."""
 

@@ -10,9 +10,9 @@ from math import ceil, comb
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
+from runtime.arrays import Array
 from runtime.documents.plans import PlayedEntry
 from runtime.experiments.pieces import Envelope
 from runtime.model.loader import JointInfo, Model
@@ -22,8 +22,6 @@ from runtime.planning.settings import LEAST_POSITION_EXCESS
 from runtime.planning.trajectory import Phase, Trajectory, TrajectoryError, read
 from runtime.simulation.motion_file import MotionFile, is_motion, read_motion_file
 from runtime.wording import number
-
-Array = NDArray[np.float64]
 
 UNCHECKED = "NOT CHECKED:"
 """Begins a comment of a motion's file that says what nothing keeps the arm from."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from msgspec import structs
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.plans import LinkEntry, PredictedJointEntry, PredictionEntry, StandingEntry
 from runtime.execution.execute import SIMULATED, Execution
 from runtime.execution.options import TRIALS_ON_A_REAL_ARM, ExecutionSettings
@@ -24,8 +24,6 @@ from runtime.hardware.settings import ControllerError, Settings
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Term, given
 from runtime.planning.trajectory import Phase, Trajectory
-
-Array = NDArray[np.float64]
 
 _APPROACH_SPEED = 0.2
 """Fraction of a joint's speed limit on the way to a trajectory's start."""

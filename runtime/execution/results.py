@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from msgspec import UNSET
-from numpy.typing import NDArray
 
 from runtime.documents.plans import (
     CycleEntry,
@@ -24,8 +23,6 @@ from runtime.model.terms import SURFACE, Structure, given
 from runtime.planning.evaluate import Effort, effort, every_instant, limited, mounted
 from runtime.planning.trajectory import JointMotion, Trajectory
 from runtime.wording import number, told_apart
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from runtime.arrays import Array
 from runtime.documents.plans import StopEntry, WatchedEntry
 from runtime.hardware.session import Ended, Session
 from runtime.hardware.settings import Settings
 from runtime.model.loader import Model
 from runtime.planning.trajectory import Trajectory
 from runtime.recordings.recording import Recording
-
-Array = NDArray[np.float64]
 
 RUN_IN = 1
 """Cycles of a periodic motion before those that count, because it starts from rest."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.model.terms import structure
 from runtime.simulation.simulate import Hidden, SimulationError, parse_hidden
 from symbolic.model_file.checks import joint_number, known_joints
-
-Array = NDArray[np.float64]
 
 
 class ExperimentError(ValueError):

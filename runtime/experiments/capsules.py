@@ -17,13 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.scene import Scene
 from runtime.experiments.settings import PARALLEL_AXES, REACH_TO_RADIUS, TRUSTED_MEDIAN, TRUSTED_RADIUS
 from runtime.model.kinematics import pose, unit_axis
 from symbolic.model_file.arm import Arm, Joint, Link
 from symbolic.model_file.frames import principal_moments
-
-Array = NDArray[np.float64]
 
 
 class _Capsule(NamedTuple):

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.capsules import Capsules
 from runtime.experiments.margins import (
     KeptDistances,
@@ -31,7 +32,6 @@ from runtime.experiments.scene import Scene
 from runtime.model.kinematics import body_frames, pose, unit_axis
 from symbolic.model_file.arm import Arm
 
-Array = NDArray[np.float64]
 Which = NDArray[np.int64]
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime import files
+from runtime.arrays import Array
 from runtime.diagnosis.stages import begin, complete
 from runtime.diagnosis.verdict import decide
 from runtime.documents.parts import EffectAt, IterationsEntry, SearchEnd
@@ -45,7 +45,6 @@ from runtime.simulation.motion_file import without_dust
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import Hidden
 
-Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
 

@@ -12,17 +12,15 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from runtime.arrays import Array
 from runtime.documents.parts import IterationsEntry, SearchEnd
 from runtime.experiments.fourier import FourierMotion
 from runtime.experiments.information import ArmInformation, InstantOutputs
 from runtime.experiments.margins import Nearest
 from runtime.experiments.settings import PENALTIES, SMALLER_BY, SMALLEST, SOFT, STEPS_A_PENALTY
 from runtime.progress import is_late, of_each, one_thread
-
-Array = NDArray[np.float64]
 
 
 class Room(Protocol):

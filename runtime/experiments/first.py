@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.parts import IterationsEntry
 from runtime.experiments.excitation import ExcitationSearch, Room
 from runtime.experiments.fourier import FourierMotion, harmonics_of
@@ -47,7 +47,6 @@ from runtime.experiments.settings import (
 from runtime.simulation.settings import RATE
 from runtime.simulation.simulate import SimulationError
 
-Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.experiments import FirstMotionDocument, LimitedJoint, MotionPart
 from runtime.documents.parts import IterationsEntry
 from runtime.documents.recordings import AssumedNumber
@@ -47,7 +47,6 @@ from runtime.simulation.simulate import Hidden, complete, simulate
 from symbolic.model_file.arm import Arm
 from symbolic.model_file.likely import LikelyNumber
 
-Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
 

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from runtime.arrays import Array
 from runtime.experiments.pieces import Envelope
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

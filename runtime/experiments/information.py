@@ -13,16 +13,14 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.possible_arms import PossibleArms, upper
 from runtime.experiments.settings import CORNER_RATE, FRICTION_SPREAD, ROWS_A_SECOND, SURE_SPREADS
 from runtime.model import casadi_functions
 from runtime.model.batch import Batch
 from runtime.model.terms import Term, unknown_to_plan
 from runtime.planning.physics import Physics, PlanInstant
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

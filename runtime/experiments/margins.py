@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.nearest import box_distance
 from runtime.experiments.scene import Scene
 from runtime.experiments.settings import FREE_RANGE, SAMPLED_POSES
 from runtime.model.kinematics import pose
 from symbolic.model_file.arm import Arm
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

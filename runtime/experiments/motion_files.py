@@ -12,15 +12,13 @@ from pathlib import Path
 from struct import pack
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.asking import ExperimentError
 from runtime.experiments.options import UNITS, MotionOptions
 from runtime.experiments.settings import AT_START, NORMALISED, STOPPING
 from runtime.model.loader import Model
 from symbolic.model_file.checks import printable
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

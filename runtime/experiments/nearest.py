@@ -7,11 +7,9 @@ segment, so that its least value is found by bisection of its slope.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.settings import BISECTIONS
-
-Array = NDArray[np.float64]
 
 
 def nearest_points(start: Array, end: Array, other_start: Array, other_end: Array) -> tuple[Array, Array]:

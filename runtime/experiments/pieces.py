@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from runtime.arrays import Array
 from runtime.experiments.settings import CORNER_S, PAUSE, SPEEDING_UP
 from runtime.model.loader import JointInfo
 from runtime.simulation.settings import MARGIN, RANGE, RATE, SPEED
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

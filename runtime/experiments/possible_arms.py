@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import truncnorm
 
+from runtime.arrays import Array
 from runtime.exchange.bodies import PER_BODY, base_map, inertial_parameters, pseudo_inertia
 from runtime.experiments.settings import (
     ASSUMED_SPREAD,
@@ -28,8 +29,6 @@ from runtime.model.terms import Structure
 from symbolic.model_file.arm import ROTOR, Arm
 from symbolic.model_file.frames import parameters
 from symbolic.model_file.likely import LikelyNumber, likely_bodies
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

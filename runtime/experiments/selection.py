@@ -9,8 +9,8 @@ from itertools import combinations
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.pieces import BROAD, Envelope, MotionPiece, in_sequence, pieces
 from runtime.experiments.separation import MotionPieces, Pair, Separation, TrialArm, ordinary
 from runtime.experiments.settings import (
@@ -31,8 +31,6 @@ from runtime.model.terms import joints_of
 from runtime.progress import each, of_each
 from runtime.simulation.settings import MARGIN, RATE
 from runtime.simulation.simulate import SimulationError, along
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

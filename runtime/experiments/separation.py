@@ -15,8 +15,8 @@ from functools import cached_property, partial
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.options import ExperimentSettings
 from runtime.experiments.pieces import Envelope
 from runtime.experiments.settings import EXACT, ORDINARY_REPEATS, ORDINARY_SECONDS
@@ -36,9 +36,6 @@ from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, excitation, led, simulate
-
-Array = NDArray[np.float64]
-
 
 Pair = tuple[int, int | None]
 """Numbers of the rival that is true and of the one that tries to explain it; None: nothing but the base model."""

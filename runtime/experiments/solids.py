@@ -14,8 +14,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.margins import (
     KeptDistances,
     Nearest,
@@ -33,8 +33,6 @@ from runtime.model.kinematics import body_frames, pose
 from symbolic.model_file.arm import Arm, CollisionShape, Frame
 from symbolic.model_file.checks import ModelError
 from symbolic.model_file.frames import composed
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

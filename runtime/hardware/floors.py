@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from runtime.arrays import Array
 from runtime.hardware.settings import ControllerError, check_controllable
 from runtime.model.loader import Model
 from runtime.model.terms import structure
@@ -24,7 +25,6 @@ from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator
 from runtime.recordings.recording import Recording
 
-Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 HIGHEST_CUTOFF = 20.0

@@ -17,9 +17,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.hardware.link import BoardLink
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int32]
 Float32 = NDArray[np.float32]
 

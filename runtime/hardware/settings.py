@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.hardware.link import Values
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Term, given
 from runtime.planning.trajectory import Phase, Trajectory
-
-Array = NDArray[np.float64]
 
 UNLIMITED = float(np.finfo(np.float32).max)
 OVERSPEED = 1.5

@@ -13,16 +13,14 @@ from math import exp, log2, pi, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure
 from runtime.simulation.settings import RANGE
 from runtime.simulation.simulate import complete, excitation, torque_along
 from symbolic.model_file.arm import ProposedValue
 from symbolic.model_file.checks import ModelError
-
-Array = NDArray[np.float64]
 
 BANDWIDTH = 5.0
 """Hz, of the position loop if nothing limits it: geared arms follow motions of seconds; a choice."""

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.fits import ComparedJoint, CompareDocument, DriveEntry, JointEntry, StructureShare, WrittenError
 from runtime.documents.parts import EstimateEntry
 from runtime.identification.drive_gains import with_gains_of
@@ -27,8 +28,6 @@ from runtime.motion.motion import Motion
 from runtime.motion.repeats import Floor, floor
 from runtime.motion.settings import MORE_THAN_NOISE, RESOLVED
 from runtime.recordings.recording import Recording
-
-Array = NDArray[np.float64]
 
 _BINS: Final = 24
 """bins of equal count; a curve over a signal may turn a dozen times."""

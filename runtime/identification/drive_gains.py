@@ -20,22 +20,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.fit import Fit, quantile
 from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import prepared
 from runtime.identification.problem import Problem
 from runtime.identification.regressors import is_delay
-from runtime.identification.settings import INTERVAL_SIGMAS, SCALE_TOLD, SCORE_BLOCK_S, SPARED, STATED_MASS, TOLD_APART
+from runtime.identification.settings import INTERVAL_SIGMAS, SCORE_BLOCK_S, SPARED, STATED_MASS
 from runtime.identification.stated_parts import stated_lumps
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of, structure
 from runtime.motion.motion import Motion
+from runtime.motion.settings import LITTLE, MOST
 from runtime.recordings.driven import DrivenJoint, ToldGain
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.regression.bounded import bounded, inverse
 from symbolic.model_file.drive_laws import SATURATION
-
-Array = NDArray[np.float64]
 
 
 def with_gains(model: Model, recordings: Sequence[Recording], fitted: int) -> list[Recording]:
@@ -206,7 +206,7 @@ def _of_joint(fit: Fit, again: Problem, i: int, joint: DrivenJoint) -> dict[str,
     others = [name for name in joint.unknown if name != command]
     asked = command if command in joint.unknown else ""
     equation = _equation(fit, again, i, (columns, noise), asked, others)
-    alike = [name for k, name in enumerate(others) if equation.own(k) < TOLD_APART]
+    alike = [name for k, name in enumerate(others) if equation.own(k) < LITTLE]
     if alike:
         others = [name for name in others if name not in alike]
         equation = _equation(fit, again, i, (columns, noise), asked, others)
@@ -214,7 +214,7 @@ def _of_joint(fit: Fit, again: Problem, i: int, joint: DrivenJoint) -> dict[str,
     use = fit.motion.moving(i)
     late_too = equation.beside(slope[None, use])
     wider = late_too.beside(_lacking(fit, i)[:, use])
-    if all(wider.own(k) > TOLD_APART for k in range(wider.gains) if wider.columns[k].any()):
+    if all(wider.own(k) > LITTLE for k in range(wider.gains) if wider.columns[k].any()):
         equation = wider
     found = _gains(fit, i, joint, (equation, late_too), others, bool(asked))
     return found | {name: ToldGain(name, 0.0, "", None, imitated=True) for name in alike}
@@ -302,7 +302,7 @@ def _gains(
     if scaled:
         name = joint.command_gain
         part, half = float(theta[at]), float(spread[at])
-        sure = part > 0 and half < SCALE_TOLD * part
+        sure = part > 0 and half < MOST * part
         one = 1 / part if sure else 1.0
         ends = (1 / (part + half), 1 / (part - half)) if sure else None
         found[name] = ToldGain(name, one, units[name], ends)

@@ -13,22 +13,18 @@ from math import isfinite, log, prod
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.fit import Fit
 from runtime.identification.problem import Problem
 from runtime.identification.readings import DEGREE, DEGREES, MOTOR, Reading, Trials, moving_joints, turns
 from runtime.identification.settings import (
-    AS_STATED,
     BEYOND_LIMIT,
     EXCERPT,
     LITTLE_FRICTION,
     SUSPECTED_RATIO,
-    TAKEN_OUT,
     USUAL_CONSTANTS,
     USUAL_RATIOS,
-    WEIGHTLESS_FALLS_TO,
-    WEIGHTLESS_LEAVES,
 )
 from runtime.identification.stated_parts import (
     StatedPart,
@@ -39,11 +35,10 @@ from runtime.identification.stated_parts import (
     without_weight,
 )
 from runtime.model.terms import Term, Values
+from runtime.motion.settings import LITTLE, MOST, SOME
 from runtime.recordings.columns import UNITS, normal_unit
 from symbolic.model_file.arm import LINK_TORQUE
 from symbolic.model_file.checks import SMALLEST
-
-Array = NDArray[np.float64]
 
 RATIO, MILLI, CURRENT = "ratio", "milli", "current"
 """What a torque is: the motor's before the gear, in thousandths of its unit, or a current that was read as a torque."""
@@ -139,9 +134,9 @@ def _better_without_weight(
         right.append(scale * (torques[i] - fixed)[use])
     before, after = (_left(rows, right) for rows in (with_weight, without))
     heavy = [joints.index(i) for i in weighing]
-    if len(heavy) < 2 or np.linalg.norm(after) > WEIGHTLESS_FALLS_TO * np.linalg.norm(before):
+    if len(heavy) < 2 or np.linalg.norm(after) > MOST * np.linalg.norm(before):
         return None
-    if after[heavy].max() > WEIGHTLESS_LEAVES:
+    if after[heavy].max() > SOME:
         return None
     most = max(heavy, key=lambda k: before[k])
     return Weightless(joints[most], None, alone=False)
@@ -171,7 +166,7 @@ def rotorless_torques(fit: Fit) -> tuple[int, ...]:
         part, link = (stated_part(x, np.vstack([y, others]), torque) for x, y in ((own, rest), (rest, own)))
         links += [link] if link.weighs else []
         if part.weighs:
-            if part.present or part.spread > TAKEN_OUT or _friction(fit, columns, i) > LITTLE_FRICTION * part.recorded:
+            if part.present or part.spread > SOME or _friction(fit, columns, i) > LITTLE_FRICTION * part.recorded:
                 return ()
             found.append(i)
     # A torque in another unit has little of the rotors, too, but of the links as well.
@@ -302,4 +297,4 @@ def _torque_mistakes(fit: Fit, reading: Reading, joint: int, part: float, most: 
     off = {kinds: max(log(low / part), log(part / (most * high)), 0.0) for kinds, (low, high) in sizes.items()}
     # As uncertain as in _explained.
     near = [kinds for kinds, distance in off.items() if distance < log(2)]
-    return sorted(near, key=lambda kinds: not (sizes[kinds][0] == sizes[kinds][1] and off[kinds] < log(AS_STATED)))
+    return sorted(near, key=lambda kinds: not (sizes[kinds][0] == sizes[kinds][1] and off[kinds] < log(1 + LITTLE)))

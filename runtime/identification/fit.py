@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
+from runtime.arrays import Array
 from runtime.documents.fits import FitParameters, FittedEffect, FittedParameter, InertialEntry, RotorEntry
 from runtime.documents.parts import SkewEntry
 from runtime.identification.estimate import Estimate
@@ -23,20 +24,17 @@ from runtime.identification.settings import (
     ROTOR_STATED,
     SCORE_BLOCK_S,
     SEPARABLE,
-    SKEWS_APART,
     SMOOTHING_BIAS,
-    TANGLED_SHARE,
     WHITENED_BIAS,
 )
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, Values, joints_of, structure, unit_of
 from runtime.motion.motion import Motion
+from runtime.motion.settings import SOME
 from runtime.regression.noise import over_stretches
 from runtime.regression.rows import JointAt
 from runtime.regression.system import LinearSystem
 from symbolic.model_file.arm import ROTOR
-
-Array = NDArray[np.float64]
 
 SKEW: Final = "skew"
 """name of the samples by which the torque is taken later, among the unknowns."""
@@ -311,7 +309,8 @@ def _tangled(names: list[str], null: Array) -> dict[int, tuple[str, ...]]:
     """By index of an unknown, the names of those with which it can only be told together; null: (K', ...)."""
     found: dict[int, set[str]] = {}
     for direction in null.T:
-        members = np.flatnonzero(np.abs(direction) > TANGLED_SHARE)
+        # What has less of the unseen direction, of length 1, is told without the others.
+        members = np.flatnonzero(np.abs(direction) > SOME)
         for k in members:
             found.setdefault(int(k), set()).update(names[int(j)] for j in members if j != k)
     return {k: tuple(sorted(others)) for k, others in found.items()}
@@ -430,7 +429,7 @@ def _between_holds(fit: Fit, skew: Array, covariance: Array) -> Array:
     skew (F,): the skew along each unknown; covariance (F, F): with white rows of variance 1
     """
     apart, own = fit.skew - NOMINAL_SKEW, float(skew @ covariance @ skew)
-    near = fit.motion.commanded and abs(apart) < SKEWS_APART and own > 0
+    near = fit.motion.commanded and abs(apart) < SOME and own > 0
     return apart * covariance @ skew / own if near else np.zeros(len(skew))
 
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification import grids
 from runtime.identification.fit import Fit
 from runtime.identification.grids import motor_angle
@@ -20,26 +21,20 @@ from runtime.identification.jumps import least_places, with_gaps
 from runtime.identification.problem import Nonlinear, Problem, Range, Skew, first_least, weighted
 from runtime.identification.regressors import Ahead, Regressors, unseen_rotors
 from runtime.identification.settings import (
-    CLEARLY_LIKELIER,
     COMMAND_HOLD,
     HOLD,
     INTERVAL_SIGMAS,
     LONGEST_DELAY,
-    LONGEST_LAG,
     NOMINAL_SKEW,
     ROTOR_ASSUMED,
     SKEW_RANGE,
-    SKEW_SIGMAS,
-    SKEWS_APART,
-    SMALL_ANGLE,
 )
 from runtime.model.loader import Model
 from runtime.model.terms import IDENTIFIED, Prediction, Structure, Term, Values, joints_of
 from runtime.motion.motion import Motion
+from runtime.motion.settings import CERTAIN, CLEARLY_LIKELIER, MOST, SOME
 from runtime.recordings.recording import RecordingError
 from runtime.regression.bounded import inverse
-
-Array = NDArray[np.float64]
 
 
 def _start(problem: Problem, known: Structure, skew: Skew) -> dict[Term, Values]:
@@ -231,11 +226,11 @@ def _settled(problem: Problem, shapes: dict[Term, Values], skew: Skew) -> tuple[
     spread = np.sqrt(np.maximum(np.diagonal(inverse(solved.gram))[problem.layout.size :], 0.0))
     # What gives way delays, too: beside it a time cannot be measured by itself.
     seen = (spread > 0) & ~np.isin(np.arange(problem.model.n), list(soft))
-    own, margin = (common.at + solved.shifts)[seen], SKEW_SIGMAS * spread[seen]
+    own, margin = (common.at + solved.shifts)[seen], CERTAIN * spread[seen]
     low, high = (own - margin).max(initial=-np.inf), (own + margin).min(initial=np.inf)
     if commanded and seen.any() and np.all(np.abs(own - NOMINAL_SKEW) <= INTERVAL_SIGMAS * spread[seen]):
         return replace(common, at=NOMINAL_SKEW), True
-    if not seen.any() or (low - high < SKEWS_APART and low <= hold[1] and high >= hold[0]):
+    if not seen.any() or (low - high < SOME and low <= hold[1] and high >= hold[0]):
         return replace(common, at=float(np.clip(common.at, *hold))), True
     nearest = float(own[np.argmin(np.abs(own - NOMINAL_SKEW))])
     held = problem.model.n > 1 and hold[0] <= nearest <= hold[1]
@@ -326,7 +321,8 @@ def _ahead(problem: Problem, shapes: Mapping[Term, Values], skew: float) -> Ahea
 def _large_delays(motion: Motion, skew: float, times: Sequence[float], whole: NDArray[np.bool_]) -> Ahead:
     """These times (n,) s, and 0 where first order does for them."""
     given = np.array(times)
-    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < SMALL_ANGLE
+    # Up to that phase at the band's end first order is off by half its square.
+    small = 2 * np.pi * motion.band.cutoffs * np.abs(given) < SOME
     return Ahead(skew, np.where(small, 0.0, given), whole)
 
 
@@ -350,7 +346,7 @@ def _delay_of(
         return motion.torque_delayed(joint, skew, time, whole)
 
     step = 1 / (8 * motion.cutoff(joint))  # between two of them no least error is missed
-    times = step * np.arange(-np.ceil(LONGEST_LAG / step), np.ceil(LONGEST_DELAY / step) + 1)
+    times = step * np.arange(-np.ceil(MOST * LONGEST_DELAY / step), np.ceil(LONGEST_DELAY / step) + 1)
     key = ("later torques", joint, whole)
     torques = motion.columns.get(key) if skew == NOMINAL_SKEW else None
     if torques is None:
@@ -362,5 +358,6 @@ def _delay_of(
 
     bounds, ends = (best - step, best + step), {"xatol": step / 100}
     found = minimize_scalar(lambda time: float(left(later(time))), bounds=bounds, method="bounded", options=ends)
-    clear = alone.count * np.log(float(left(alone.joints[0].tau)) / max(float(found.fun), 1e-300)) > CLEARLY_LIKELIER
+    fall = np.log(float(left(alone.joints[0].tau)) / max(float(found.fun), 1e-300))
+    clear = alone.count * fall > 2 * CLEARLY_LIKELIER
     return (float(found.x) if clear else 0.0), float(found.fun)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.fits import FittedEffect, FittedParameter, InertialEntry, StatisticsFitDocument
 from runtime.identification.problem import LinearUnknowns, inertia_cuts
 from runtime.identification.settings import INTERVAL_SIGMAS, SUMS_PASSES, SUMS_POSTURES
@@ -20,8 +21,6 @@ from runtime.model.terms import Term, joints_of, structure
 from runtime.recordings.board_sums import BoardSums
 from runtime.recordings.recording import RecordingError
 from runtime.regression.bounded import inverse, minimise
-
-Array = NDArray[np.float64]
 
 _ALL_ROUND = (-np.pi, np.pi)
 """rad; of a joint without limits."""

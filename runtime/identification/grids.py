@@ -9,8 +9,8 @@ from itertools import pairwise
 from math import inf, nan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.regressors import Regressors
 from runtime.model.loader import EffectInfo, Model
 from runtime.model.terms import Term, Values, joints_of
@@ -18,9 +18,6 @@ from runtime.motion.motion import Motion
 from runtime.motion.settings import LEAST_PERIODS, ROWS_OVER_CUTOFF
 from runtime.motion.spectra import LombScargle, fitted_wave, lines, rayleigh_period
 from symbolic.described import DescribedParameter, ParameterKind
-
-Array = NDArray[np.float64]
-
 
 # --- grids ---
 

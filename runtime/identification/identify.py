@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 from msgspec import UNSET
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from runtime.arrays import Array, Mask
 from runtime.documents.fits import FitDocument
 from runtime.documents.parts import DelayEntry
 from runtime.identification.estimate import Estimate
@@ -20,20 +20,26 @@ from runtime.identification.fit import Fit, Inference
 from runtime.identification.fitting import drivable, fit_motion
 from runtime.identification.problem import Problem, Skew, configurations, weighted
 from runtime.identification.regressors import Regressors, Signals
-from runtime.identification.settings import BEAT_S, BEAT_WAVES, HEARD_BEAT, LASTING_BEAT, MOST_COMPENSATED
+from runtime.identification.settings import BEAT_S, BEAT_WAVES, LASTING_BEAT
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Term, joints_of, structure
 from runtime.motion.band import choose_band, coupling_bound, credible_inertia, lowered, raised_to_lines, rigid_inertia
 from runtime.motion.clock import grid
+from runtime.motion.filters import Smoother
 from runtime.motion.motion import Motion, prepare
 from runtime.motion.rests import at_rest
-from runtime.motion.settings import STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED
+from runtime.motion.settings import (
+    CERTAIN,
+    LITTLE,
+    MOST,
+    SMOOTHING_OVER_CUTOFF,
+    SOME,
+    STANDSTILL_OF_TOP_SPEED,
+    WHITE_BAND,
+)
 from runtime.recordings.recording import Recording, RecordingError
 from runtime.recordings.settings import FASTEST_STEP
 from symbolic.model_file.arm import COMMAND, LINK_TORQUE
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -83,19 +89,49 @@ def _as_it_acts(model: Model, recordings: Sequence[Recording], motion: Motion) -
     )
 
 
-def without_beats(fit: Fit) -> Motion:
-    """The motion without rows at which an encoder's steps beat with the samples, where that is heard beside the noise;
-    the motion itself where it nowhere is.
+def without_untold(fit: Fit) -> Motion:
+    """The motion without rows of which its samples tell too little; the motion itself where there are none.
 
-    Where a speed brings nearly a whole number of steps a sample, the steps' error is a slow wave instead of noise: it
+    They are those of `without_folded`, and those at which an encoder's steps beat with the samples, where that is heard
+    beside the noise. Where a speed brings nearly a whole number of steps a sample, the steps' error is a slow wave: it
     has all its power in the band, comes back with the motion, and is a wave over the motor's angle.
     """
     motion = fit.motion
-    beats = [_beats(fit, i) for i in range(motion.n)]
-    return motion.without_rows(beats) if any(rows.any() for rows in beats) else motion
+    return _without(motion, [_beats(fit, i) | _folded(fit, motion, i) for i in range(motion.n)])
 
 
-def _beats(fit: Fit, joint: int) -> NDArray[np.bool_]:
+def without_folded(fit: Fit, motion: Motion) -> Motion:
+    """A motion without rows near which it is faster than its samples tell, by a fit's inertia; itself where it nowhere
+    is.
+
+    A torque is measured at instants: what of it is faster than half the rate of samples folds into the band. Of
+    accelerations, which follow from positions, next to nothing does, as of a torque that a law makes of them. Where the
+    band reaches nearly as far as the samples, what of the inertial torque lies above it stands for what is beyond them.
+    """
+    return _without(motion, [_folded(fit, motion, i) for i in range(motion.n)])
+
+
+def _without(motion: Motion, rows: Sequence[Mask]) -> Motion:
+    return motion.without_rows(rows) if any(mask.any() for mask in rows) else motion
+
+
+def _folded(fit: Fit, motion: Motion, joint: int) -> Mask:
+    use, pieces, above = motion.moving(joint), motion.pieces_of(joint), []
+    reach = SMOOTHING_OVER_CUTOFF * motion.cutoff(joint) * pieces[0].dt
+    if reach < WHITE_BAND[1] or motion.rigid_given or motion.feeds_back(joint) or not use.any():
+        return np.zeros_like(use)
+    for p in pieces:
+        torque = np.einsum("jn,jn->n", fit.model.inertia(p.q, fit.prediction.lumps)[joint], p.qdd)
+        fast = torque - Smoother(p.low_pass.kernel)(torque)
+        above.append(uniform_filter1d(fast**2, p.low_pass.half | 1)[p.centres])
+    square = np.concatenate(above)
+    usual = np.median(square[use])  # noise of the encoders
+    # Pulses of acceleration fall with the square of the frequency: of those above the band so much folds into it.
+    folded: Mask = use & (LITTLE**2 * (square - usual) > motion.band.torque_floor()[joint] ** 2)
+    return folded
+
+
+def _beats(fit: Fit, joint: int) -> Mask:
     """(M,) rows of a joint (0-based) at which its encoder's steps beat with the samples, loud enough to be heard."""
     motion, use, step = fit.motion, fit.motion.moving(joint), fit.motion.band.resolution[joint]
     rate, none = 1 / motion.pieces_of(joint)[0].dt, np.zeros(len(use), dtype=bool)
@@ -104,10 +140,10 @@ def _beats(fit: Fit, joint: int) -> NDArray[np.bool_]:
     cutoff, steps = motion.cutoff(joint), np.abs(motion.rows("qd", joint)[joint]) / (step * rate)
     beat = rate * np.abs(steps - np.round(steps)) / cutoff
     noise = np.mean(fit.problem.reread(joint, fit.shapes, fit.coefficients)[use] ** 2)
-    loud = noise * _beat_power(beat, rate / cutoff) > HEARD_BEAT * np.mean(fit.residual[joint][use] ** 2)
+    loud = noise * _beat_power(beat, rate / cutoff) > SOME * np.mean(fit.residual[joint][use] ** 2)
     # The beat is in the speed of each row, too, which scatters about that of the stretch.
     width = max(1, round(BEAT_S * motion.row_rate(joint)))
-    lasting: NDArray[np.bool_] = use & (uniform_filter1d((use & loud).astype(float), width) > LASTING_BEAT)
+    lasting: Mask = use & (uniform_filter1d((use & loud).astype(float), width) > LASTING_BEAT)
     return lasting
 
 
@@ -148,7 +184,7 @@ def _in_its_band(model: Model, recordings: Sequence[Recording]) -> Motion:
     band = raised_to_lines(recordings, choose_band(recordings, inertia), inertia, ratios)
     first = motion = prepare(recordings, band, model)
     for _ in range(6):  # to an eighth
-        if motion.rigid_given or _compensated(model, motion) <= MOST_COMPENSATED:
+        if motion.rigid_given or _compensated(model, motion) <= MOST:
             return motion
         # The noise of an acceleration falls to a sixth each time.
         lower = lowered(motion.band, float(np.sqrt(0.5)))
@@ -277,7 +313,7 @@ def _standstill_of_tip(signals: Sequence[Signals], perturbed: Sequence[Signals],
         for side in (signals, perturbed)
     )
     noise = float(np.sqrt(np.mean((other - own) ** 2)))
-    return max(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * float(np.abs(own).max()))
+    return max(CERTAIN * noise, STANDSTILL_OF_TOP_SPEED * float(np.abs(own).max()))
 
 
 def _dry_friction(signals: Signals, term: Term, name: str, joint: int, rate: float) -> Array:
@@ -375,14 +411,14 @@ def _mostly_noise(fit: Fit) -> Iterator[Unsound]:
         read = fit.problem.reread(i, fit.shapes, fit.coefficients)[use]
         torque = fit.motion.torque(i, fit.skew)[use]
         part = float(read @ read) / max(float(torque @ torque), 1e-300)
-        if part > MOST_COMPENSATED:
+        if part > MOST:
             yield Unsound("mostly noise", i, part)
 
 
 def _worse_than_plain(fit: Fit) -> Iterator[Unsound]:
     for i, (mine, theirs) in enumerate(zip(_squares(fit.problem, fit.residual), _plain(fit), strict=True)):
         # Noise that is that part of a column makes plain least squares leave so much of what the truth does.
-        if MOST_COMPENSATED * mine > theirs:
+        if MOST * mine > theirs:
             yield Unsound("worse than plain", i, float(np.sqrt(mine / max(theirs, 1e-300))))
 
 

@@ -10,16 +10,15 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.estimate import Estimate
 from runtime.identification.grids import OF_PLACES, axis, points, searchable
 from runtime.identification.problem import Problem, Skew, first_least, weighted
-from runtime.identification.settings import AS_GOOD_A_FLANK, CLEARLY_LIKELIER, HOPELESS_FLANK, INTERVAL_SIGMAS
+from runtime.identification.settings import AS_GOOD_A_FLANK, HOPELESS_FLANK, INTERVAL_SIGMAS
 from runtime.model.terms import Term, Values, joints_of
+from runtime.motion.settings import CLEARLY_LIKELIER
 from runtime.regression.noise import lag_by_lag
-
-Array = NDArray[np.float64]
 
 _GAP_REACH: Final = 2.5
 """ratio; so far to either side of where a search over candidates, in steps of 2, left a gap its width is sought."""
@@ -78,7 +77,7 @@ def _least(
 def _clear(problem: Problem, one: Mapping[Term, Values], other: Mapping[Term, Values], skew: Skew) -> bool:
     rows = sum(int(problem.motion.moving(i).sum()) for i in range(problem.model.n))
     errors = problem.errors([one, other], skew)
-    return bool(rows * np.log(errors[0] / max(errors[1], 1e-300)) > CLEARLY_LIKELIER)
+    return bool(rows * np.log(errors[0] / max(errors[1], 1e-300)) > 2 * CLEARLY_LIKELIER)
 
 
 def _around(place: float, grid: Array, fine: int, every: int, reach: int) -> list[float]:

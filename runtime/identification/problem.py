@@ -11,6 +11,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.grids import motor_angle
 from runtime.identification.recorded_torque import without_weight
 from runtime.identification.regressors import Ahead, Regressors
@@ -21,8 +22,6 @@ from runtime.regression.bounded import inverse, of_size, tangents
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
 from symbolic.model_file.arm import ROTOR
-
-Array = NDArray[np.float64]
 
 LATE: Final = "late"
 """of blocks: samples by which the torque is taken later."""

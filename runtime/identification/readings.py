@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.fit import Fit
 from runtime.identification.problem import Problem, least_inertia
 from runtime.identification.settings import EXCERPT, WORK_TELLS
@@ -20,8 +20,6 @@ from runtime.motion.piece import Piece
 from runtime.recordings.columns import UNITS
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
-
-Array = NDArray[np.float64]
 
 POSITION, TORQUE = "q", "tau"
 """Columns of a recording."""

@@ -13,14 +13,13 @@ from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from symbolic.model_file.arm import LINK_TORQUE, WEIGHTLESS
-
-Array = NDArray[np.float64]
 
 LINK_LOAD = "link_load"
 """The arm's function of the torques without the rotors."""

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.recorded_torque import (
     LINK_LOAD,
     LINK_SIDE,
@@ -24,8 +25,6 @@ from runtime.model.terms import IDENTIFIED, OF_DRIVE, Prediction, SignalContext,
 from runtime.motion.clock import interpolated
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
-
-Array = NDArray[np.float64]
 
 OF_MASSES = "moment_jacobian"
 """The arm's function that needs the mass and the centre of mass of every link apart from one another."""
@@ -75,7 +74,9 @@ class Signals(SignalContext):
             if times > 1:
                 places = np.arange(len(self.piece.t), dtype=np.float64)
                 fine = np.arange((len(places) - 1) * times + 1) / times
-                found = {k: interpolated(places, np.asarray(x), fine) if np.ndim(x) else x for k, x in found.items()}
+                along = [k for k, x in found.items() if np.ndim(x)]
+                rows = interpolated(places, np.array([found[k] for k in along]), fine)
+                found |= dict(zip(along, np.ascontiguousarray(rows), strict=True))
             self._read[key] = found
         return self._read[key]
 

@@ -26,32 +26,12 @@ NOMINAL_SKEW: Final = 0.5
 """samples; a torque that is held from one reading to the next acts half a sample later on the average; the zero-order
 hold."""
 
-LONGEST_LAG: Final = 0.02
-"""s; by so much a recorded torque is sought behind the motion; a current filter of 10 to 100 Hz takes less."""
-
-LONGEST_DELAY: Final = 0.05
-"""s; by so much a recorded torque is sought ahead of the motion; a field bus takes some cycles of 1 to 10 ms to hand a
-command on."""
-
 SKEW_RANGE: Final = (NOMINAL_SKEW - MOST_DELAY, MOST_DELAY - NOMINAL_SKEW)
 """samples; a skew is looked for within these, for which the band's filter has room; by construction."""
 
-SKEWS_APART: Final = 0.25
-"""samples; joints whose skews differ by more, beyond their errors, are not sampled alike, and something delays a
-torque; development recordings with delays."""
-
-SKEW_SIGMAS: Final = 4.0
-"""standard deviations of white rows; they are smaller than those of rows that hang together, for which so many stand
-in; development recordings with delays."""
-
-SMALL_ANGLE: Final = 0.25
-"""part of a radian, of the phase at the end of a joint's band; up to it a delay is taken to first order, off by half
-its square; a larger one is exact, as it must be to be told from a lag, whose column is the same to first order;
-development recordings with delays and lags of 1 to 8 ms."""
-
-CLEARLY_LIKELIER: Final = 30.0
-"""natural logarithm of a likelihood, doubled; a torque is taken at another time, and an effect may be named, where that
-is so much likelier: on clean recordings 10 alone would have named something on 23 of 30; trial of the method."""
+LONGEST_DELAY: Final = 0.05
+"""s; by so much a recorded torque is sought ahead of the motion, and by half of it behind; a field bus takes some
+cycles of 1 to 10 ms to hand a command on, and a current filter of 10 to 100 Hz less."""
 
 # what gives way ------------------------------------------------------------------------------------------------------
 
@@ -83,10 +63,6 @@ SEPARABLE: Final = 1e-4
 """ratio of singular values of the scaled Jacobian; a direction below is not told by the data; development recordings
 with short motions."""
 
-TANGLED_SHARE: Final = 0.2
-"""part of an unseen direction of length 1; an unknown with more of it can only be told together with the others;
-development recordings."""
-
 SMOOTHING_BIAS: Final = 0.5
 """standard deviations per shift of a parameter between a load that is smoothed and one that keeps the encoder's noise,
 and between a command's hold as it was found and half a row; the truth lies between the two, which a 95 % interval of
@@ -100,27 +76,15 @@ ROTOR_STATED: Final = 0.35
 """part of a rotor's inertia in a model file; its standard deviation: a catalogue's number times a ratio squared leaves
 out gear, coupling and brake, and is right to a factor of two in 95 % of cases; a choice."""
 
-# the twist of a transmission ----------------------------------------------------------------------------------------
-
-LOADED: Final = 0.25
-"""part of the largest transmitted torque; above it a gap's flanks surely touch; development recordings with link-side
-encoders."""
-
-# the inertia --------------------------------------------------------------------------------------------------------
-
 ROTOR_ASSUMED: Final = 0.5
 """part of the inertia into which a rotor's is merged; what the derived equations take for it (symbolic/model.py); the
 gear that accelerates its load best makes rotor and load equal, Pasch & Seering 1984."""
 
+# the inertia --------------------------------------------------------------------------------------------------------
+
 HARDLY_POSITIVE: Final = 0.01
 """part of the smallest eigenvalue of D that the model file or the torques give; a fit below it stopped at the bound
 of what is physical; development recordings."""
-
-# the limits of compensation -----------------------------------------------------------------------------------------
-
-MOST_COMPENSATED: Final = 0.5
-"""part of a power; so much of a column, or of a torque, may be the encoders' noise: beyond, what is left is smaller
-than what was taken off, and its sign is chance; by construction, and development recordings with coarse encoders."""
 
 # over what a residual is structured ---------------------------------------------------------------------------------
 
@@ -133,18 +97,14 @@ SUSPECTED_FROM: Final = 0.05
 """part of a joint's torque; a smaller residual is that of right data: with a wrong sign, unit or joint more of inertia
 and friction remains; by construction, and development recordings."""
 
+FALLS_TO: Final = 0.7
+"""part of a joint's error; to less it must fall with another sign or unit, or with two joints exchanged, before data
+are suspected: with right data it rises, as inertia and friction reach their bounds; development and real recordings."""
+
 WORK_TELLS: Final = 0.02
 """part of the product of RMS torque and RMS rate; work beyond it over a motion that returns tells a torque's sign:
 springs, gravity and inertia do none, friction takes it, and a smaller part may be a load that another joint lifts; a
 choice."""
-
-TURNED_FALLS_TO: Final = 0.8
-"""part of a joint's error; to less it must fall with the other sign, or in degrees, before data are suspected: with
-right data it rises, as inertia and friction reach their bounds; development and real recordings."""
-
-EXCHANGED_FALLS_TO: Final = 0.6
-"""part of a joint's error; to less both must fall with two joints exchanged: motions of neighbours are similar;
-development and real recordings."""
 
 SUSPECTED_RATIO: Final = 20.0
 """ratio of an inertia to the file's, or of a gear; a smaller one may be a bad guess: inertias that users guess are
@@ -153,22 +113,6 @@ wrong by factors of 2 to 5; real recordings."""
 DOUBTED_RATIO: Final = 8.0
 """ratio of an inertia to the file's; from it a mistake is mentioned without a verdict, as guesses are wrong by factors
 of 2 to 5; real recordings."""
-
-TOLD_APART: Final = 0.1
-"""part of a stated torque's size; so much of it no open value may imitate before its part in a recorded torque counts:
-less is told by what the model lacks; simulated arms with open inertias."""
-
-SCALE_TOLD: Final = 0.3
-"""part of a drive's gain; half of its interval may be so wide before the torques are scaled by it: a model that is off
-by as much still tells ratios, and a scale would be a guess; simulated servos."""
-
-FAR_FROM_CHANCE: Final = 3.0
-"""ratio of a part to its spread; from there on a stated torque is in the recorded one, however small the part:
-residuals of a tenth of the torque leave ten; simulated and real recordings of whole arms."""
-
-TAKEN_OUT: Final = 0.25
-"""part of the stated weight; a recorded torque that has less of it had gravity taken out: masses of URDFs are right
-to a third; real recordings of whole arms."""
 
 EXCERPT: Final = 20_000
 """samples; enough of a motion for mistakes that concern most of the torque; a choice."""
@@ -185,21 +129,9 @@ BEYOND_LIMIT: Final = 5.0
 """ratio of the largest torque to the limit in the model file; drives give two to three times the continuous torque for
 seconds; catalogues."""
 
-AS_STATED: Final = 1.1
-"""ratio; a factor this near to one that the model file knows is that one, whatever is likelier otherwise: masses of a
-weighed arm; a choice."""
-
 LITTLE_FRICTION: Final = 0.03
 """part of a joint's torque, RMS; a geared motor has more friction, and a sensor behind the gear feels less; simulated
 recordings of whole arms."""
-
-WEIGHTLESS_FALLS_TO: Final = 0.4
-"""part of an error, RMS; to less it must fall without gravity before that is said of an arm of unknown masses: with
-gravity in the torque it rises several times; simulated arms."""
-
-WEIGHTLESS_LEAVES: Final = 0.2
-"""part of a joint's torque; more left without gravity is another mistake, such as gravity along another axis; simulated
-arms on walls."""
 
 # rows that are left out -----------------------------------------------------------------------------------------------
 
@@ -210,10 +142,6 @@ of the shortest stretches of even speed that motions have; a choice."""
 LASTING_BEAT: Final = 1 / 3
 """part of the rows in BEAT_S; of speeds that only pass through, a twentieth to an eighth are near a whole number of
 steps, of an even speed about half, as the beat scatters them; simulated arms."""
-
-HEARD_BEAT: Final = 0.25
-"""ratio of variances, of the beat's torque to what a fit leaves; less is not heard: half of the noise; simulated arms
-of six joints."""
 
 BEAT_WAVES: Final = 100
 """number of waves; so many of a beat in the band count; of so slow a beat nothing is heard; a choice."""

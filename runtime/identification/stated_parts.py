@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.problem import Problem
 from runtime.identification.recorded_torque import without_weight
-from runtime.identification.settings import FAR_FROM_CHANCE, SUSPECTED_RATIO, TAKEN_OUT, TOLD_APART
+from runtime.identification.settings import SUSPECTED_RATIO
 from runtime.model.loader import Model
 from runtime.model.terms import Term, Values
-
-Array = NDArray[np.float64]
+from runtime.motion.settings import CERTAIN, LITTLE, SOME
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class StatedPart:
     @property
     def counts(self) -> bool:
         """Whether the recorded torque has a part of the stated one's form, however small."""
-        return self.told and abs(self.value) > FAR_FROM_CHANCE * self.spread
+        return self.told and abs(self.value) > CERTAIN * self.spread
 
     @property
     def far_below(self) -> bool:
@@ -56,17 +56,17 @@ class StatedPart:
     @property
     def weighs(self) -> bool:
         """Whether it is a part of the recorded torque that nothing else makes, if it is there."""
-        return self.told and self.stated > TAKEN_OUT * self.recorded
+        return self.told and self.stated > SOME * self.recorded
 
     @property
     def present(self) -> bool:
         """Whether more of it is there than would be left if it had been taken out."""
-        return self.value - self.spread > TAKEN_OUT
+        return self.value - self.spread > SOME
 
     @property
     def absent(self) -> bool:
         """Whether nothing of it is there, although the recorded torque is large enough to have it."""
-        return abs(self.value) + self.spread < TAKEN_OUT and self.recorded * SUSPECTED_RATIO > self.stated
+        return abs(self.value) + self.spread < SOME and self.recorded * SUSPECTED_RATIO > self.stated
 
 
 def stated_part(stated: Array, others: Array, torque: Array) -> StatedPart:
@@ -79,7 +79,8 @@ def stated_part(stated: Array, others: Array, torque: Array) -> StatedPart:
         both = both - used.T @ np.linalg.lstsq(used.T, both, rcond=None)[0]
     own, left = both.T
     power = float(own @ own)
-    if size == 0 or power <= (TOLD_APART * size) ** 2:
+    # Less than that of what open values cannot imitate is told by what the model lacks.
+    if size == 0 or power <= (LITTLE * size) ** 2:
         return StatedPart(0.0, np.inf, False, size, recorded)
     value = float(own @ left) / power
     spread = float(np.linalg.norm(left - value * own)) / np.sqrt(power)

@@ -16,21 +16,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import SKEW, Fit, interval, places, stretches
 from runtime.identification.problem import Problem
 from runtime.identification.regressors import Regressors
-from runtime.identification.settings import HOLD, INTERVAL_SIGMAS, LOADED
+from runtime.identification.settings import HOLD, INTERVAL_SIGMAS
 from runtime.model.terms import Term
+from runtime.motion.settings import SOME
 from runtime.motion.spectra import in_band_white_density
 from runtime.regression.bounded import inverse
 from runtime.regression.noise import over_stretches
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +61,8 @@ class TwistEquation:
         # Friction that is not right has a column of its own there.
         more = np.stack([load, load**3, np.sign(self.base[:, 0])], axis=1)
         base = np.concatenate([self.base, self.along, more], axis=1)
-        rows = replace(self.rows, use=use & (size > LOADED * largest))
+        # Under such a load the flanks of a gap surely touch.
+        rows = replace(self.rows, use=use & (size > SOME * largest))
         return replace(
             self, base=base, along=base[:, :0], cause=np.sign(load), rows=rows, torque_noise=0.0, errors=self.errors[:0]
         )

@@ -15,21 +15,13 @@ from dataclasses import dataclass, field
 from itertools import chain, combinations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.compare import errors
 from runtime.identification.factors import Factor, Weightless, factors, rotorless_torques, weightless_torque
 from runtime.identification.fit import Fit
 from runtime.identification.readings import DEGREES, MOTOR, POSITION, TORQUE, Reading, Trials, moving_joints
-from runtime.identification.settings import (
-    DOUBTED_RATIO,
-    EXCHANGED_FALLS_TO,
-    SUSPECTED_FROM,
-    SUSPECTED_RATIO,
-    TURNED_FALLS_TO,
-)
-
-Array = NDArray[np.float64]
+from runtime.identification.settings import DOUBTED_RATIO, FALLS_TO, SUSPECTED_FROM, SUSPECTED_RATIO
 
 
 @dataclass(frozen=True)
@@ -121,7 +113,7 @@ def _trials(fit: Fit) -> Trials | None:
 
 _EXCHANGES = ((TORQUE,), (POSITION,), (POSITION, TORQUE))
 """What of two joints may be exchanged: drivers log joints in the order of their names."""
-_Change = tuple[Reading, Sequence[int], float]
+_Change = tuple[Reading, Sequence[int]]
 """A reading, the joints (0-based) that it concerns, and the part to which the error of each must fall."""
 
 
@@ -172,9 +164,9 @@ class _Search:
         for i in reading.joints_in(DEGREES, MOTOR):
             degrees, motors = (reading.measured_in(unit, (i,)) for unit in (DEGREES, MOTOR))
             own, other = (float(self.errors(r)[i]) for r in (degrees, motors))
-            if self.trials.model.joints[i].gear_ratio > SUSPECTED_RATIO and other > TURNED_FALLS_TO * own:
+            if self.trials.model.joints[i].gear_ratio > SUSPECTED_RATIO and other > FALLS_TO * own:
                 reading = degrees
-                alike |= {i} if own > TURNED_FALLS_TO * other else set()
+                alike |= {i} if own > FALLS_TO * other else set()
         return reading, alike
 
     def likeliest(self) -> Reading:
@@ -185,10 +177,10 @@ class _Search:
     def _best(self, changes: Iterable[_Change]) -> Reading | None:
         """Of the readings that lower the errors enough, the one that explains most of the torques."""
         best, least = None, self._mean_square(self.before)
-        for reading, joints, falls_to in changes:
+        for reading, joints in changes:
             errors, concerned = self.errors(reading), list(joints)
             size = self._mean_square(errors)
-            if size < least and np.all(errors[concerned] < falls_to * self.before[concerned]):
+            if size < least and np.all(errors[concerned] < FALLS_TO * self.before[concerned]):
                 best, least = reading, size
         return best
 
@@ -197,36 +189,36 @@ class _Search:
 
     def _turned(self) -> Iterator[_Change]:
         for joints in _all_or_one(self.turnable):
-            yield self.reading.turned(joints), joints, TURNED_FALLS_TO
+            yield self.reading.turned(joints), joints
 
     def _some_turned(self) -> Iterator[_Change]:
         few = 7  # whose 127 combinations of signs take less than a second
         for count in range(2, len(self.turnable)) if len(self.turnable) <= few else ():
             for some in combinations(self.turnable, count):
-                yield self.reading.turned(some), some, EXCHANGED_FALLS_TO
+                yield self.reading.turned(some), some
 
     def _scaled(self) -> Iterator[_Change]:
         """Positions in degrees, or of the motor: of one joint that covers more than a turn, or of all that do."""
         for joints in _all_or_one(self.trials.wide(self.reading)):
-            yield self.reading.measured_in(DEGREES, joints), joints, TURNED_FALLS_TO
+            yield self.reading.measured_in(DEGREES, joints), joints
             if min(self.trials.model.joints[i].gear_ratio for i in joints) > SUSPECTED_RATIO:
-                yield self.reading.measured_in(MOTOR, joints), joints, TURNED_FALLS_TO
+                yield self.reading.measured_in(MOTOR, joints), joints
 
     def _exchanged(self) -> Iterator[_Change]:
         doubtful = [i for i in self.able if self.before[i] > SUSPECTED_FROM]
         for (i, j), what in product(combinations(doubtful, 2), _EXCHANGES):
-            yield self.reading.exchanged(i, j, what), (i, j), EXCHANGED_FALLS_TO
+            yield self.reading.exchanged(i, j, what), (i, j)
 
     def _pairs(self) -> Iterator[_Change]:
         """Joints that are exchanged or in another unit, and degrees or another sign besides."""
         wide = self.trials.wide(self.reading)
-        for reading, joints, _ in self._exchanged():
+        for reading, joints in self._exchanged():
             if wide:
-                yield reading.measured_in(DEGREES, wide), sorted({*joints, *wide}), EXCHANGED_FALLS_TO
+                yield reading.measured_in(DEGREES, wide), sorted({*joints, *wide})
             yield from self._with_a_sign(reading, joints)
-        for reading, joints, _ in self._scaled():
+        for reading, joints in self._scaled():
             yield from self._with_a_sign(reading, joints)
 
     def _with_a_sign(self, reading: Reading, joints: Sequence[int]) -> Iterator[_Change]:
         for some in _all_or_one(self.able):
-            yield reading.turned(some), sorted({*joints, *some}), EXCHANGED_FALLS_TO
+            yield reading.turned(some), sorted({*joints, *some})

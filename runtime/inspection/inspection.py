@@ -14,8 +14,8 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.recordings import (
     ClockShiftEntry,
     DeterminedParameter,
@@ -38,7 +38,7 @@ from runtime.identification.problem import configurations
 from runtime.identification.settings import WORK_TELLS
 from runtime.inspection.drive_laws import allowed
 from runtime.inspection.guesses import map_options, unit_in_name
-from runtime.inspection.settings import FOLLOWS, MANY_TURNS, SCALE_OFF, UNRELATED
+from runtime.inspection.settings import FOLLOWS, MANY_TURNS, SCALE_OFF
 from runtime.inspection.signals import (
     clock_entry,
     integrated,
@@ -51,14 +51,13 @@ from runtime.inspection.signals import (
 from runtime.model.loader import Model
 from runtime.motion import repeats
 from runtime.motion.clock import grid
+from runtime.motion.settings import MOST
 from runtime.recordings import recording
 from runtime.recordings.columns import UNITS, RecordedArm
 from runtime.recordings.contents import Contents, RecordingError, Refusal, map_option, printable
 from runtime.recordings.recording import Recording
 from symbolic.model_file.arm import MOTOR_TORQUE
 from symbolic.model_file.checks import quote
-
-Array = NDArray[np.float64]
 
 MISREAD = "field"
 """Kind of a suspicion that a field is another signal than it is read as, so that no fit is meaningful."""
@@ -112,7 +111,7 @@ def of_rates(recording: Recording) -> list[Suspicion]:
             said = f"qd{best + 1} is the derivative of {position}, and {rate} is not"
             cure = map_option(recording.cells, rate, f"qd{best + 1}")
             found.append(_cured(i + 1, "exchanged", said, "expected both under one number:", cure))
-        elif explained < UNRELATED and moves(recording.q[i], grid(recording)):
+        elif explained < MOST and moves(recording.q[i], grid(recording)):
             said = f"{rate} is not the derivative of {position}, which explains {100 * explained:.2g} % of its integral"
             asked = f"are {position} and {rate} read from the right fields? Name them with --map, or drop {rate}"
             found.append(Suspicion(i + 1, MISREAD, said, asked))

@@ -8,10 +8,6 @@ FOLLOWS: Final = 0.95
 """part of a rate's integral that the position must explain before the scale between them counts; a filtered or late
 rate still fits to some per cent; a choice."""
 
-UNRELATED: Final = 0.5
-"""part of a rate's integral; if the position explains less, the rate is another signal: noisy rates and rates with
-lost samples are explained by 0.65 and more; real recordings."""
-
 SCALE_OFF: Final = 0.15
 """part by which a rate may differ from the derivative of its position; filters and coarse encoders cause some per cent;
 the smallest factor of a wrong unit, rpm for rad/s, is 9.5."""

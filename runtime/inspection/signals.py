@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.recordings import ClockEntry, RecordedJoint, ShiftEntry, SignalEntry
 from runtime.inspection.settings import FOLLOWS, LATEST_SHIFT, MOVES_FROM
 from runtime.motion.clock import EvenGrid, grid
@@ -14,8 +14,6 @@ from runtime.motion.noise import SampleNoise, resolution
 from runtime.recordings import recording as recorded
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import GAP, ROUNDING
-
-Array = NDArray[np.float64]
 
 
 def integrated(x: Array, t: Array) -> Array:

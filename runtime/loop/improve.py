@@ -6,9 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from runtime.arrays import Array
 from runtime.diagnosis.grammar_search import Draft, best
 from runtime.diagnosis.settings import BUDGET
 from runtime.diagnosis.stages import begin, complete, conclude
@@ -26,8 +24,6 @@ from runtime.motion.motion import Motion, prepare
 from runtime.motion.repeats import Floor
 from runtime.recordings.recording import Recording
 from runtime.wording import AS_GIVEN
-
-Array = NDArray[np.float64]
 
 
 class EditedModel(Protocol):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from symbolic.model_file.arm import Arm, Frame, Joint
 from symbolic.model_file.frames import rotation
-
-Array = NDArray[np.float64]
 
 
 def unit_axis(joint: Joint) -> Array:

@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from runtime.arrays import Array
 from runtime.model.catalogue import (
     EffectInfo,
     JointInfo,
@@ -38,8 +39,6 @@ __all__ = [
     "LumpInfo",
     "Model",
 ]
-
-Array = NDArray[np.float64]
 
 
 @contextmanager

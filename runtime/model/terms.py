@@ -9,13 +9,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.loader import Library, Model
 from symbolic.described import number_name, numbered
 from symbolic.model_file.checks import ModelError, at_joint
 
-Array = NDArray[np.float64]
 Values = dict[str, float]
 
 

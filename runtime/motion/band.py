@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.parts import BandEntry
 from runtime.motion.clock import grid
 from runtime.motion.filters import differentiator, moving_mean, welch
@@ -23,19 +23,15 @@ from runtime.motion.settings import (
     CUTOFF_OF_SAMPLING,
     ENCODER_SHARE,
     HIGHEST_CUTOFF,
-    INERTIA_SEEN,
     LEAST_OWN_NOISE,
     LEAST_PERIODS,
-    LINE_INSIDE,
-    LINE_SHARE,
+    LITTLE,
     LOWEST_CUTOFF,
-    SLOW_MOTION,
+    SOME,
     WIDE_ENOUGH,
 )
 from runtime.motion.spectra import lines
 from runtime.recordings.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -287,7 +283,7 @@ def apparent_inertia(joint: int, q: Array, qd: Array, qdd: Array, tau: Array) ->
     y = np.array([qdd[joint], tau])
     beside = y - np.linalg.lstsq(rest.T, y.T, rcond=None)[0].T @ rest
     own, cross, whole = (float(a @ b) for a, b in (beside[[0, 0]], beside, beside[[1, 1]]))
-    if own <= 0 or cross <= 0 or cross**2 < INERTIA_SEEN * own * whole:
+    if own <= 0 or cross <= 0 or cross**2 < SOME * own * whole:
         return float("nan")
     return cross / own
 
@@ -303,17 +299,18 @@ def raised_to_lines(recordings: Sequence[Recording], band: Band, inertia: Array,
     """
     above = [line for i, ratio in enumerate(ratios) for line in _lines_of_joint(recordings, band, i, ratio)]
     above.sort(key=lambda line: -line.rms)
-    above = [line for line in above if line.rms**2 >= LINE_SHARE**2 * above[0].rms ** 2]
+    above = [line for line in above if line.rms**2 >= LITTLE**2 * above[0].rms ** 2]
     highest = CUTOFF_OF_SAMPLING * min(1 / r.dt for r in recordings)
     cutoffs, reasons = band.cutoffs.copy(), []
     for joint in sorted({line.joint for line in above}):
         own = [line for line in above if line.joint == joint]
         together = float(np.sqrt(sum(line.rms**2 for line in own)))
         for line in sorted(own, key=lambda line: -line.frequency):
-            cutoff = float(f"{LINE_INSIDE * line.frequency:.3g}")
+            # A band up to there holds the line on about half of the way.
+            cutoff = float(f"{(1 + LITTLE) * line.frequency:.3g}")
             # One-sided white noise of the positions, twice differentiated, up to the cut-off.
             noise = float(np.sqrt(inertia[joint] ** 2 @ band.position_density * (2 * np.pi) ** 4 * cutoff**5 / 5))
-            if cutoff <= highest and noise < LINE_SHARE * together:
+            if cutoff <= highest and noise < LITTLE * together:
                 reasons.append(
                     f"the band of joint {joint + 1} is raised from {cutoffs[joint]:g} to {cutoff:g} Hz to hold a line "
                     f"of its torque that repeats {line.order:.4g} times per turn of the motor, "
@@ -321,7 +318,7 @@ def raised_to_lines(recordings: Sequence[Recording], band: Band, inertia: Array,
                 )
                 cutoffs[joint] = cutoff
                 break
-    rest = tuple(line for line in above if LINE_INSIDE * line.frequency > cutoffs[line.joint])
+    rest = tuple(line for line in above if (1 + LITTLE) * line.frequency > cutoffs[line.joint])
     return replace(band, cutoffs=cutoffs, reason="; ".join([band.reason, *reasons]), above=rest)
 
 
@@ -331,7 +328,7 @@ def _lines_of_joint(recordings: Sequence[Recording], band: Band, joint: int, rat
     stretches = [(r, slice(s.start, min(s.stop, s.start + ENOUGH_FOR_NOISE))) for r in recordings for s in r.segments]
     parts = [_above_cutoff(r.q[joint, s], r.tau[joint, s], r.dt, ratio=ratio, cutoff=cutoff) for r, s in stretches]
     angle, speed, torque = (np.concatenate(rows) for rows in zip(*parts, strict=True))
-    use = speed > SLOW_MOTION * speed.max(initial=0.0)
+    use = speed > LITTLE * speed.max(initial=0.0)
     angle, speed, torque = angle[use], speed[use], torque[use]
     # In few turns a wave over time passes for one over the angle.
     if not len(angle) or np.ptp(angle) < 2 * np.pi * LEAST_PERIODS:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, minimum_filter1d, uniform_filter1d
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.intp]
 
 EVEN_GRID: Final = 0.02

@@ -17,10 +17,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
+from runtime.arrays import Array
 from runtime.model.loader import Library
 from runtime.motion.settings import MOST_DELAY, ROWS_OVER_CUTOFF, SMOOTHING_OVER_CUTOFF
-
-Array = NDArray[np.float64]
 
 
 def convolved(x: Array, kernels: Array) -> Array:

@@ -10,20 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from runtime.arrays import Array, Mask
 from runtime.model.loader import Model
 from runtime.motion.band import Band, wiener_filter
 from runtime.motion.clock import EvenGrid, Stretch, grid
 from runtime.motion.filters import Differentiator, LowPass, differentiator, low_pass, moving_mean, smoother
 from runtime.motion.piece import Gain, Piece, measured_in_all, read_sensors
 from runtime.motion.rests import dry_friction
-from runtime.motion.settings import HELD_RANGE, STANDSTILL_NOISE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
+from runtime.motion.settings import CERTAIN, HELD_RANGE, STANDSTILL_OF_TOP_SPEED, UNAFFECTED
 from runtime.recordings.contents import unpowered
 from runtime.recordings.driven import DrivenJoint, ToldGain
 from runtime.recordings.recording import Recording, RecordingError, drives_of
 from symbolic.model_file.arm import MOTOR_TORQUE
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 
@@ -491,7 +490,7 @@ def _standstill(motion: Motion, recordings: Sequence[Recording]) -> Array:
     for i, density in enumerate(band.rate_noise(k) for k in range(n)):
         noise[i] = noise[i] if density is None else np.sqrt(density * smoothing[i])
     top = np.array([max(np.abs(p.qd[i]).max() for p in motion.pieces_of(i)) for i in range(n)])
-    standstill = np.maximum(STANDSTILL_NOISE * noise, STANDSTILL_OF_TOP_SPEED * top)
+    standstill = np.maximum(CERTAIN * noise, STANDSTILL_OF_TOP_SPEED * top)
     held = np.ptp(np.concatenate([p.q for p in motion.pieces], axis=1), axis=1) < [
         HELD_RANGE[kind] for kind in recordings[0].types
     ]

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.motion.clock import EvenGrid, Stretch, interpolated
 from runtime.motion.filters import differentiator, welch
 from runtime.motion.settings import FILTERED, FOLLOWS_RATE, LOWEST_CUTOFF, WHITE_BAND
 from runtime.recordings.recording import Recording
 from runtime.recordings.settings import RATE_SCALE
-
-Array = NDArray[np.float64]
 
 ENOUGH_FOR_NOISE: Final = 200_000
 """samples; from so many the instruments' noise is known, and a longer recording costs no more; time."""

@@ -9,17 +9,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array, Mask
 from runtime.motion.band import Band
 from runtime.motion.clock import Stretch, interpolated
 from runtime.motion.filters import Differentiator, LowPass, Smoother
 from runtime.motion.rests import UnknownTorque, at_rest
-from runtime.motion.settings import MOST_DELAY, SLOW_MOTION
+from runtime.motion.settings import LITTLE, MOST_DELAY
 from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording
 from symbolic.model_file.arm import MOTOR_TORQUE, Torque
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Gain = tuple[int, str]
 """A joint (0-based) and the name of a coefficient of its drive's law."""
 
@@ -311,7 +310,7 @@ class Piece:
             rests |= self.limited
         whole = replace(self, without=()).unknown_at(rests, quiet)
         # A joint that is stopped again and again would have no rows left.
-        clear = (quiet > 0) & (standstill < SLOW_MOTION * np.max(np.abs(self.qd), axis=1, initial=0.0))
+        clear = (quiet > 0) & (standstill < LITTLE * np.max(np.abs(self.qd), axis=1, initial=0.0))
         clear &= ~self.limited.any(axis=1) if self.limited.size else True
         found = zip(whole.without, clear, strict=True)
         return replace(self, without=tuple(x.relaxed(self.low_pass) if c and x.too_much else x for x, c in found))

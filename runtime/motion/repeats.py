@@ -11,14 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array, Mask
 from runtime.motion.filters import convolved
 from runtime.motion.motion import Motion
 from runtime.motion.piece import Piece
 from runtime.motion.settings import REPEAT_ALIKE, REPEAT_ALIKE_RATE, REPEAT_WINDOW_S, REPEATABLE_SHARE
 from runtime.motion.spectra import in_band_white_density
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
 
 

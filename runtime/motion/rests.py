@@ -9,14 +9,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from runtime.arrays import Array, Mask
 from runtime.motion.filters import LowPass
-from runtime.motion.settings import LEAST_OF_ROW
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from runtime.motion.settings import LITTLE
 
 UNKNOWN_OVER_NOISE: Final = 0.3
 """ratio to the torque noise in the band; a combination of rows is eliminated if the dry friction at rest could exceed
@@ -86,7 +83,8 @@ class UnknownTorque:
     def of(cls, low_pass: LowPass, unknown: Mask, quiet: float) -> UnknownTorque:
         """For a torque unknown at samples (N,); arguments as the fields."""
         left, directions = _eliminated(low_pass, unknown, max(UNKNOWN_OVER_NOISE * quiet, SAME_DIRECTION))
-        return cls(unknown, quiet, directions, left, left > LEAST_OF_ROW)
+        # A row of which less is left holds mostly what friction at rest may be.
+        return cls(unknown, quiet, directions, left, left > LITTLE)
 
     @classmethod
     def nowhere(cls, low_pass: LowPass, samples: int) -> UnknownTorque:

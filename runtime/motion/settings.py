@@ -9,6 +9,27 @@ from __future__ import annotations
 
 from typing import Final
 
+# conventions ---------------------------------------------------------------------------------------------------------
+
+LITTLE: Final = 0.1
+"""part; a tenth is little beside the whole, wherever no verdict hangs on how little; a choice: at each
+place but that of folded torques, which is newer, no development recording is judged otherwise with half or twice."""
+
+SOME: Final = 0.25
+"""part; from a quarter on it is some of the whole, wherever no verdict hangs on how much; a choice, as LITTLE."""
+
+MOST: Final = 0.5
+"""part; more than half is most of the whole; by construction."""
+
+CERTAIN: Final = 4.0
+"""standard deviations; beyond, it is not chance, and not an interval that is a little too narrow; a normal variable is
+beyond it once in 16,000 times."""
+
+CLEARLY_LIKELIER: Final = 12.0
+"""natural logarithm of a likelihood; a jump or another time of a torque must be so much likelier, and a line so much
+above the largest of as many chances as there are orders (Scargle 1982), whose level is only estimated; 5 would have
+named something on 23 of 30 clean recordings: trial of the method, and simulated white noise."""
+
 # bands ---------------------------------------------------------------------------------------------------------------
 
 ENCODER_SHARE: Final = 0.25
@@ -59,27 +80,11 @@ FOLLOWS_RATE: Final = 0.7
 """number; the correlation of noise and squared rate over blocks, from which on instants are uncertain; simulated
 recordings: below 0.45 with even stamps, coarse encoders too, above 0.85 with stamps of whole milliseconds."""
 
-INERTIA_SEEN: Final = 0.3
-"""part of a torque's variance, less what friction and gravity may explain; an acceleration that explains less of it
-shows no inertia; development recordings."""
-
 # rests ---------------------------------------------------------------------------------------------------------------
-
-STANDSTILL_NOISE: Final = 4.0
-"""standard deviations of the rate's noise; below, the sign of the rate is chance; a normal variable is beyond it once
-in 16,000 rows."""
 
 STANDSTILL_OF_TOP_SPEED: Final = 0.002
 """part of the joint's fastest rate; below, it creeps, which a clean encoder would call motion; development
 recordings."""
-
-SLOW_MOTION: Final = 0.1
-"""part of the fastest rate; slower is slow motion: a standstill beyond it cannot be told from motion, and a motor below
-it shows no line above the band; a choice."""
-
-LEAST_OF_ROW: Final = 0.1
-"""part of a row; one of which the elimination leaves less holds mostly what friction at rest may be, and is not used;
-a choice."""
 
 UNAFFECTED: Final = 0.97
 """part of a row; where the elimination leaves more, no unknown torque reached it; development recordings."""
@@ -116,9 +121,6 @@ motor's torque with them; the quietest development recordings have twice as much
 
 # spectra of a residual -----------------------------------------------------------------------------------------------
 
-LINE_STANDS_OUT: Final = 0.1
-"""part of a residual's power; a frequency that holds more of it is a line; development recordings."""
-
 SLOW_PART: Final = 0.15
 """part of the cut-off; below lie slow disturbances; development recordings with disturbances from outside."""
 
@@ -131,17 +133,6 @@ development recordings."""
 LEAST_PERIODS: Final = 4.0
 """number of periods over the motion; with fewer a wave is no line, but one of many shapes over the position, or a wave
 over time; an order is then known to a quarter, the Rayleigh limit; a choice."""
-
-LINE_ABOVE_CHANCE: Final = 12.0
-"""natural logarithm; so much a line is above the largest of as many chances as there are orders: far more than their
-exponential distribution asks (Scargle 1982), as their level is only estimated; simulated white noise."""
-
-LINE_INSIDE: Final = 1.1
-"""ratio to a line's frequency at the middle speed; a band up to there holds it on about half of the way; a choice."""
-
-LINE_SHARE: Final = 0.1
-"""ratio of RMS; small beside a line: a weaker line asks for no higher band, and the encoder's noise as an inertial
-torque in the raised band must not exceed it; a choice, with a real motor in view."""
 
 LEAST_OWN_NOISE: Final = 0.03
 """part of the noise of a torque that a drive's law makes; at least so much is taken to be the drive's own and not that

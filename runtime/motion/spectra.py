@@ -17,18 +17,9 @@ from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d
 from scipy.sparse import csc_array
 
+from runtime.arrays import Array
 from runtime.motion.filters import welch
-from runtime.motion.settings import (
-    LEAST_PERIODS,
-    LINE_ABOVE_CHANCE,
-    LINE_STANDS_OUT,
-    ROWS_OVER_CUTOFF,
-    SLOW_PART,
-    WHITE_PART,
-)
-
-Array = NDArray[np.float64]
-
+from runtime.motion.settings import CLEARLY_LIKELIER, LEAST_PERIODS, LITTLE, ROWS_OVER_CUTOFF, SLOW_PART, WHITE_PART
 
 # --- over time ---
 
@@ -61,7 +52,7 @@ def strongest_line(residual: Array, rate: float) -> SpectralLine | None:
     share = float(power[line].sum() / power.sum())
     frequencies = max(1.0, min(np.count_nonzero(residual) / 2, inside / blurred))
     chance = (np.log(inside) + once_in_a_thousand) / frequencies + 2 * width / inside
-    if share <= LINE_STANDS_OUT or float(even[line].sum() / even.sum()) <= chance:
+    if share <= LITTLE or float(even[line].sum() / even.sum()) <= chance:
         return None
     return SpectralLine(float(np.fft.rfftfreq(len(residual), 1 / rate)[peak]), share)
 
@@ -211,7 +202,7 @@ def lines(
     period = rayleigh_period(angle)
     low, high = (end + side * neighbourhood(end, period) for end, side in zip(span, (-1, 1), strict=True))
     periodogram = LombScargle.of(angle, base, projection, (low, high))
-    least = float(np.log(among)) + LINE_ABOVE_CHANCE
+    least = float(np.log(among)) + CLEARLY_LIKELIER
     spectrum = periodogram.spectrum(left)
     for order in spectrum.peaks(span):
         half_periods = np.floor(order * angle / np.pi).astype(np.intp)

@@ -6,13 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from runtime.arrays import Array
 from runtime.model.catalogue import LoaderError
 from runtime.model.loader import Model
 from runtime.notebook.effects_along import whole_torque
-
-Array = NDArray[np.float64]
 
 
 class ArmFunctions(ABC):

@@ -6,8 +6,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.catalogue import LoaderError
 from runtime.model.loader import Model
 from runtime.model.terms import (
@@ -21,8 +21,6 @@ from runtime.model.terms import (
     joints_of,
     structure,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass

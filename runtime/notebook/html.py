@@ -1,13 +1,17 @@
-"""A result as a notebook's cell shows it: a few lines, and everything else folded."""
+"""A result as a notebook's cell shows it: a few lines, everything else folded; and its figures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
 from runtime.report.page.html import fragment
 from runtime.report.sections import Section
+
+if TYPE_CHECKING:
+    from runtime.report.page.page_figures import Drawn  # Matplotlib is imported where used
 
 _STYLE = Markup("""<style>
 .tendon-result { max-width: 62em; line-height: 1.4; }
@@ -35,3 +39,15 @@ def shown(lines: Sequence[str], sections: Sequence[Section]) -> str:
     paragraphs = [f"<p><b>{escape(first)}</b></p>", *(f"<p>{escape(line)}</p>" for line in others)]
     folded = f"<details><summary>everything</summary>{fragment(sections)}</details>"
     return f'{_STYLE}<div class="tendon-result">{"".join(paragraphs)}{folded}</div>'
+
+
+class ResultFigures(tuple["Drawn", ...]):
+    """Figures of a result; the last line of a cell draws them all, an item one of them."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return "\n".join(f"[{k}] {figure.caption}" for k, figure in enumerate(self))
+
+    def _repr_html_(self) -> str:
+        return "".join(figure._repr_html_() for figure in self)

@@ -17,7 +17,7 @@ from runtime.execution.execute import Execution
 from runtime.execution.motions import read_either, slower
 from runtime.execution.options import ExecutionSettings
 from runtime.notebook.arm import LoadedArm, PathOrText
-from runtime.notebook.figures import ResultFigures
+from runtime.notebook.html import ResultFigures
 from runtime.notebook.results import MadeResult, VerbResult, several
 from runtime.planning import optimize as optimizer
 from runtime.planning import scenario_file

@@ -40,7 +40,7 @@ from runtime.report.sections import Section
 from runtime.report.summary import ResultSummary
 
 if TYPE_CHECKING:
-    from runtime.notebook.figures import ResultFigures  # Matplotlib, CasADi and the pages are imported where used
+    from runtime.notebook.html import ResultFigures  # Matplotlib, CasADi and the pages are imported where used
 
 
 D = TypeVar("D", bound=Document)
@@ -151,7 +151,7 @@ class _Loop(VerbResult[D]):
     @cached_property
     def figures(self) -> ResultFigures:
         """The error, then every joint's torque and residual."""
-        from runtime.notebook.figures import ResultFigures
+        from runtime.notebook.html import ResultFigures
         from runtime.report.page import page_figures
 
         return ResultFigures(page_figures.of_result(self.summary))

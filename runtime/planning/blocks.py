@@ -15,10 +15,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-Array = NDArray[np.float64]
+from runtime.arrays import Array
 
 Row = tuple[ca.SX, float, float, str, str]
 """A constraint: expression, lower and upper bound, its description for messages, and its unit."""

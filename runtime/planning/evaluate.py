@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.model.terms import Structure, Term, structure
 from runtime.planning.program import Bounds, Miss, Program, quadrature
@@ -19,7 +19,6 @@ from runtime.planning.task import limit_label
 from runtime.planning.trajectory import JointMotion, Trajectory
 from runtime.simulation.simulate import torque_along
 
-Array = NDArray[np.float64]
 Limited = Literal["position", "speed", "torque"]
 
 NODES = 200

@@ -12,16 +12,14 @@ from itertools import pairwise
 from math import pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from runtime.arrays import Array
 from runtime.model.catalogue import JointInfo
 from runtime.model.loader import Model
 from runtime.model.terms import SURFACE, Term, giver
 from runtime.planning.scenario import usual
 from symbolic.model_file.checks import ModelError
-
-Array = NDArray[np.float64]
 
 DEGREE = 8
 """Of the polynomials: 5 for positions, rates and accelerations at both ends, the others to be optimized; a choice."""

@@ -11,8 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 from msgspec import UNSET, UnsetType
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.parts import IterationsEntry
 from runtime.model.loader import Library, Model
 from runtime.planning.evaluate import (
@@ -34,7 +34,6 @@ from runtime.planning.trajectory import Phase, Trajectory
 from runtime.progress import of_long, one_thread, steps
 from runtime.setting import LEAST_TIME_LIMIT, SearchSettings
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 WIDTH = 0.1

@@ -9,8 +9,9 @@ from math import cos, sin
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from runtime.arrays import Array
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
 from runtime.model.terms import (
@@ -27,8 +28,6 @@ from runtime.model.terms import (
 )
 from runtime.planning.blocks import Row
 from runtime.planning.scenario import Point, Scenario, is_spring
-
-Array = NDArray[np.float64]
 
 AXIS = 2
 """The axis of the tip's frame whose direction `pointing` gives."""

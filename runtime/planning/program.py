@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.interpolate import BPoly
 
+from runtime.arrays import Array
 from runtime.documents.parts import SearchEnd
 from runtime.interruption import heard_in_casadi
 from runtime.model.loader import Model
@@ -20,7 +21,6 @@ from runtime.planning.blocks import ProgramBlock, assemble
 from runtime.planning.scenario import Scenario
 from runtime.planning.task import Task
 
-Array = NDArray[np.float64]
 Bounds = tuple[Array, Array]
 """Lower and upper, of a program's rows (m,) or unknowns (nx,)."""
 

@@ -10,16 +10,14 @@ from math import sqrt
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model import casadi_functions
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.planning.blocks import Expression, Row
 from runtime.planning.physics import Physics, PlanInstant, direction_rows, target_frame
 from runtime.planning.scenario import PhasePlan, Point, Scenario, SoughtSpring, sought
-
-Array = NDArray[np.float64]
 
 CLEAR_OF_SINGULAR = 0.05
 """Least |sin q_2| in contact: at zero J_w is singular."""

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BPoly
 
 from runtime import files
+from runtime.arrays import Array
 from runtime.documents.plans import PolynomialEntry, TrajectoryDocument
 from runtime.model.loader import Library, Model
 from runtime.model.terms import Term, Values
@@ -40,8 +41,6 @@ from symbolic.model_file.fields import (
 from symbolic.model_file.fields import (
     read as read_fields,
 )
-
-Array = NDArray[np.float64]
 
 FORMAT = "tendon trajectory 1"
 _OF_A_SPRING = ("joint", "effect")

@@ -9,12 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime import files
+from runtime.arrays import Array
 from runtime.recordings.recording import RecordingError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import NoReturn, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.settings import (
     GAP,
     LARGEST,
@@ -72,7 +73,6 @@ def require(package: str, extra: str, what: str, refuse: Refusal) -> None:
         )
 
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 

@@ -17,11 +17,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.settings import RATE_SCALE
 from symbolic.model_file.arm import DescribedJoint
 from symbolic.model_file.drive_laws import COMMANDS, DELAY, INTEGRAL, LAWS, SATURATION, DriveLaw, parted
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

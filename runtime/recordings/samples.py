@@ -17,6 +17,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Mask
 from runtime.recordings.clocks import dry, features
 from runtime.recordings.contents import Array, Refusal, Samples
 from runtime.recordings.settings import (
@@ -46,7 +47,6 @@ from runtime.wording import number
 from symbolic.model_file.arm import DescribedJoint
 
 Rows = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 _JOINT = re.compile(r"(q|qd|tau|duty|voltage|current)(\d+)(_desired|_link)?", re.ASCII)
 """Signals of a joint that are looked at; a voltage of the supply and a temperature decide nothing by themselves."""
@@ -125,14 +125,17 @@ class Look:
 
     def _read(self, table: Samples, names: Collection[str]) -> Samples:
         """Samples without reads that failed. Raises RecordingError, unless rows may be left out."""
-        pieces, failed = _pieces(table), dict[str, Mask]()
-        for name in names:
+        pieces, positions = _pieces(table), [name for name in names if re.fullmatch(r"q\d+", name)]
+        found = {name: _failed(table.signals[name], pieces, "q") for name in positions}
+        pushes = np.array([_pushes(table.signals["t"], table.signals[name], found[name]) for name in positions])
+        for name in (name for name in names if name not in found):
             own = table.signals.get("q" + "".join(filter(str.isdigit, name)))
-            bad = _failed(table.signals[name], pieces, re.sub(r"\d+", "", name), own)
+            kind = re.sub(r"\d+", "", name)
+            beside = [table.signals[other] for other in names if other != name and re.sub(r"\d+", "", other) == kind]
+            found[name] = _failed(table.signals[name], pieces, kind, own, pushes, beside)
             if name[:3] == "tau":
-                bad |= _silent(table, name)
-            if bad.any():
-                failed[name] = bad
+                found[name] |= _silent(table, name)
+        failed = {name: found[name] for name in names if found[name].any()}
         if not failed:
             return table
         empty: Mask = np.all([table.signals[name] == 0 for name in names], axis=0)
@@ -341,8 +344,26 @@ def _thinned(table: Samples, held: Mapping[str, _Held], times: float) -> tuple[S
     return thinned, moved
 
 
-def _failed(x: Array, pieces: NDArray[np.int64] | None, kind: str, own: Array | None) -> Mask:
-    """(N,) samples of x (N,) that are away from all of their neighbours. own: the position (N,) of its joint.
+def _pushes(t: Array, q: Array, failed: Mask) -> Array:
+    """(N,) changes of a rate, of positions q (N,) at times t (N,), over what they usually are; none of samples that
+    failed."""
+    if len(q) < 3:
+        return np.zeros(len(q))
+    beside, dt = np.convolve(failed, np.ones(3), "same") > 0, np.diff(t)
+    rate = np.diff(q) / np.where(dt > 0, dt, np.inf)
+    return np.pad(np.abs(np.diff(rate)), 1) * ~beside / (_usual(rate, 1) or 1.0)
+
+
+def _failed(
+    x: Array,
+    pieces: NDArray[np.int64] | None,
+    kind: str,
+    own: Array | None = None,
+    pushes: Array | None = None,
+    others: Sequence[Array] = (),
+) -> Mask:
+    """(N,) samples of x (N,) that are away from all of their neighbours. own: the position (N,) of its joint, where x
+    is none; pushes (n, N): of all positions; others (N,): the same of other joints.
 
     What is commanded may do what no joint can: only numbers that come again are looked for. A position may fail for any
     time and from the first sample on; a torque or a rate that is 0 for longer may be one.
@@ -350,12 +371,12 @@ def _failed(x: Array, pieces: NDArray[np.int64] | None, kind: str, own: Array | 
     bad, free, position = np.zeros(len(x), dtype=bool), not kind.endswith("_desired"), kind in ("q", "q_link")
     own = None if position else own
     if free:
-        _mark_excursions(x, pieces, bad, position, own)
+        _mark_excursions(x, pieces, bad, position, own, pushes, others)
     before = np.count_nonzero(bad)
     for value, any_time in _suspected(x):
         bad |= _repeated(x, x == value, bad, any_time=any_time and position)
     if free and before < np.count_nonzero(bad) < len(x) / 2:
-        _mark_excursions(x, pieces, bad, position, own)
+        _mark_excursions(x, pieces, bad, position, own, pushes, others)
     return bad
 
 
@@ -393,18 +414,40 @@ def _repeated(x: Array, same: Mask, failed: Mask, any_time: bool) -> Mask:
     return same if many else bad
 
 
-def _mark_excursions(x: Array, pieces: NDArray[np.int64] | None, bad: Mask, smooth: bool, own: Array | None) -> None:
+def _mark_excursions(
+    x: Array,
+    pieces: NDArray[np.int64] | None,
+    bad: Mask,
+    smooth: bool,
+    own: Array | None,
+    pushes: Array | None,
+    others: Sequence[Array],
+) -> None:
     """Marks excursions of the samples of x (N,) that are not marked. Where the joint at `own` (N,) rests or turns
-    round, its rate and its friction do, too: only what is beyond all that the signal does elsewhere is marked there."""
+    round, its rate and its friction do, too: only what is beyond all that the signal does elsewhere is marked there.
+    Nothing is where a joint is thrown back, for which `pushes` (n, N) stand out, as its torque reaches the others, nor
+    for one sample where it takes a new level and the same of another joint, too: then all were commanded anew."""
     good = np.flatnonzero(~bad)
     y, parts = x[good], None if pieces is None else pieces[good]
     for first, count in _excursions(y, parts, smooth):
-        if own is not None and len(first):
-            ways = np.sign(np.diff(own[good[first[:, None] + np.arange(-2, count + 2)]], axis=1))
-            moves = np.abs(ways.sum(axis=1)) == count + 3
+        if own is not None and pushes is not None and len(first):
+            steps = np.diff(own[good[first[:, None] + np.arange(-2, count + 2)]], axis=1)
+            moves = np.abs(np.sign(steps).sum(axis=1)) == count + 3
             beyond = np.abs(y[first] - np.median(y)) > float(np.ptp(np.quantile(y, [1 - IN_PHASE, IN_PHASE])))
-            first = first[moves | beyond]
+            pushed = pushes[:, good[first[:, None] + np.arange(1 - SIDE, count + SIDE - 1)]]
+            aside = pushed[..., [0, 1, -2, -1]].max(axis=-1)
+            thrown = pushed[..., 2:-2].max(axis=-1) > np.maximum(AWAY / 2 * aside, 1.0)
+            at = good[first[:, None] + np.array([-2, -1, count, count + 1])]
+            anew = np.any([_steps(other[at]) > AWAY / 2 * _usual(other, 1) for other in others], axis=0)
+            anew &= (AWAY / 2 * _steps(x[at]) > np.abs(x[at] - y[first][:, None]).min(axis=1)) & (count == 1)
+            first = first[(moves | beyond) & ~thrown.any(axis=0) & ~anew]
         bad[good[(first[:, None] + np.arange(count)).ravel()]] = True
+
+
+def _steps(sides: Array) -> Array:
+    """(K,) from the two samples before to the two after, (K, 4), beyond what these differ among each other."""
+    level = np.abs(sides[:, 2:].sum(axis=1) - sides[:, :2].sum(axis=1)) / 2
+    return level - np.abs(np.diff(sides, axis=1)[:, [0, 2]]).max(axis=1)
 
 
 def _excursions(x: Array, pieces: NDArray[np.int64] | None, smooth: bool) -> Iterator[tuple[Rows, int]]:

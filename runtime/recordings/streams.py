@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from runtime.arrays import Mask
 from runtime.recordings.contents import Array, MixedStream, Numbers
 from runtime.recordings.settings import (
     CLOCK_SHIFT_MOST,
@@ -30,7 +31,6 @@ from runtime.recordings.settings import (
 )
 from symbolic.model_file.checks import quote
 
-Mask = NDArray[np.bool_]
 ARRAYS = ("position", "velocity", "effort")
 
 

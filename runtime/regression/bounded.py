@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from runtime.arrays import Array, Mask
+
 Sides = NDArray[np.int8]
 """(K,) 1 for a coefficient on its lower bound, -1 for one on its upper bound, 0 for the others."""
 
@@ -250,8 +250,9 @@ def minimise(
     # What the program seeks is counted from there, so that its ridge holds it there.
     program = _Program.of(gram / np.outer(scale, scale), (moment - gram @ begin) / scale)
     lowest, highest = (lower - begin) * scale, (upper - begin) * scale
-    # Each cut is a posture at which D was not positive definite; good data need a few. The margin is the solver's.
-    most, margin, known = 30, 1e-6, dict[bytes, Array]()
+    # Each cut is a posture at which D was not positive definite; good data need a few. Within a margin of a millionth
+    # of the torque their neighbours are met as well.
+    most, margin, known = 30, 1e-6 * float(np.linalg.norm(theta * scale)), dict[bytes, Array]()
     for _ in range(most):
         before = len(known)
         known |= {cut.tobytes(): cut for cut in cuts / scale}

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
+from runtime.arrays import Array, Mask
 from runtime.regression.settings import MOST_LAGS, WHITE_LEAST
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

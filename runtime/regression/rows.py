@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from runtime.arrays import Array, Mask
 from runtime.regression.noise import Whitening, autoregression
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 
 
@@ -232,23 +231,24 @@ class JointProducts:
         made = cls(stacks, np.zeros((size, size)), order)
         new, both = made.places, [key for key in stacks if key in old]
         if like is not None and both:
-            here, there = (np.concatenate([places[key] for key in both]) for places in (new, old))
-            made.gram[np.ix_(here, here)] = like.gram[np.ix_(there, there)]
+            here, there = (np.concatenate([np.arange(p[k].start, p[k].stop) for k in both]) for p in (new, old))
+            made.gram[here[:, None], here] = like.gram[there[:, None], there]
         keys = list(stacks)
+        fresh = [n for n, key in enumerate(keys) if key not in old]
         for n, one in enumerate(keys):
             # In one order whatever is there already, so that equal blocks have equal products to the last digit.
-            for other in keys[: n + 1]:
-                if one not in old or other not in old:
-                    product = stacks[one].products(stacks[other])
-                    made.gram[np.ix_(new[one], new[other])] = product
-                    made.gram[np.ix_(new[other], new[one])] = product.T
+            for m in range(n + 1) if n in fresh else [m for m in fresh if m < n]:
+                other = keys[m]
+                product = stacks[one].products(stacks[other])
+                made.gram[new[one], new[other]] = product
+                made.gram[new[other], new[one]] = product.T
         return made
 
     @cached_property
-    def places(self) -> Mapping[Hashable, Places]:
+    def places(self) -> Mapping[Hashable, slice]:
         """By key, the places of its rows."""
         ends = np.cumsum([0, *(len(s.index) for s in self.stacks.values())])
-        return {key: np.arange(*span) for key, span in zip(self.stacks, pairwise(ends), strict=True)}
+        return {key: slice(*map(int, span)) for key, span in zip(self.stacks, pairwise(ends), strict=True)}
 
     @property
     def index(self) -> Places:

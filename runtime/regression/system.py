@@ -22,12 +22,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.regression.bounded import Alike, Sides, inverse, minimise, rank, solve
 from runtime.regression.noise import Whitening
 from runtime.regression.rows import Block, Columns, JointAt, JointProducts, JointRows, RowStack, joint_columns, merged
 from runtime.regression.settings import LEAST_OWN
 
-Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 JointColumns = tuple[Array, Array, Places]
 Torques = Mapping[int, Array]

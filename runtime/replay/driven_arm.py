@@ -16,8 +16,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.batch import Batch
 from runtime.model.loader import Model
 from runtime.recordings.driven import DrivenJoint
@@ -26,7 +26,6 @@ from runtime.simulation.equations import PlantEquations
 from runtime.simulation.integrator import Integrator, runge_kutta
 from symbolic.model_file.drive_laws import INTEGRAL
 
-Array = NDArray[np.float64]
 Gain = Mapping[str, Any]
 """Coefficients of a drive's law by name, numbers or expressions."""
 

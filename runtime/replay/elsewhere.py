@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.replays import MotionErrorEntry
 from runtime.exchange.mujoco_play import Played
 from runtime.recordings.recording import RecordingError
@@ -17,8 +17,6 @@ from runtime.replay.driven_arm import Windows
 from runtime.replay.replay import PlayedWindows, Replay
 from runtime.replay.track import remembering
 from symbolic.model_file.arm import COMMAND, MOTOR_TORQUE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

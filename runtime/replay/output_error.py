@@ -18,15 +18,16 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.parts import IterationsEntry, SearchEnd
 from runtime.documents.replays import MotionErrorEntry, OutputErrorEntry, RefinedMotion, RefinedParameter
 from runtime.identification import grids
 from runtime.identification.estimate import Estimate
 from runtime.identification.fit import SKEW, Fit, Inference, interval
-from runtime.identification.settings import NOMINAL_SKEW, SEPARABLE, TANGLED_SHARE
+from runtime.identification.settings import NOMINAL_SKEW, SEPARABLE
 from runtime.model.terms import Prediction, Term
+from runtime.motion.settings import SOME
 from runtime.progress import is_late, within
 from runtime.recordings.driven import ToldGain
 from runtime.recordings.recording import Recording, drives_of
@@ -48,8 +49,6 @@ from runtime.replay.settings import (
 )
 from runtime.setting import SearchSettings
 from runtime.simulation.equations import PlantEquations
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -394,7 +393,7 @@ class _Search:
         windows = len(found.scores)
         meat = found.scores.T @ found.scores * windows / max(1, windows - len(theta))
         covariance = np.asarray(bread @ meat @ bread * np.outer(self.sizes, self.sizes))
-        untold = np.any(np.abs(vector[:, ~seen]) > TANGLED_SHARE, axis=1)
+        untold = np.any(np.abs(vector[:, ~seen]) > SOME, axis=1)
         covariance[untold, untold] = np.inf
         return covariance
 

@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 from msgspec import UNSET
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.replays import MotionErrorEntry, ReplayedJoint
 from runtime.identification.fit import Fit
 from runtime.identification.fitting import fit_motion
@@ -24,15 +24,13 @@ from runtime.identification.identify import prepared, without_tip_rests
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, check_complete, structure
 from runtime.motion.motion import Motion, prepare
-from runtime.motion.settings import STANDSTILL_NOISE
+from runtime.motion.settings import CERTAIN
 from runtime.recordings.recording import Recording, RecordingError, drives_of
 from runtime.replay.driven_arm import OPEN_LOOP, DrivenArm, Feedback, Windows
 from runtime.replay.settings import AGREES, RESTING, RUNAWAY, SAME_PERIOD, SHORTEST, START, STEP, STRETCH, WINDOWS
 from runtime.replay.track import Track, tracks
 from runtime.simulation.integrator import Integrator
 from symbolic.model_file.arm import Gains
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +222,7 @@ class Replay:
         resting = float(np.average([t.resting[i] for t in self.tracks], weights=[len(t.t) for t in self.tracks]))
         if resting > RESTING:
             return False, f"it rests for {100 * resting:.0f} % of the time, where dry friction takes up any torque"
-        rate = float(self.motion.standstill[i]) / STANDSTILL_NOISE
+        rate = float(self.motion.standstill[i]) / CERTAIN
         unit = self.model.joints[i].position_unit
         if rate * last.seconds / np.sqrt(3) > START * last.rest:
             return False, f"the rate at which a window begins is known to {rate:.2g} {unit}/s only"

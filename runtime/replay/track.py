@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.identification.regressors import Signals
 from runtime.identification.settings import NOMINAL_SKEW
 from runtime.model.loader import Model
@@ -19,8 +20,6 @@ from runtime.motion.piece import Piece
 from runtime.recordings.driven import DrivenJoint
 from runtime.recordings.recording import Recording, drives_of
 from runtime.replay.settings import RATE_NOISE, STATES_OF_SAMPLING
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.wording import quantity
 from symbolic.model_file.arm import WEIGHTLESS
-
-Array = NDArray[np.float64]
 
 _STRAIGHT = 10.0
 """degrees; a direction this close to an axis of the base, or to the opposite one, is called by it: how straight people

@@ -187,12 +187,8 @@ _GATES: Mapping[str, Callable[[GateResult, Candidate, Model], str]] = {
     gates.TORQUE.name: _told("its own torque is {} of the noise floor, not more than {}"),
     gates.PART.name: _told("it is {} % of the joint's torque, not more than {} %", 100),
     gates.EDGE.name: lambda *_: "its shape lies at the edge of what was searched",
-    gates.SHARE.name: _told("with everything refitted it takes away {} % of the excess, not {} %", 100),
     gates.FALL.name: _told("with it and everything refitted, the error falls by {} %, not by {} %", 100),
     gates.ONCE.name: _told("it acts in {} of 40 stretches of time, not in more than {}: it may be anything"),
-    gates.STEADY.name: _told(
-        "what helps at one moment harms at others: the error falls by {} standard deviations over stretches, not by {}"
-    ),
     gates.SIZE.name: lambda *_: "its refitted size lies at its bound, or in a sum with inertial parameters",
     gates.CONTACT.name: lambda *_: "it does not push back in both directions of motion",
     gates.TURN.name: lambda *_: "it does not repeat a whole number of times a turn, of the motor or of the joint",

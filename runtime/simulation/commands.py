@@ -11,15 +11,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.driven import DrivenJoint, driven_joint, rate
 from runtime.recordings.recording import Recording
 from runtime.simulation.simulate import SimulationError
 from symbolic.model_file.arm import DescribedJoint
 from symbolic.model_file.drive_laws import COMMANDS, DELAY, LAWS, SATURATION, DriveLaw
-
-Array = NDArray[np.float64]
 
 
 def commanded(recording: Recording, joints: Sequence[DescribedJoint]) -> Recording:

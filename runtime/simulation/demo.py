@@ -12,11 +12,10 @@ from math import exp
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings import recording
 
-Array = NDArray[np.float64]
 State = list[float]
 Advance = Callable[[State, float, float], None]
 """(state, torque N m, time s): advances the state by one period; state[0] is the motor's angle at the joint, rad."""

@@ -248,9 +248,10 @@ class PlantEquations:
             driven = _Driven(signals, torque, (torque - before[joint]) / dt)
             terms = [term for term in self.drive if joint in joints_of(self.model, term)]
             recorded = torque + sum(self.force(term, joint, driven, None) for term in terms)
-            better = torque - (recorded - command[joint]) / ca.jacobian(recorded, torque)
-            # The curve of a saturation is convex, so that Newton's method converges.
-            for _ in range(DRIVE_STEPS):
+            slope = ca.jacobian(recorded, torque)
+            better = torque - (recorded - command[joint]) / slope
+            # The curve of a saturation is convex, so that Newton's method converges; a straight one is solved at once.
+            for _ in range(DRIVE_STEPS if ca.depends_on(slope, torque) else 1):
                 found[joint] = ca.substitute(better, torque, found[joint])
         return found
 

@@ -9,15 +9,13 @@ from math import ceil
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction
 from runtime.simulation.equations import PlantEquations, PlantError, PlantInstant, check_forward
 from runtime.simulation.settings import FINER, GROWTH, GROWTH_AT, RATE_WIDTH, STEP, WEIGHTLESS
 from symbolic.model_file.arm import MOTOR_TORQUE, Torque
-
-Array = NDArray[np.float64]
 
 
 class Integrator:

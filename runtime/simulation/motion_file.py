@@ -9,16 +9,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
+from runtime.arrays import Array
 from runtime.recordings.contents import RecordingError, Refusal
 from runtime.recordings.settings import MOST_SAMPLES
 from runtime.recordings.text import blocks, check_file
 from runtime.simulation.settings import LEAST_DIGIT, LONGEST, PATH_DEGREE, RATE
 from runtime.simulation.simulate import SimulationError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

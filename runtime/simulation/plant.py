@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from runtime.arrays import Array
 from runtime.interruption import heard_in_casadi
 from runtime.model.loader import Model
 from runtime.model.terms import Prediction, Structure
 from runtime.simulation.integrator import Integrator
-
-Array = NDArray[np.float64]
 
 
 class Plant:

@@ -105,8 +105,9 @@ NEWTON_STEPS: Final = 3
 """number of Newton steps for accelerations on which an effect depends; quadratic convergence to rounding error; by
 construction."""
 
-DRIVE_STEPS: Final = 6
-"""number of Newton steps for the torque behind a saturating drive, whose curve is convex; by construction; a choice."""
+DRIVE_STEPS: Final = 60
+"""number of Newton steps for the torque behind a saturating drive, whose curve is convex: each goes a 15th of the way
+in the logarithm, and the command may be 30 times a limit; by construction; a choice."""
 
 LEAST_DIGIT: Final = 1e-10
 """part of the largest number of a row of a motion; what is smaller is rounding, and 0 in a file; ten digits are

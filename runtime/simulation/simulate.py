@@ -12,9 +12,9 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from runtime.arrays import Array
 from runtime.identification.grids import points
 from runtime.identification.regressors import Regressors, Signals
 from runtime.model.loader import Library, Model
@@ -46,8 +46,6 @@ from runtime.simulation.settings import (
 from symbolic.described import AnyEffect, numbered
 from symbolic.model_file.arm import MOTOR_TORQUE, Torque
 from symbolic.model_file.checks import Names, did_you_mean, effect_term, joint_number, known_joints, nearest, quote
-
-Array = NDArray[np.float64]
 
 
 class SimulationError(ValueError):

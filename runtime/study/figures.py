@@ -7,16 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.execution.trial import RUN_IN
 from runtime.planning.evaluate import at_times
 from runtime.report.plots.style import BEFORE, FAINT, INK, WIDTH, styled
 from runtime.study import published
 from runtime.study.identification import JointFriction
 from runtime.study.study import Row, Study, StudyCase
-
-Array = NDArray[np.float64]
 
 GRAY = "#9aa5b1"
 PAPER = "#bd4a07"

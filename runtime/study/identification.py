@@ -14,9 +14,9 @@ from math import ceil, pi
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
+from runtime.arrays import Array
 from runtime.documents.paper import (
     ClaimEntry,
     CosineEntry,
@@ -43,8 +43,6 @@ from runtime.recordings.recording import Recording
 from runtime.simulation.equations import PlantError
 from runtime.simulation.simulate import Hidden
 from runtime.study.published import PRECISION, TABLE_1, TRIALS
-
-Array = NDArray[np.float64]
 
 AMPLITUDE = pi / 4
 """rad, a of (5); assumed: the link sweeps 90 degrees, as it does in scenario 1."""

@@ -214,8 +214,8 @@ def _contradictions(effect: Effect) -> Iterator[str]:
     for p in effect.parameters:
         if (p.role == "shape") != (p.grid is not None):
             yield f': "{p.name}" needs a grid if and only if its role is "shape"'
-        if (p.role == "given") != (p.default is not None):
-            yield f': "{p.name}" needs a default if and only if its role is "given"'
+        if p.default is None if p.role == "given" else p.role == "linear" and p.default is not None:
+            yield f': "{p.name}" needs a default where its role is "given", and has none where it is "linear"'
     yield from _unfit_roles(effect)
     if form := effect.form:
         if len(form.coefficients) != len(form.from_parameters) or len(form.recover) != len(effect.linear):

@@ -63,17 +63,38 @@ TORQUE_RIPPLE = _drive(
     several=True,
 )
 
+_POWER = (parameter("exponent") - 1) / 2
+
 TORQUE_SATURATION = _drive(
     name="torque_saturation",
-    torque=parameter("coefficient") * PREDICTED**3,
+    torque=PREDICTED * (parameter("coefficient") * PREDICTED**2) ** _POWER,
     parameters=(
         Parameter(
-            "coefficient", u.ONE / u.FORCE**2, "excess of the recorded torque per cubed torque", bounds=NOT_NEGATIVE
+            "coefficient",
+            u.ONE / u.FORCE**2,
+            "inverse square of the torque at which half of the recorded one acts",
+            bounds=NOT_NEGATIVE,
+        ),
+        Parameter(
+            "exponent",
+            u.ONE,
+            "power of the torque: 3 for a magnet that saturates, 15 for a limit beyond which nothing acts",
+            role="shape",
+            bounds=(2.0, 16.0),
+            # The two kinds alone: a motion hardly tells the powers between them apart.
+            grid=Grid(3.0, 15.0, 2, spacing="linear"),
+            default=3.0,
         ),
     ),
-    summary="The motor's torque constant falls at large current, so that the current overstates the torque.",
-    equation="c tau^3, tau the predicted torque",
-    trace="Over the predicted torque, a cubic curve that is visible only at the peaks.",
+    form=LinearForm(
+        coefficients=(Parameter("excess", u.ONE, "of the recorded torque at 1 N m", bounds=NOT_NEGATIVE),),
+        torque=parameter("excess") * PREDICTED * (PREDICTED**2) ** _POWER,
+        from_parameters=(parameter("coefficient") ** _POWER,),
+        recover=(parameter("excess") ** (1 / _POWER),),
+    ),
+    summary="The torque constant falls at large current, or the drive has a limit: the recorded torque is too large.",
+    equation="tau (c tau^2)^((n - 1)/2), tau the predicted torque: c tau^3 unless n is stated",
+    trace="Over the predicted torque, a curve that is visible only at the peaks.",
     experiment="Motion with the largest accelerations in both directions, and with small ones.",
     source="Hanselman 2006, Brushless Permanent Magnet Motor Design",
     sits_at="motor",

@@ -15,15 +15,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
+from runtime.arrays import Array
 from runtime.model.terms import Term, structure
 from runtime.planning.program import Program, bernstein
 from runtime.planning.scenario import PhasePlan
 from runtime.planning.task import CLEAR_OF_SINGULAR
-
-Array = NDArray[np.float64]
 
 STIFFNESS_UNIT = 1000.0
 """N/m, in which a program counts stiffnesses."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from codegen import effect_functions
+from runtime.arrays import Array
 from runtime.identification.problem import Problem
 from runtime.model.terms import Term, Values, joints_of
 from runtime.motion.piece import Piece
@@ -18,8 +18,6 @@ from symbolic.effects import LIBRARY
 from symbolic.functions import SymbolicFunction
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
-
-Array = NDArray[np.float64]
 
 
 class NumPyFit:

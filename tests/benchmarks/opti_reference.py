@@ -14,14 +14,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from by_hand import STIFFNESS_UNIT, Laws, Solved, downwards, places, rates
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.planning.program import Program, bernstein
 from runtime.planning.scenario import PhasePlan, Point
 from runtime.planning.task import CLEAR_OF_SINGULAR
 from symbolic.model_file.arm import Arm
-
-Array = NDArray[np.float64]
 
 IPOPT = {"print_level": 0, "sb": "yes", "tol": 1e-6, "max_iter": 1000}
 

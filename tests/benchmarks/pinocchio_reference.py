@@ -20,12 +20,10 @@ from pathlib import Path
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from symbolic.model_file.arm import Arm, Joint
 from symbolic.model_file.frames import rotation
-
-Array = NDArray[np.float64]
 
 # What Pinocchio's own build sets; its joint variant has more members than Boost's limits.
 _DEFINES = (

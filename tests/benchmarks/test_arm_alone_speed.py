@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from harness import SHORT, best, show, sized
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.notebook.arm import LoadedArm, load
 from runtime.notebook.exchanged import export
-
-Array = NDArray[np.float64]
 
 SAMPLES, ALONE, REPETITIONS = sized((100_000, 2_000, 7), (1_000, 20, 1))
 FASTER = 20.0

@@ -15,10 +15,10 @@ from functools import partial
 import numpy as np
 import pytest
 from harness import show, sized
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
+from runtime.arrays import Array
 from runtime.experiments.clearance import Clearance
 from runtime.experiments.excitation import ExcitationSearch
 from runtime.experiments.first_proposal import ArmToMove, ReadyArm
@@ -29,8 +29,6 @@ from runtime.experiments.scene import Scene
 from runtime.experiments.settings import FASTEST_HARMONIC, PERIOD, SAMPLES_A_PERIOD, STARTS
 from runtime.progress import each
 from runtime.workspace.source import Source
-
-Array = NDArray[np.float64]
 
 DRAWS, SECONDS = sized((1000, 60.0), (10, 60.0))
 TELLABLE = 0.5

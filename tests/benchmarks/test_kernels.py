@@ -10,17 +10,15 @@ import casadi
 import lagrange_reference
 import numpy as np
 from harness import best, show, sized
-from numpy.typing import NDArray
 from pinocchio_reference import Missing, Reference
 
 from codegen import render
 from codegen.toolchain import build
 from codegen.verify import verify
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm
-
-Array = NDArray[np.float64]
 
 SAMPLES = 1024  # 160 kB with double precision: in the second cache
 ROUNDS, REPETITIONS = sized((5, 60), (1, 2))

@@ -10,8 +10,8 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import read
 from tests.benchmarks import harness
 from tests.runtime.recordings.formats import EPOCH, JOINT_STATE, cdr, motion
@@ -22,8 +22,6 @@ OFFICIAL = 20_000
 JOINTS = 6
 MOST_SECONDS = 2.0
 """of processor time, for a million messages."""
-
-Array = NDArray[np.float64]
 
 
 def written(path: Path, signals: dict[str, Array]) -> Path:

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from by_hand import ByHand, Solved, scipy_solution
 from harness import show, sized
-from numpy.typing import NDArray
 from opti_reference import OptiByHand
 from pinocchio_reference import Missing, Reference
 
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.planning import scenario_file
 from runtime.planning.blocks import assemble
@@ -29,8 +29,6 @@ from runtime.planning.scenario import Scenario
 from runtime.planning.settings import PlanningSettings
 from runtime.progress import on_cores
 from symbolic.model_file.arm import Arm
-
-Array = NDArray[np.float64]
 
 CAP = float(os.environ.get("TENDON_BENCHMARK_CAP", sized("60", "1")))
 """Seconds of processor time after which a solver is stopped, a problem: other work on the machine costs none."""

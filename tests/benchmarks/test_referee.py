@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from harness import show, sized
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.loader import Model
 from runtime.workspace.exporting import export
 from runtime.workspace.source import Source
@@ -22,7 +22,6 @@ from symbolic.effects import DECLARED
 from symbolic.model_file.exchange.importing import ImportedArm, imported
 
 pin = pytest.importorskip("pinocchio", reason="the extra `benchmark` is not installed")
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-10
 """Of the largest torque, inertia or coordinate."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
 from . import recorder
@@ -17,8 +18,6 @@ from .hidden import Hidden, Rows
 from .plant import COUNT, PERIOD, Run, simulate
 from .recorder import Logger
 from .size import BAND, in_band
-
-Array = NDArray[np.float64]
 
 DISTURBANCE = 0.03  # N m, beside a noise of LEVEL
 NOISE = {"white": 0.0, "coloured": 0.5, "strong": 0.95}

@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from . import space
 from .space import SPATIAL, SpatialBody
-
-Array = NDArray[np.float64]
 
 BELIEVED = ("coulomb_asymmetric", "viscous", "viscous_cubic")
 

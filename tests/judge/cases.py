@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
 from . import drives, forms, inside, library, motion, outside  # noqa: F401 (they add their entries)
@@ -39,7 +39,6 @@ __all__ = [
     "specimen",
 ]
 
-Array = NDArray[np.float64]
 
 FIRST = "first"
 """An excitation: the motion that `tendon experiment` proposes."""

@@ -12,16 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 from scipy import signal
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
 from . import recorder
 from .bench import Bench
 from .plant import PERIOD, Run
-
-Array = NDArray[np.float64]
 
 FORMS = ("servo", "servo_open", "pwm", "pwm_open")
 """What is recorded in place of a torque: demanded positions, or duties and the supply's voltage; open: by a drive whose

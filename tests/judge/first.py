@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.experiments.excitation import NoRoom
 from runtime.experiments.first import MotionPlanner
 from runtime.experiments.first_proposal import ArmToMove, ReadyArm
@@ -22,8 +22,6 @@ from runtime.workspace.source import Source
 from tests.kept import kept
 
 from .motion import PERIOD
-
-Array = NDArray[np.float64]
 
 ANY_TIP_SPEED = 20.0
 """m/s; today's excitation keeps to none."""

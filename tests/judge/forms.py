@@ -9,6 +9,8 @@ another exponent, the library's own.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from . import library
@@ -37,14 +39,8 @@ def _(s: Setup) -> Hidden:
     return Hidden("viscous_power", 0.3, (0.005, 12.0), put)
 
 
-@entry("stribeck_lorentz", "forms")
-def _(s: Setup) -> Hidden:
-    return library.stribeck(s, 1.0)
-
-
-@entry("stribeck_exponential", "forms")
-def _(s: Setup) -> Hidden:
-    return library.stribeck(s, 2.0)
+entry("stribeck_lorentz", "forms")(partial(library.stribeck, form=1.0))
+entry("stribeck_exponential", "forms")(partial(library.stribeck, form=2.0))
 
 
 @entry("load_friction_square", "forms")
@@ -52,19 +48,9 @@ def _(s: Setup) -> Hidden:
     return Hidden("load_friction", 0.006, (1e-5, 0.08), at(s.joint, LOAD_SQUARE=same))
 
 
-@entry("friction_patch_soft", "forms")
-def _(s: Setup) -> Hidden:
-    return library.patch(s, 0.2)
-
-
-@entry("lugre_maxwell", "forms")
-def _(s: Setup) -> Hidden:
-    return library.bristle(s, 1.0)
-
-
-@entry("thermal_exponential", "forms")
-def _(s: Setup) -> Hidden:
-    return library.thermal(s, True)
+entry("friction_patch_soft", "forms")(partial(library.patch, edge=0.2))
+entry("lugre_maxwell", "forms")(partial(library.bristle, form=1.0))
+entry("thermal_exponential", "forms")(partial(library.thermal, exponential=True))
 
 
 @entry("coupled_friction_creep", "forms", least_joints=2, not_last=True)
@@ -104,34 +90,12 @@ def _(s: Setup) -> Hidden:
     return Hidden("cable", 0.1, (1e-4, 5.0), put, rivals=POSITION)
 
 
-@entry("end_stop_hertz", "forms")
-def _(s: Setup) -> Hidden:
-    return library.stop(s, 1.5)
-
-
-@entry("spring_hysteresis_wen", "forms")
-def _(s: Setup) -> Hidden:
-    return library.hysteresis(s, 1.0)
-
-
-@entry("torque_ripple_second", "forms")
-def _(s: Setup) -> Hidden:
-    return library.ripple(s, 0.5)
-
-
-@entry("torque_saturation_tanh", "forms")
-def _(s: Setup) -> Hidden:
-    return library.limit(s, 1.0)
-
-
-@entry("torque_saturation_algebraic", "forms")
-def _(s: Setup) -> Hidden:
-    return library.limit(s, 2.0)
-
-
-@entry("torque_saturation_hard", "forms")
-def _(s: Setup) -> Hidden:
-    return library.limit(s, 3.0)
+entry("end_stop_hertz", "forms")(partial(library.stop, exponent=1.5))
+entry("spring_hysteresis_wen", "forms")(partial(library.hysteresis, form=1.0))
+entry("torque_ripple_second", "forms")(partial(library.ripple, second=0.5))
+entry("torque_saturation_tanh", "forms")(partial(library.limit, form=1.0))
+entry("torque_saturation_algebraic", "forms")(partial(library.limit, form=2.0))
+entry("torque_saturation_hard", "forms")(partial(library.limit, form=3.0))
 
 
 @entry("torque_lag", "forms")
@@ -141,9 +105,7 @@ def _(s: Setup) -> Hidden:
     return Hidden("torque_lag", 1e-3, (5e-5, 2e-2), put, accept=("torque_delay",), rivals=("elasticity",))
 
 
-@entry("elasticity_hardening", "forms")
-def _(s: Setup) -> Hidden:
-    return library.spring(s, 1.0)
+entry("elasticity_hardening", "forms")(partial(library.spring, hardening=1.0))
 
 
 @entry("backlash_hertz", "forms")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.steps import errors_elsewhere
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.motion.motion import Motion, prepare
@@ -14,8 +14,6 @@ from runtime.motion.motion import Motion, prepare
 from .bodies import torque
 from .cases import Made
 from .hidden import Rows
-
-Array = NDArray[np.float64]
 
 
 def error_and_floor(made: Made, found: Diagnosis) -> tuple[Array, Array]:
@@ -37,10 +35,13 @@ def _floor(made: Made, motion: Motion, bare: Motion) -> Array:
     bodies, gravity, floor = made.bodies, made.case.setting.gravity, np.zeros(motion.n)
     for view, exactly in zip(motion.views, bare.views, strict=True):
         (piece,), (truth,) = view.pieces, exactly.pieces
+        # What is known exactly may keep a row more at an end.
+        at = np.searchsorted(truth.t, piece.t - piece.dt / 2).clip(max=len(truth.t) - 1)
         exact, measured = (np.array([p.q, p.qd, p.qdd]) for p in (truth, piece))
+        exact, disturbed = exact[..., at], truth.tau[:, at]
         encoder = torque(bodies, measured, gravity) - torque(bodies, exact, gravity)
         encoder += _friction(made.rows, measured[1]) - _friction(made.rows, exact[1])
-        for i, row in piece.equations(truth.tau - encoder, view.joints).items():
+        for i, row in piece.equations(disturbed - encoder, view.joints).items():
             floor[i] = np.sqrt(np.mean(row[motion.moving(i)] ** 2))
     return floor
 

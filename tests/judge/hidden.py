@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from .bodies import BELIEVED, Bodies, in_space, link_inertia
 
-Array = NDArray[np.float64]
 Rows = list[dict[str, float]]
 Put = Callable[[Rows, dict[str, float], float], None]
 Push = Callable[[Array, float], Array]

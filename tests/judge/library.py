@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from . import space
 from .bodies import in_space
 from .hidden import POSITION, Hidden, Rows, Setup, at, entry, more, same
 
-Array = NDArray[np.float64]
 UPRIGHT = (0.0, -9.81)  # m/s^2
 
 # friction ------------------------------------------------------------------------------------------------------------
@@ -81,9 +83,7 @@ def stribeck(s: Setup, form: float) -> Hidden:
     return Hidden("stribeck", 0.3, (0.005, 4.0), put)
 
 
-@entry("stribeck")
-def _(s: Setup) -> Hidden:
-    return stribeck(s, 0.0)
+entry("stribeck")(partial(stribeck, form=0.0))
 
 
 @entry("load_friction")
@@ -103,9 +103,7 @@ def _(s: Setup) -> Hidden:
     return Hidden("load_friction", 0.06, (0.001, 0.4), at(s.joint, LOAD=same))
 
 
-@entry("friction_patch")
-def _(s: Setup) -> Hidden:
-    return patch(s, 0.0)
+entry("friction_patch")(partial(patch, edge=0.0))
 
 
 def bristle(s: Setup, form: float) -> Hidden:
@@ -116,9 +114,7 @@ def bristle(s: Setup, form: float) -> Hidden:
     return Hidden("lugre", 300.0, (8.0, stiffest), put, power=-1.0, rivals=("spring_hysteresis",))
 
 
-@entry("lugre")
-def _(s: Setup) -> Hidden:
-    return bristle(s, 0.0)
+entry("lugre")(partial(bristle, form=0.0))
 
 
 def thermal(s: Setup, exponential: bool) -> Hidden:
@@ -127,9 +123,7 @@ def thermal(s: Setup, exponential: bool) -> Hidden:
     return Hidden("thermal_friction", 0.15, (0.003, 0.9), put, warms=True)
 
 
-@entry("thermal_friction")
-def _(s: Setup) -> Hidden:
-    return thermal(s, False)
+entry("thermal_friction")(partial(thermal, exponential=False))
 
 
 def coupled(s: Setup, creep: float) -> Hidden:
@@ -166,9 +160,7 @@ def one_sided(s: Setup, soft: float) -> Hidden:
     return Hidden("parallel_spring", 0.8, (0.01, 30.0), put, rivals=POSITION)
 
 
-@entry("parallel_spring")
-def _(s: Setup) -> Hidden:
-    return one_sided(s, 0.0)
+entry("parallel_spring")(partial(one_sided, soft=0.0))
 
 
 @entry("cable")
@@ -185,9 +177,7 @@ def stop(s: Setup, exponent: float) -> Hidden:
     return Hidden("end_stop", 8.0, (0.1, 3e3), put)
 
 
-@entry("end_stop")
-def _(s: Setup) -> Hidden:
-    return stop(s, 1.0)
+entry("end_stop")(partial(stop, exponent=1.0))
 
 
 def hysteresis(s: Setup, form: float) -> Hidden:
@@ -195,9 +185,7 @@ def hysteresis(s: Setup, form: float) -> Hidden:
     return Hidden("spring_hysteresis", 0.3, (0.005, 4.0), put, rivals=("lugre",))
 
 
-@entry("spring_hysteresis")
-def _(s: Setup) -> Hidden:
-    return hysteresis(s, 0.0)
+entry("spring_hysteresis")(partial(hysteresis, form=0.0))
 
 
 # drive and transmission ----------------------------------------------------------------------------------------------
@@ -211,9 +199,7 @@ def ripple(s: Setup, second: float, *turns: float) -> Hidden:
     return Hidden("torque_ripple", 0.2, (0.005, 3.0), put, orders=orders)
 
 
-@entry("torque_ripple")
-def _(s: Setup) -> Hidden:
-    return ripple(s, 0.0)
+entry("torque_ripple")(partial(ripple, second=0.0))
 
 
 @entry("ripple_direct", gear_ratio=1.0)
@@ -252,9 +238,7 @@ def limit(s: Setup, form: float) -> Hidden:
     return Hidden("torque_saturation", 25.0, (2.0, 500.0), at(s.joint, LIMIT=same, LIMIT_FORM=form), power=-2.0)
 
 
-@entry("torque_saturation")
-def _(s: Setup) -> Hidden:
-    return limit(s, 4.0)
+entry("torque_saturation")(partial(limit, form=4.0))
 
 
 @entry("torque_scale", least_joints=2)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from runtime.arrays import Array
 
 PERIOD = 1e-3
 KINDS = ("full", "no_repeat", "no_slow", "slow", "small", "one_cosine", "brief", "fourier")

@@ -14,12 +14,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from .bodies import Bodies, Body
 from .space import SECOND, SPATIAL, SpatialBody
-
-Array = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ROOT / "symbolic" / "arms"

@@ -17,11 +17,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
+
 from . import mujoco_arms
 from .bodies import in_space
 from .plant import PERIOD, RanAwayError, Run
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Row = Mapping[str, float]
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from . import mujoco_arms, mujoco_plant
 from .bench import Bench, Hiding, Setting, built, specimen
@@ -15,8 +16,6 @@ from .hidden import Hidden, Rows
 from .mujoco_hidden import MECHANISMS, PAIRS
 from .plant import Run
 from .world import World
-
-Array = NDArray[np.float64]
 
 
 class MujocoBench(Bench):

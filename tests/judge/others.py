@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, signal
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
 from .bodies import ARMS, inertial_columns, inertial_values
@@ -30,7 +31,6 @@ from .cases import Made
 from .plant import PERIOD
 from .scoring import tag
 
-Array = NDArray[np.float64]
 Choose = Callable[[Array, Array], Array]
 """Standardised columns (M, K) and torque (M,) -> coefficients (K,), zero where a term is left out."""
 

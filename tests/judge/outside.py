@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
-from .hidden import Hidden, Setup, at, entry, same
+from runtime.arrays import Array
 
-Array = NDArray[np.float64]
+from .hidden import Hidden, Setup, at, entry, same
 
 
 @entry("outside_sine", "unknown")

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from codegen.toolchain.build import compiler
+from runtime.arrays import Array
 
-Array = NDArray[np.float64]
 SOURCE = Path(__file__).with_name("plant.c")
 LAWS = Path(__file__).with_name("laws.h")
 SPACE = Path(__file__).with_name("space.h")

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
 from .plant import COUNT, PERIOD, Run
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 LONG = 1.2  # a long step over a short one, of a logger that has two

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.recording import Recording
 
 from . import sensors
@@ -14,8 +14,6 @@ from .bodies import ARMS, BELIEVED
 from .cases import Setting, bench, specimen
 from .hidden import ENTRIES, Hidden, Rows, Setup
 from .motion import desired
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from .bench import Bench, Hiding
 from .bodies import torque
 from .plant import COUNT, PERIOD, Run
-
-Array = NDArray[np.float64]
 
 NOISE = 0.05  # N m, of a torque sensor at the output
 

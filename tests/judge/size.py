@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from runtime.arrays import Array
+
 from .bodies import Bodies, friction_columns, joint_rows
 from .plant import PERIOD, Run
-
-Array = NDArray[np.float64]
 
 BAND = 45.0  # Hz
 EVERY = 10

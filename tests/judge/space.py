@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from runtime.arrays import Array
+
 Triple = tuple[float, float, float]
 
 DOWN = (0.0, 0.0, -9.81)

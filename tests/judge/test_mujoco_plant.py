@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 mujoco = pytest.importorskip("mujoco", minversion="4.0", reason="needs mujoco 4: pip install -e '.[mjcf]'")
 
@@ -21,7 +22,6 @@ from .plant import PERIOD  # noqa: E402
 from .size import in_band  # noqa: E402
 from .space import DOWN, HOME  # noqa: E402
 
-Array = NDArray[np.float64]
 ARMS = sorted(mujoco_arms.NAMES)
 STILL = {"DRY_POSITIVE": 0.0, "DRY_NEGATIVE": 0.0, "VISCOUS_POSITIVE": 0.0, "VISCOUS_NEGATIVE": 0.0, "CUBIC": 0.0}
 

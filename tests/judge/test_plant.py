@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from . import cases, motion
 from .bodies import ARMS, BELIEVED, inertial_columns, inertial_values
 from .hidden import ENTRIES
 from .plant import PERIOD, names, simulate
 
-Array = NDArray[np.float64]
 FRICTIONLESS = {
     "DRY_POSITIVE": 0.0,
     "DRY_NEGATIVE": 0.0,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from .bench import DISTURBANCE, LEVEL, Setting, bench, specimen
 from .bodies import ARMS, BELIEVED
@@ -13,7 +14,6 @@ from .plant import COUNT, PERIOD, Run
 from .recorder import LONG, LOST, RATE_CORNER, STAMPS, Logger, clock, instants, means, record, stamped
 from .situations import SITUATIONS
 
-Array = NDArray[np.float64]
 PERIODS = 40_000
 INSTANTS = np.linspace(0.0, (PERIODS - 1) * PERIOD, PERIODS)
 

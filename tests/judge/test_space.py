@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from . import space
 from .bench import Setting, bandwidth_of, bench
@@ -14,7 +15,6 @@ from .plant import PERIOD, simulate
 from .space import DOWN, HOME, SPATIAL, TIP, SpatialBody, chain, tip
 from .test_plant import FRICTIONLESS
 
-Array = NDArray[np.float64]
 SPACE = {"SPATIAL": 1.0, "GRAVITY_Z": DOWN[2]}
 
 

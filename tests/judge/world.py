@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 from .bench import Bench, Setting, bench, specimen
 from .bodies import ARMS, Bodies, model_text
 from .hidden import ENTRIES, PAIRS, Entry, Rows
 
-Array = NDArray[np.float64]
 Benches = Callable[[Setting, Array, np.random.Generator, bool, Rows], Bench]
 Specimens = Callable[[Bodies, Sequence[str], np.random.Generator], Rows]
 Files = Callable[[Setting, int, Sequence[str], Sequence[float]], str]

@@ -15,10 +15,10 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.model.loader import Model, carried, joint_places, tip_place
 from runtime.motion.settings import MORE_THAN_NOISE
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 MOST_FRAMES = 400

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.steps import Step
 from runtime.execution.execute import Execution
 from runtime.execution.trial import RUN_IN, Trial
@@ -28,7 +29,6 @@ from runtime.report.page.arm_motion import (
 from runtime.report.plots.motion_plots import JointCycles
 from runtime.report.summary import ResultSummary
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 _STEP = 0.01

@@ -14,6 +14,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.steps import Step
 from runtime.identification.compare import JointSeries, structure_shares
 from runtime.model.catalogue import EffectInfo
@@ -21,8 +22,6 @@ from runtime.motion import spectra
 from runtime.report.plots import joint_plots, style
 from runtime.report.summary import ResultSummary, relative_floor
 from runtime.wording import AS_GIVEN
-
-Array = NDArray[np.float64]
 
 ORDER = ("velocity", "position", "load", "temperature", "time")
 _ZOOM_S = 2.5

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.parts import given
 from runtime.documents.replays import ReplayDocument
 from runtime.plain_json import plain
@@ -23,8 +23,6 @@ from runtime.report.page.reports import origin_group
 from runtime.report.plots import motion_plots
 from runtime.report.sections import Group, Paragraph, Plots, texts
 from runtime.wording import numbered, sentence
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.report.plots.style import (
     ABOVE_LEGEND,
     AFTER,
@@ -31,8 +32,6 @@ from runtime.report.plots.style import (
     residual_scale,
     styled,
 )
-
-Array = NDArray[np.float64]
 
 _MOST_POINTS = 5000
 _BINS = 28

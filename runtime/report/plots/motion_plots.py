@@ -10,13 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.documents.parts import given
 from runtime.documents.plans import MotionDocument
 from runtime.report.plots.style import AFTER, BEFORE, FAINT, INK, WIDTH, envelope, legend, styled
-
-Array = NDArray[np.float64]
 
 _ROW = 1.15  # inches, of each joint
 _PANEL = 1.05  # inches, of each panel of one joint

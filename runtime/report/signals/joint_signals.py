@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.steps import Step
 from runtime.identification.compare import JointSeries, structure_shares
 from runtime.loop.improve import HeldOut
@@ -18,8 +18,6 @@ from runtime.report.plots.joint_plots import PlotAxis, running_mean
 from runtime.report.plots.style import residual_reach
 from runtime.report.signals.signal_set import Colour, DrawnCurve, DrawnLine, SignalPanel, SignalSet, around, curve
 from runtime.wording import numbered, percent
-
-Array = NDArray[np.float64]
 
 MEASURED, PREDICTED, RESIDUAL = "measured", "predicted", "residual"
 BEFORE, AFTER = " before", " after"

@@ -18,11 +18,10 @@ from typing import Literal
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from runtime import files
+from runtime.arrays import Array
 
-Array = NDArray[np.float64]
 Colour = Literal["ink", "faint", "before", "after"]
 
 

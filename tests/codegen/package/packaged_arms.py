@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import spatial_arms
-from numpy.typing import NDArray
 from random_arms import MIXED, loaded
 
 from codegen import prepare
 from codegen.c.arm_effects import ArmEffects
 from codegen.package.package import package_files
+from runtime.arrays import Array
 from runtime.model.loader import Library, Model
 from runtime.notebook.effects_along import whole_torque
 from symbolic.effects import shipped
@@ -22,7 +22,6 @@ from symbolic.effects.declaration import Effect
 from symbolic.model import derive
 from symbolic.model_file.arm import Arm, Drive
 
-Array = NDArray[np.float64]
 SAMPLES, DT = 40, 2.0**-7  # s; sums of it are exact, as is the product by which NumPy has the time
 
 

@@ -12,16 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from runtime.arrays import Array
 from runtime.cli import main, output
 from symbolic.effects import shipped
 from symbolic.model_file import reader
 from symbolic.model_file.arm import Arm
 from tests import one_joint
 
-Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[3]
 REAL = ROOT.parent / "shared" / "data" / "real"
 FILES = [*sorted((ROOT / "symbolic" / "arms").glob("*.toml")), *sorted((ROOT / "tests" / "robots").glob("*.urdf"))]

@@ -170,7 +170,7 @@ def test_help_imports_no_verb_and_nothing_heavy():
             "runtime.cli.places",
             "runtime.cli.verbs",
         ),
-        *("runtime.documents", "runtime.documents.parts", "runtime.plain_json"),
+        *("runtime.documents", "runtime.documents.parts", "runtime.interruption", "runtime.plain_json"),
         *("runtime.workspace", "runtime.workspace.names", "runtime.workspace.writing", "symbolic"),
         *("symbolic.model_file", "symbolic.model_file.checks"),
     }

@@ -20,7 +20,7 @@ import pytest
 from pyarrow import csv
 
 from runtime.cli import output
-from runtime.interruption import heard_afterwards, heard_in_casadi
+from runtime.interruption import heard_afterwards, heard_at_last, heard_in_casadi
 from runtime.model.loader import Library
 from runtime.planning import optimize
 from runtime.simulation.motion_file import read_motion
@@ -105,8 +105,7 @@ def interrupted(arguments: Sequence[str], folder: Path) -> float:
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=120)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert (process.returncode, out) == (130, "")
-    assert err.splitlines()[-1] == "interrupted"
+    assert (process.returncode, out, err.splitlines()[-1:]) == (130, "", ["interrupted"])
     assert "Traceback" not in err
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime - used
 
@@ -132,6 +131,28 @@ def test_a_search_for_a_motion_ends_with_the_best_so_far(tmp_path: Path) -> None
         assert process.wait(timeout=120) == output.NO, rest
     assert "ending with the best so far" in rest
     assert read_motion(tmp_path / "motion.csv", 6).shape[1] > 20_000
+
+
+@pytest.mark.usefixtures("interrupts")
+def test_ctrl_c_that_something_dropped_comes_again() -> None:
+    with heard_at_last():
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(60)
+    time.sleep(0.3)  # not after the end
+
+
+@pytest.mark.usefixtures("interrupts")
+def test_what_tidies_up_after_ctrl_c_is_not_disturbed() -> None:
+    tidied = []
+    with heard_at_last(), suppress(KeyboardInterrupt):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            time.sleep(0.5)
+            tidied.append(1)
+    assert tidied
 
 
 def casadi_is_asked() -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.detection_limits import Limit
 from runtime.diagnosis.gates import FALL
@@ -30,8 +30,6 @@ from runtime.wording import joints_said
 from runtime.workspace.source import Source
 from tests import bank, spatial_wrist, wrist
 from tests.kept import kept
-
-Array = NDArray[np.float64]
 
 
 def rates(recording: Recording) -> Array:

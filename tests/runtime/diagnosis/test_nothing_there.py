@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import maximum_filter1d
 
 from runtime.diagnosis.stages import diagnose
 from runtime.identification.fitting import fit_motion
-from runtime.identification.identify import prepared, without_beats
+from runtime.identification.identify import prepared, without_untold
 from runtime.model.loader import Model
 from runtime.model.terms import Term, structure
 from runtime.motion.filters import low_pass
@@ -19,6 +20,8 @@ from runtime.recordings.recording import Recording
 from runtime.simulation import simulate
 from runtime.simulation.options import SimulationSettings
 from tests import bank
+from tests.judge.cases import Setting, cases, make
+from tests.judge.line import logged, opened
 from tests.kept import kept
 
 DT = 1e-3
@@ -103,10 +106,25 @@ def test_the_beat_of_an_encoders_steps_with_the_samples_is_no_physics(drive: Mod
     """Heard as bursts that nothing explains; the rows at which they beat do not count."""
     recording = with_even_legs(1)
     fit = fit_motion(drive, prepared(drive, [recording]), structure(drive))
-    motion = without_beats(fit)
+    motion = without_untold(fit)
     (left_out,) = motion.left_out
     beating = np.abs(fit.motion.row_time(0) % 20.0 - 16.25) < 1.5
     assert left_out.sum() > 50
     assert beating[left_out].all()
     found = kept(diagnose, drive, [recording])
     assert (found.verdict, found.findings) == ("clean", ())
+
+
+@pytest.mark.usefixtures("cache")
+def test_what_folds_into_the_band_is_no_physics() -> None:
+    """An arm that turns round within four samples: what of its torque is faster than they tell looked like a soft
+    transmission. What is left out is a part of the turns."""
+    (case,) = cases(["clean_hz100"], [4], [0.0], [418], Setting(excitation="brief"))
+    made = logged(make(case))
+    found = diagnose(opened(made.model).compiled.model(), [made.recording])
+    assert (found.verdict, found.findings) == ("clean", ())
+    motion = found.last.fit.motion
+    rows, acceleration = motion.left_out[0], np.abs(motion.rows("qdd", 0)[0])
+    assert 0 < rows.mean() < 0.2
+    near = maximum_filter1d(acceleration, round(0.4 * motion.row_rate(0)))
+    assert np.mean(near[rows] > np.quantile(acceleration, 0.95)) > 0.9

@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.stages import diagnose
 from runtime.model.loader import Model
 from runtime.model.terms import Term
 from runtime.recordings.recording import Recording
 from tests.kept import kept
-
-Array = NDArray[np.float64]
 
 RUN_S, RUNS, RATE = 6.0, 5, 500
 PAYLOAD = Term("payload")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from runtime.diagnosis.candidates import Candidate, FittedBase
 from runtime.diagnosis.further_sensors import FurtherSensors, echo
-from runtime.diagnosis.gates import LAG, RIGID, SHARE, Gate, failed
+from runtime.diagnosis.gates import LAG, RIGID, TURN, Gate, failed
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.verdict import Diagnosis
 from runtime.identification.identify import identify
@@ -270,8 +270,8 @@ def test_what_sensors_were_worth() -> None:
     everything = [
         named,
         weighed("cable", LAG),
-        weighed("linear_spring", SHARE, RIGID),
-        weighed("viscous_cubic", SHARE),
+        weighed("linear_spring", TURN, RIGID),
+        weighed("viscous_cubic", TURN),
         weighed("friction_patch"),
     ]
     link, output = sensors.of(measured, everything, [named])  # type: ignore[arg-type]

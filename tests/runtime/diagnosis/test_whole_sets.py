@@ -80,8 +80,8 @@ def test_what_sticks_at_a_turn_does_not_bend_the_friction(opened) -> None:
 def test_a_held_out_recording_chooses_between_rivals(opened) -> None:
     """Over a small range a weight and a spring are one; over a large one that was not fitted they are not."""
     plant = Upright(gravity=9.81)
-    small = kept(diagnose, opened(), [kept(record, plant, 8, size=0.25)])
-    wide = kept(diagnose, opened(), [kept(record, plant, 8, size=0.25)], [kept(record, plant, 9)])
+    small = kept(diagnose, opened(), [kept(record, plant, 8, size=0.15)])
+    wide = kept(diagnose, opened(), [kept(record, plant, 8, size=0.15)], [kept(record, plant, 9)])
     assert small.findings[0].rivals
     assert named(wide) == ["gravity"]
     assert len(wide.findings[0].rivals) < len(small.findings[0].rivals)

@@ -293,7 +293,6 @@ def test_a_transmission_is_known_by_all_the_joints_that_it_reaches(cache: Path) 
     assert ranking.best is not None
     assert ranking.best.term == soft[1]
     assert ranking.best.shape["stiffness"] == pytest.approx(bench.rivals[0].values["stiffness"], rel=0.1)
-    assert set(ranking.rivals) <= {soft[0], soft[2]}
 
 
 def test_the_proposed_motion_separates_where_the_ordinary_one_does_not(

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+
+from runtime.arrays import Array
 
 Run = Callable[..., tuple[int, str, str]]
-Array = NDArray[np.float64]
 
 STEP, COUNT = 1 / 6000, 2 * np.pi / 4096  # s of the integration, rad of the encoder
 KP, KD, VISCOUS, COULOMB = 9.0, 0.3, 0.05, 0.08  # N m/rad, N m s/rad, N m s/rad, N m

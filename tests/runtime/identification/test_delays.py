@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import warnings
 from runtime.identification.compare import compare
@@ -21,8 +21,6 @@ from runtime.report.diagnosed import document as diagnosed
 from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import Hidden, simulate
 from tests.kept import kept
-
-Array = NDArray[np.float64]
 
 RATE = 200.0
 HOLD = 0.5 / RATE  # s

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from runtime.arrays import Mask
 from runtime.identification.fitting import fit_motion
 from runtime.identification.identify import prepared, without_torques_at_tip_rests
 from runtime.identification.regressors import Regressors
@@ -19,8 +20,6 @@ from runtime.motion.motion import Motion, prepare
 from runtime.recordings.recording import Recording
 from runtime.workspace.source import Source
 from tests import spatial_wrist, wrist
-
-Mask = NDArray[np.bool_]
 
 DT = 1e-3
 POSTURE = np.array([-0.2, -0.4, -1.6, -1.0])

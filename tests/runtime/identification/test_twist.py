@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.candidates import FittedBase
 from runtime.diagnosis.stages import diagnose
 from runtime.diagnosis.twist import witnessed
@@ -22,8 +22,6 @@ from runtime.recordings.recording import Recording
 from runtime.report.diagnosed import document as diagnosed
 from tests.kept import kept
 from tests.plants import LINK, ROTOR
-
-Array = NDArray[np.float64]
 
 COUNT = 2 * np.pi / 400_000  # rad at the joint
 RATE = 500.0  # Hz

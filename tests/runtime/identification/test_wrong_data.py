@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from runtime.arrays import Array
 from runtime.diagnosis.credibility import judged
 from runtime.diagnosis.stages import diagnose
 from runtime.fit_warnings import doubts, suspicions, warnings
@@ -33,8 +33,6 @@ from tests.kept import kept
 from tests.plants import SIZES
 from tests.runtime.conftest import Run, recorded
 from tests.runtime.recordings.formats import write_mcap
-
-Array = NDArray[np.float64]
 
 DEGREES = 180 / np.pi
 INERTIA = 0.2365  # kg m^2, as the drive's file has it

@@ -9,16 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.inspection.guesses import map_options
 from runtime.inspection.inspection import of_rates, without_model
 from runtime.inspection.signals import shift_entries
 from runtime.recordings.contents import RecordedField
 from runtime.recordings.recording import Recording, read
 from tests.runtime.recordings.formats import write_mcap
-
-Array = NDArray[np.float64]
 
 DEGREES = 180 / np.pi
 INERTIA = 0.2365  # kg m^2, as the drive's file has it

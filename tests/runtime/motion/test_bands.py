@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from codegen.prepare import prepare_arm
+from runtime.arrays import Array
 from runtime.diagnosis.stages import diagnose
 from runtime.identification.fit import Fit
 from runtime.identification.fitting import fit_motion
@@ -26,8 +27,6 @@ from runtime.workspace.source import Source
 from tests import wrist
 from tests.kept import kept
 from tests.six_joints import six_joints
-
-Array = NDArray[np.float64]
 
 RATE, SECONDS = 1000.0, 120.0
 TORQUE = (0.2, 2.8e-3)

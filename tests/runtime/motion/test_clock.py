@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.stages import diagnose
 from runtime.identification.identify import identify, prepared
 from runtime.model.loader import Model
@@ -25,7 +26,6 @@ from tests.judge.cases import Setting, cases, make
 from tests.judge.recorder import Logger
 from tests.kept import kept
 
-Array = NDArray[np.float64]
 TRUE_INERTIA = 0.2365  # kg m^2, of the drive's rotor and link
 
 

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from runtime.arrays import Array
 from runtime.diagnosis.stages import diagnose
 from runtime.identification.compare import compare
 from runtime.motion.band import choose_band
@@ -16,7 +16,6 @@ from runtime.recordings.recording import Recording
 from tests import bank
 from tests.kept import kept
 
-Array = NDArray[np.float64]
 PASSED = 60.0  # Hz
 
 

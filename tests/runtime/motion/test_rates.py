@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import lfilter, savgol_filter
 
+from runtime.arrays import Array
 from runtime.identification.fit import Fit
 from runtime.identification.identify import identify
 from runtime.model.loader import Model
@@ -18,7 +18,6 @@ from runtime.simulation.options import SimulationSettings
 from runtime.simulation.simulate import simulate
 from tests.kept import kept
 
-Array = NDArray[np.float64]
 DT = 1e-3  # s
 ENCODER, TACHOMETER = 3e-4, 2e-3  # rad and rad/s of noise
 

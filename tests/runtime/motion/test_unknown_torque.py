@@ -8,13 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from runtime.arrays import Mask
 from runtime.model.loader import Model
 from runtime.motion import rests
 from runtime.motion.filters import LowPass, low_pass
 from runtime.motion.rests import SAME_DIRECTION, UNKNOWN_OVER_NOISE, UnknownTorque
-from runtime.motion.settings import LEAST_OF_ROW
-
-Mask = NDArray[np.bool_]
+from runtime.motion.settings import LITTLE
 
 SAMPLES, RATE = 4000, 1000.0
 
@@ -87,7 +86,7 @@ def test_white_noise_stays_white_in_what_is_left(band: LowPass):
     assert np.all((np.abs(values) < 1e-4) | (np.abs(values - 1) < 1e-4))
     assert np.sum(values < 0.5) == without.directions.shape[1]
     assert np.diag(covariance) == pytest.approx(without.left, abs=1e-4)
-    assert np.array_equal(without.counts, without.left > LEAST_OF_ROW)
+    assert np.array_equal(without.counts, without.left > LITTLE)
 
 
 def test_rests_close_to_each_other_take_no_more_than_there_is(band: LowPass):

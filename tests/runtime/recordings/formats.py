@@ -11,11 +11,9 @@ import numpy as np
 from mcap.writer import CompressionType
 from mcap.writer import Writer as PlainWriter
 from mcap_ros2.writer import Writer
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from symbolic.model_file.arm import DescribedJoint
-
-Array = NDArray[np.float64]
 
 
 def joint(kind: Literal["revolute", "prismatic"] = "revolute", **given: Any) -> DescribedJoint:

@@ -24,15 +24,14 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings import array_files, contents
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import RecordingError, read
 from tests.runtime.recordings.formats import EPOCH, joint, motion, write_bare_mcap, write_mcap, write_sqlite
 
 KUKA = Path(__file__).parents[4] / "shared" / "data" / "real" / "kuka"
-Array = NDArray[np.float64]
 
 NAMES = ("shoulder", "elbow")
 joints = RecordedArm.without_model

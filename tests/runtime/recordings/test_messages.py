@@ -13,13 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.recordings.columns import RecordedArm
 from runtime.recordings.recording import RecordingError, read
 from tests.runtime.recordings.formats import EPOCH, JOINT_STATE, cdr, joint, motion
 
-Array = NDArray[np.float64]
 NAMES = ("shoulder", "elbow")
 ARM = RecordedArm(tuple(joint(name=name) for name in NAMES), space=True)
 M = motion(700, rate=250.0)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from runtime.arrays import Array
 from runtime.diagnosis.stages import begin
 from runtime.diagnosis.steps import outside
 from runtime.identification.identify import prepared
@@ -30,7 +30,6 @@ SECONDS = 20
 """Of processor time, a case's limit; each takes less than ten."""
 N = 900
 MORE = ("qd1", "temperature1", "q1_desired", "q1_link", "tau1_link", "tau1_rigid")
-Array = NDArray[np.float64]
 
 
 @contextmanager

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.system import LinearSystem
 
-Array = NDArray[np.float64]
 ROWS, JOINTS = 60, 2
 SIZES = (3, 1, 2)
 

@@ -8,17 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
+from runtime.arrays import Array
 from runtime.regression.noise import Whitening, autoregression
 from runtime.regression.rows import Block, Columns, JointRows
 from runtime.regression.settings import WHITE_LEAST
 from runtime.regression.system import LinearSystem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from scipy.signal import lfilter
 from runtime import wording
 from runtime.diagnosis import credibility, detection_limits
 from runtime.diagnosis.candidates import Candidate
-from runtime.diagnosis.gates import EDGE, SHARE, GateResult
+from runtime.diagnosis.gates import EDGE, REST, GateResult
 from runtime.diagnosis.ranking import NOT_RANKED, Ranking
 from runtime.diagnosis.score import Evidence
 from runtime.diagnosis.steps import Errors, RepeatingResidual, SearchWork, Step, Trail
@@ -118,7 +118,7 @@ def improvement(drive, one) -> Improvement:
 
 def evidence(term: Term, *closed: GateResult, gain: float = 456.0, eff: float = 0.123) -> Candidate:
     """closed: results of gates that a candidate does not pass."""
-    return Candidate(term, {}, 0, 1.0, np.inf, eff=eff, evidence=Evidence(gain, 1.5, 12.0), results=closed)
+    return Candidate(term, {}, 0, 1.0, np.inf, eff=eff, evidence=Evidence(gain, 1.5, 1e9, 12.0), results=closed)
 
 
 def rendered(result) -> str:
@@ -416,13 +416,13 @@ def test_why_a_candidate_was_not_named(summary):
     assert findings.in_place_of(other, finding, elsewhere).startswith("is set aside: it acts at another joint")
     named = elsewhere._replace(also={("elasticity", 2)})
     assert findings.in_place_of(other, finding, named).startswith("is named too")
-    failing = ranked(ELASTICITY, model, SHARE.asked(0.03), EDGE.asked(0.0))
+    failing = ranked(ELASTICITY, model, REST.asked(0.01), EDGE.asked(0.0))
     assert why(failing) == (
-        "is ruled out: with everything refitted it takes away 3 % of the excess, not 20 %; its shape lies at the edge "
-        "of what was searched"
+        "is ruled out: a law over the same signals explains all but 1 % of what both explain; its shape lies at the "
+        "edge of what was searched"
     )
     assert "next to nothing" in why(failing, scale=1000.0)
-    useless = ranked(ELASTICITY, model, SHARE.asked(0.03), gain=-12.3)
+    useless = ranked(ELASTICITY, model, REST.asked(0.01), gain=-12.3)
     assert findings.why_not_named(useless, context, held_out=False).endswith("the likelihood gains nothing with it")
     passing = findings.why_not_named(ranked(ELASTICITY, model), context, held_out=True)
     assert passing.endswith("or by the held-out recording")
@@ -436,8 +436,8 @@ def card_of(improvement: Improvement, ranking: Ranking, rivals: tuple[Term, ...]
 
 
 def test_every_finalist_has_its_reason(improvement):
-    first, closed = improvement.findings[0].candidate, evidence(Term("cable", 1), SHARE.asked(0.03))
-    ranking = Ranking((first, evidence(ELASTICITY), closed), (ELASTICITY,))
+    first, closed = improvement.findings[0].candidate, evidence(Term("cable", 1), REST.asked(0.01))
+    ranking = Ranking((first, evidence(ELASTICITY), closed))
     # A pair leaves a rival that has no evidence.
     text = card_of(improvement, ranking, (ELASTICITY, Term("gravity"))).text
     rows = text[text.index("why, or why not") :]
@@ -446,14 +446,14 @@ def test_every_finalist_has_its_reason(improvement):
     for why in (
         "Not ruled out: it is as likely as stribeck",
         "it fits about as well",
-        "Ruled out: with everything refitted it takes away 3 % of the excess, not 20 %.",
+        "Ruled out: a law over the same signals explains all but 1 % of what both explain.",
     ):
         assert why in rows
 
 
 def test_what_gains_nothing_takes_no_row(improvement):
     """But what was named too does: many candidates of an arm of seven joints are of no account to a finding."""
-    weak = evidence(Term("cable", 1), SHARE.asked(0.03), gain=-7.0)
+    weak = evidence(Term("cable", 1), REST.asked(0.01), gain=-7.0)
     read = card_of(improvement, Ranking((improvement.findings[0].candidate, weak)), ())
     assert [tag for tag, attributes in read.tags if tag == "th" and attributes.get("scope") == "row"] == ["th"]
     assert "Ruled out because the likelihood gains nothing with them: cable at joint 1." in read.text

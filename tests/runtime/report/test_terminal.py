@@ -16,7 +16,7 @@ from rich.console import Console
 
 from runtime.diagnosis.candidates import Candidate
 from runtime.diagnosis.detection_limits import Limit
-from runtime.diagnosis.gates import FALL, PART, SCORE, SHARE, STEADY, TORQUE
+from runtime.diagnosis.gates import FALL, PART, SCORE, TORQUE
 from runtime.documents.diagnosis import (
     DiagnosedJoint,
     DiagnosisDocument,
@@ -177,7 +177,7 @@ def test_a_limit_never_reads_as_what_changes_nothing(
 @given(below=st.floats(1e-9, 0.5), price=st.sampled_from([10.0, 12.83, 27.5]))
 def test_no_reason_says_that_a_number_is_not_itself(below: float, price: float) -> None:
     """Whatever is left out by a hair: "0.15 of the noise floor, not 0.15" tells nobody why."""
-    limits = {SCORE: price, **{gate: gate.limit for gate in (TORQUE, PART, SHARE, FALL, STEADY)}}
+    limits = {SCORE: price, **{gate: gate.limit for gate in (TORQUE, PART, FALL)}}
     results = tuple(gate.asked((1 - below) * limit, limit) for gate, limit in limits.items())
     sentences = closed_gates(Candidate(Term("cable", 1), {}, 0, 1.0, 1.0, results=results), cast(Model, None))
     assert len(sentences) == len(limits)

@@ -314,6 +314,8 @@ def test_what_is_recorded_exceeds_what_acts_as_the_drive_says(drive: Model) -> N
     for terms, command, acting in (
         ({Term("torque_scale", 1): {"factor": 1.25}}, 5.0, 4.0),
         ({Term("torque_saturation", 1): {"coefficient": 0.02}}, 4.0 + 0.02 * 64, 4.0),
+        ({Term("torque_saturation", 1): {"coefficient": 1 / 16, "exponent": 15.0}}, 8.0, 4.0),
+        ({Term("torque_saturation", 1): {"coefficient": 1 / 16, "exponent": 15.0}}, 4.5 + 4.5 * 1.125**14, 4.5),
         (
             {Term("torque_scale", 1): {"factor": 1.1}, Term("torque_saturation", 1): {"coefficient": 0.1}},
             -(1.1 * 3.0 + 0.1 * 27.0),

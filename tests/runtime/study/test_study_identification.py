@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt
 
+from runtime.arrays import Array
 from runtime.execution.execute import execute
 from runtime.execution.options import ExecutionSettings
 from runtime.model.loader import Model
@@ -17,8 +17,6 @@ from runtime.recordings.recording import Recording
 from runtime.study import figures, identification, published
 from runtime.study.identification import AMPLITUDE, COSINES, START, Cosine, Table1, printed, record, table1
 from runtime.workspace.source import Source
-
-Array = NDArray[np.float64]
 
 MOVED = tuple(cosine for cosine in COSINES if cosine.joint == 4)
 """The joint with the fastest cosine, and the one whose printed cubic term the model file does not hold."""

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from runtime.arrays import Array
 from tests.effect_values import simulate, trace
-
-Array = NDArray[np.float64]
 
 INERTIA, GAP = 0.2, 1e-3
 

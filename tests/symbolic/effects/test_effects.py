@@ -40,7 +40,7 @@ TABLE = {
     "end_stop": "position stiffness damping side",
     "spring_hysteresis": "torque width",
     "torque_ripple": "order amplitude phase",
-    "torque_saturation": "coefficient",
+    "torque_saturation": "coefficient exponent",
     "torque_scale": "factor",
     "torque_delay": "time",
     "command_delay": "time",
@@ -86,7 +86,7 @@ def situations(draw: st.DrawFn, effect: Effect) -> dict[sp.Symbol, float]:
     if SIGNAL["has_next"].symbol in values:
         values[SIGNAL["has_next"].symbol] = draw(st.sampled_from([0.0, 1.0]))
     for p in effect.parameters:
-        values[p.symbol] = draw(number if p.bounds[0] >= 0 else signed)
+        values[p.symbol] = draw(st.floats(max(0.1, p.bounds[0]), 3.0) if p.bounds[0] >= 0 else signed)
     if effect.name == "end_stop":
         values[parameter("side")] = draw(st.sampled_from([-1.0, 1.0]))
     return values | {s.symbol: draw(signed) for s in effect.states}
@@ -422,7 +422,11 @@ def test_gravity_and_payload_have_the_model_s_sign() -> None:
 
 def test_drive_effects_distort_the_predicted_torque() -> None:
     assert torque("torque_scale", {"factor": 1.1}, predicted=5.0) == pytest.approx(0.5)
-    assert torque("torque_saturation", {"coefficient": 0.01}, predicted=-2.0) == pytest.approx(-0.08)
+    assert torque("torque_saturation", {"coefficient": 0.01, "exponent": 3.0}, predicted=-2.0) == pytest.approx(-0.08)
+    # At the inverse root of the coefficient half of what is recorded acts, and a tenth below that nearly all of it.
+    hard = {"coefficient": 0.25, "exponent": 15.0}
+    assert torque("torque_saturation", hard, predicted=2.0) == pytest.approx(2.0)
+    assert torque("torque_saturation", hard, predicted=1.8) == pytest.approx(1.8 * 0.9**14)
     # tau(t) = sin(3 t) recorded 2 ms ahead: sin(3 (t + 0.002)), to second order in 0.006.
     ahead = math.sin(3 * 0.7) + torque("torque_delay", {"time": 0.002}, predicted_rate=3 * math.cos(3 * 0.7))
     assert ahead == pytest.approx(math.sin(3 * 0.702), abs=0.006**2)

@@ -23,12 +23,12 @@ def row(signal: str) -> str:
 
 
 def choose(page: Any, signal: str, what: str, value: str) -> None:
-    """A choice in the row of a signal, once the page shows it."""
-    page.select_option(f"{row(signal)} td[data-is={what}] select", value)
-    page.wait_for_function(
-        "([place, value]) => document.querySelector(place)?.value === value && !document.querySelector(place).disabled",
-        arg=[f"article [data-signal='{signal}'] td[data-is={what}] select", value],
-    )
+    """A choice in the row of a signal, once the server has drawn it: a click before that is one on what is replaced."""
+    place = f"{row(signal)} td[data-is={what}] select"
+    page.eval_on_selector(place, "list => { list.dataset.before = '' }")
+    page.select_option(place, value)
+    page.wait_for_selector(f"{place}:not([data-before]):not([disabled])")
+    assert page.input_value(place) == value
 
 
 def test_columns_are_chosen_by_clicks_and_belong_to_their_recording(
