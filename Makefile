@@ -34,8 +34,9 @@ quick: $(STAMP)
 test: $(STAMP)
 	$(PYTEST) $(PARALLEL) -m "not slow"
 
+# The long variants, too, and random inputs that no run drew before.
 test-all: $(STAMP)
-	$(PYTEST) $(PARALLEL)
+	$(PYTEST) $(PARALLEL) --hypothesis-profile=new
 
 # The wheel, built and installed into an empty environment.
 wheel: $(STAMP)

@@ -22,9 +22,7 @@ from tests.variants import slow
 
 # Points of a subject a draw; with the draws below some 60 points a function.
 POINTS = 3
-QUIET = settings(
-    max_examples=20, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+QUIET = settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 RANDOM = st.integers(0, 2**63 - 1).map(random.Random)
 
 

@@ -124,7 +124,7 @@ def test_a_verb_answers_whatever_was_recorded(
 ) -> None:
     path = tmp_path_factory.mktemp("odd") / "run.csv"
 
-    @settings(max_examples=examples, derandomize=examples < 100, database=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=examples, database=None, suppress_health_check=list(HealthCheck))
     @given(tables())
     def answers(text: str) -> None:
         path.write_text(text)

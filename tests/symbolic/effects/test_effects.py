@@ -179,7 +179,7 @@ def test_units(effect: Effect, joint_type: str, data: st.DataObject) -> None:
         # damping times a rate multiplies such a quotient.
         levels = [abs(read[LEVEL]) for read in (values, other) if read.get(LEVEL)]
         times = max(1.0, *(abs(read.get(parameter("damping"), 0.0) * read.get(QD, 0.0)) for read in (values, other)))
-        near = 1e-8 * times * max(1.0, scale(unit), *(1 / level for level in levels))
+        near = 4e-9 * times * max(1.0, scale(unit)) * max([1.0, *(1 / level for level in levels)])
         assert math.isclose(evaluate(expr, other), evaluate(expr, values) * scale(unit), rel_tol=1e-6, abs_tol=near)
 
 

@@ -227,7 +227,7 @@ def test_axes_across_a_slide_are_perpendicular_exactly() -> None:
     types=st.text("rp", min_size=1, max_size=2) | st.sampled_from(["rpr", "ppr", "prr", "rppr", "rprr", "prpr", "rrr"]),
     choices=st.lists(st.integers(0, 6), min_size=60, max_size=60),
 )
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None)
 def test_what_holds_in_the_file_holds_in_the_base_parameters(types: str, choices: list[int]) -> None:
     """None is left that depends on others within the rounding of a file."""
     arm = nice(types, choices)
