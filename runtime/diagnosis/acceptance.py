@@ -19,7 +19,6 @@ from runtime.diagnosis.score import Evidence, likelihood
 from runtime.diagnosis.settings import ABOVE_NOISE, ALIKE, FAR_ABOVE_NOISE, FLOOR_KNOWN, HEARD_SIGMAS
 from runtime.diagnosis.steps import Step
 from runtime.identification.regressors import Regressors
-from runtime.model.catalogue import EffectInfo
 from runtime.model.loader import Model
 from runtime.model.terms import Term, joints_of
 from runtime.motion.settings import MOST
@@ -205,11 +204,7 @@ def may_be_the_rest(model: Model, one: Term, other: Term) -> bool:
     if one.effect == other.effect or not set(joints_of(model, one)) & set(joints_of(model, other)):
         return False
     contained = one.effect in other_info.generalises or other.effect in one_info.generalises
-    return not contained and (one_info.one_form or _same_signals(one_info, other_info))
-
-
-def _same_signals(one: EffectInfo, other: EffectInfo) -> bool:
-    return bool(set(one.signals) & set(other.signals))
+    return not contained and (one_info.one_form or not set(one_info.signals).isdisjoint(other_info.signals))
 
 
 def lost_without(none: Step, alone: Step, both: Step, joint: int) -> float:

@@ -132,8 +132,7 @@ def _name(names: Sequence[str], number: int) -> str:
 def _table(common: Fit, number: int, name: str, floors: Sequence[float]) -> Table:
     """The common structure's linear unknowns from one recording."""
     own, terms = common.motion.of_recording(number), common.problem.layout.terms
-    problem = Problem(common.model, own, terms, prediction=common.prediction, ahead=common.ahead)
-    problem.weights = common.problem.weights
+    problem = Problem(common.model, own, terms, common.prediction, common.ahead, weights=common.problem.weights)
     solved = problem.solve(common.shapes, Skew(common.skew))
     fit = Fit(
         problem,
@@ -301,7 +300,7 @@ def _inseparable_effects(fit: Fit, joint: int | None) -> list[str]:
         f"{term} {name}"
         for term, values in fit.inference.values.items()
         for name, e in values.items()
-        if term.joint == joint and e.with_others and not _by_a_rotor(e)
+        if term.joint == joint and e.with_others and not any(w.startswith(ROTOR) for w in e.with_others)
     ]
 
 
@@ -331,10 +330,6 @@ def passes(fit: Fit, joint: int) -> float:
     if fit.model.joints[joint].type == "revolute":
         reach = min(reach, 2 * np.pi)
     return float(np.sum(np.abs(qd))) / motion.row_rate(joint) / reach if reach else np.inf
-
-
-def _by_a_rotor(e: Estimate) -> bool:
-    return any(name.startswith(ROTOR) for name in e.with_others)
 
 
 def far_above_noise(joint: JointSeries) -> bool:

@@ -50,8 +50,8 @@ def best(step: Step, model: Model, guesses: Collection[str], joints: Sequence[in
 
 def _base(step: Step, model: Model) -> FittedBase:
     found = step.fit
-    problem = Problem(model, found.motion, found.problem.layout.terms, prediction=found.prediction, ahead=found.ahead)
-    problem.weights = found.problem.weights
+    terms, weights = found.problem.layout.terms, found.problem.weights
+    problem = Problem(model, found.motion, terms, found.prediction, found.ahead, weights=weights)
     return FittedBase(replace(found, problem=problem))
 
 

@@ -262,7 +262,8 @@ def _asked_again(trail: Trail, finding: Step, later: Sequence[Term]) -> Trail:
     if superfluous:
         # Of the two the later one is superfluous where it does not hold without the other.
         weak = [f for f in trail.findings if f.term in later and not _holds(finding.previous, without, f)]
-        return _dropped(trail, weak[0].term if weak else _least_missed(trail, finding, without))
+        dropped = weak[0].term if weak else _least_missed(trail, finding, without)
+        return trail.rebuilt([f for f in trail.findings if f.term != dropped], {}, (dropped,))
     ranking = _in_the_place(trail, finding, without)
     able = [c for c in ranking.candidates if c.passes and not trail.left_before(c.term, finding.term)]
     near = [c for c in able if c.evidence.net > able[0].evidence.net - ALIKE]
@@ -303,10 +304,6 @@ def _in_the_place(trail: Trail, finding: Step, without: Step) -> Ranking:
         and not any((g, t.joint) in others for g in effects[t.effect].generalises)
     ]
     return _ranked(without, terms)
-
-
-def _dropped(trail: Trail, term: Term) -> Trail:
-    return trail.rebuilt([f for f in trail.findings if f.term != term], {}, (term,))
 
 
 def _in_its_place(trail: Trail, finding: Step, other: Candidate) -> Step:

@@ -7,13 +7,13 @@ definite over the recorded motion, and effects stay within their physical bounds
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array
+from runtime.arrays import Array, Once
 from runtime.identification import grids
 from runtime.identification.fit import Fit
 from runtime.identification.grids import motor_angle
@@ -93,7 +93,7 @@ def fit_motion(
     start   an earlier fit with at least some of the terms, for its shapes and prediction
     """
     terms = tuple(known)
-    needs = [t for t in terms if _needs_prediction(model, t)]
+    needs = [t for t in terms if model.library.needs[t.effect] & IDENTIFIED]
     prediction = start.prediction if start else None
     shapes: dict[Term, Values] = dict(start.shapes) if start else {}
     if prediction is None and needs:
@@ -109,25 +109,22 @@ def fit_motion(
         # A delay is counted from the shift that a hold explains; both at once cannot be told apart.
         free = False
         at = NOMINAL_SKEW if model.n == 1 or start is None else start.skew
-    soft = _gives_way(model, known)
+    soft = any(model.library.effects[t.effect].gives_way for t in terms)
     ahead = start.ahead if start and not soft else None
-    problem = Problem(model, motion, terms, prediction, ahead=ahead, like=start.problem if start else None)
     # One joint's weights are those of its instruments: they say how sure a shift is.
-    if start is not None and model.n > 1:
-        problem.weights = start.problem.weights
+    weights = start.problem.weights if start is not None and model.n > 1 else None
+    problem = Problem(model, motion, terms, prediction, ahead, start.problem if start else None, weights)
     if any(t not in shapes for t in terms):
         given = {**known, **{t: s for t, s in shapes.items() if t in known}}
         shapes = _start(problem, given, Skew(at, "shared" if free else "no"))
     fit = _refined(problem, {t: shapes[t] for t in terms}, at, free)
     for _ in range(7 if needs else 1 if model.n > 1 else 0):
         before, problem = fit, fit.problem
+        weights = problem.weights if model.n > 1 else None
         if needs:
             if not drivable(model, motion, needs, fit.prediction):
                 break
-            ahead = _delayed(model, motion, fit)
-            problem = Problem(model, motion, terms, fit.prediction, ahead=ahead, like=fit.problem)
-            if model.n > 1:
-                problem.weights = before.problem.weights
+            problem = Problem(model, motion, terms, fit.prediction, _delayed(model, motion, fit), problem, weights)
         fit = _refined(problem, fit.shapes, fit.skew, free)
         if _settles(before, fit):
             break
@@ -170,14 +167,6 @@ def drivable(model: Model, motion: Motion, terms: Sequence[Term], prediction: Pr
     return all(float(np.min(s.link_inertia(i))) > 0 for i in own for s in regressors.signals(i))
 
 
-def _gives_way(model: Model, terms: Iterable[Term]) -> bool:
-    return any(model.library.effects[t.effect].gives_way for t in terms)
-
-
-def _needs_prediction(model: Model, term: Term) -> bool:
-    return bool(model.library.needs[term.effect] & IDENTIFIED)
-
-
 def _refined(problem: Problem, shapes: dict[Term, Values], skew: float, free: bool) -> Fit:
     """Shapes and, where it is free, the skew sought from a start, and every joint weighted by what is left of it."""
     at, hold = Skew(skew, "shared" if free else "no"), free
@@ -186,7 +175,7 @@ def _refined(problem: Problem, shapes: dict[Term, Values], skew: float, free: bo
         at, hold = _settled(problem, shapes, at)
     residual = problem.solve(shapes, at).residual
     count = np.array([max(1, problem.motion.moving(i).sum()) for i in range(problem.model.n)])
-    problem.weights = 1 / np.maximum(np.sqrt([r @ r for r in residual] / count), 1e-12)
+    problem = problem.weighed(1 / np.maximum(np.sqrt([r @ r for r in residual] / count), 1e-12))
     solved = problem.solve(shapes, Skew(at.at))
     return Fit(
         problem,
@@ -348,11 +337,8 @@ def _delay_of(
     step = 1 / (8 * motion.cutoff(joint))  # between two of them no least error is missed
     times = step * np.arange(-np.ceil(MOST * LONGEST_DELAY / step), np.ceil(LONGEST_DELAY / step) + 1)
     key = ("later torques", joint, whole)
-    torques = motion.columns.get(key) if skew == NOMINAL_SKEW else None
-    if torques is None:
-        torques = np.array([later(float(time)) for time in times])
-        if skew == NOMINAL_SKEW:  # another hardly comes again
-            motion.columns[key] = torques
+    once = motion.once if skew == NOMINAL_SKEW else Once()  # another hardly comes again
+    torques = once.one(key, lambda: np.array([later(float(time)) for time in times]))
     best = float(times[int(np.argmin(left(torques)))])
     from scipy.optimize import minimize_scalar  # where it is used: it takes longer to load than a fit
 

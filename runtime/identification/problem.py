@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Final, Literal, NamedTuple
@@ -230,26 +231,35 @@ class Problem:
         prediction: Prediction | None,
         ahead: Ahead | None = None,
         like: Problem | None = None,
+        weights: Array | None = None,
     ) -> None:
-        """like: another, of which the products of equal columns are taken where its motion is the same."""
+        """like: another, of which the products of equal columns are taken where its motion is the same; weights (n,) of
+        the joints' residuals, by the floors of their torques if None."""
         self.model, self.motion = model, motion
         self.layout = LinearUnknowns.of(model, terms, motion.rigid_given, len(motion.gains))
         self.regressors = Regressors(model, motion, prediction, ahead and ahead.of(model, terms))
         self._told = object()
         self.rotors: Mapping[int, float] = {} if prediction is None else prediction.rotors
-        self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12)
+        self.weights = 1 / np.maximum(motion.band.torque_floor(), 1e-12) if weights is None else weights
         same = like if like is not None and like.motion is motion else None
         self._last: LinearSystem | None = None if same is None else same._last
-        self._cuts: Array = np.zeros((0, len(model.lumps))) if same is None else same._cuts
+        self.cuts: Array = np.zeros((0, len(model.lumps))) if same is None else same.cuts
+        self._met = self.cuts
         self._joints: dict[tuple[int, float, float], JointRows] = {}
 
     def with_rotors(self, rotors: Mapping[int, float]) -> Problem:
         """The same with other inertias of rotors that the model file leaves out, by joint (0-based)."""
         prediction = self.regressors.prediction
         assert prediction is not None
-        told, ahead = replace(prediction, rotors=dict(rotors)), self.regressors.ahead
-        made = Problem(self.model, self.motion, self.layout.terms, told, ahead, like=self)
-        made.weights = self.weights
+        made, told = copy(self), replace(prediction, rotors=dict(rotors))
+        made.rotors, made._told = told.rotors, object()
+        made.regressors = Regressors(self.model, self.motion, told, self.regressors.ahead)
+        return made
+
+    def weighed(self, weights: Array) -> Problem:
+        """The same with other weights (n,); what follows from it begins with the cuts that were met up to here."""
+        made = copy(self)
+        made.weights, made.cuts = weights, self._met
         return made
 
     def rows(self, joint: int, shapes: Mapping[Term, Values]) -> tuple[Array, Array]:
@@ -465,14 +475,14 @@ class Problem:
         if motion.rigid_given:
             return None
         # A cut holds for every fit along this motion: what a fit met before is most of what it will meet.
-        if (self._cuts @ lumps > 0).all():
+        if (self._met @ lumps > 0).all():
             met = inertia_cuts(self.model, configurations([p.q for p in motion.pieces]), lumps)
             if met is None:
                 return None
             most = 40
-            self._cuts = np.vstack([self._cuts, met])[-most:]
-        cuts = np.zeros((len(self._cuts), len(theta)))
-        cuts[:, self.layout.lumps] = self._cuts
+            self._met = np.vstack([self._met, met])[-most:]
+        cuts = np.zeros((len(self._met), len(theta)))
+        cuts[:, self.layout.lumps] = self._met
         return cuts
 
     def prediction(self, theta: Array, shapes: Mapping[Term, Values]) -> Prediction:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from runtime.arrays import Array
+from runtime.arrays import Array, Key, Once
 from runtime.identification.recorded_torque import (
     LINK_LOAD,
     LINK_SIDE,
@@ -275,7 +275,7 @@ class Regressors:
     prediction: Prediction | None = None
     ahead: Ahead | None = None
     extents: dict[tuple[str, tuple[int, ...]], tuple[float, float]] = field(default_factory=dict)
-    _columns: dict[tuple[Hashable, ...], Array] = field(default_factory=dict, init=False)
+    _once: Once = field(default_factory=Once, init=False)
     _signals: dict[tuple[int, ...], tuple[Signals, ...]] = field(default_factory=dict, init=False)
 
     def signals(self, joint: int) -> tuple[Signals, ...]:
@@ -323,12 +323,14 @@ class Regressors:
     def _of_all(self, what: str, joint: int, make: Callable[[Signals, tuple[int, ...]], Mapping[int, Array]]) -> Array:
         """(..., M) in-band rows of a joint (0-based) of what is computed at once for some joints along a piece; kept
         for this motion."""
-        store, key = self.motion.columns, (what, self.model.directory)
-        if (*key, joint) not in store:
+        key = (what, self.model.directory)
+
+        def made(_: Sequence[Key]) -> dict[Key, Array]:
             joints = self.motion.view(joint).joints
             parts = [make(s, joints) for s in self.signals(joint)]
-            store.update({(*key, i): np.concatenate([part[i] for part in parts], axis=-1) for i in joints})
-        return store[*key, joint]
+            return {(*key, i): np.concatenate([part[i] for part in parts], axis=-1) for i in joints}
+
+        return self.motion.once.of([(*key, joint)], made)[0]
 
     def acceleration(self, joint: int) -> Array:
         """(M,) of the joint (0-based): what a further inertia at its motor asks for."""
@@ -381,14 +383,15 @@ class Regressors:
         self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]
     ) -> list[Array]:
         library = self.model.library
-        store = self._columns if library.needs[term.effect] & IDENTIFIED else self.motion.columns
+        once = self._once if library.needs[term.effect] & IDENTIFIED else self.motion.once
         where = (library.directory, self.model.directory, term, *given.items())
-        keys = [(*where, *shape.values()) for shape in shapes]
-        absent = {key: shape for key, shape in zip(keys, shapes, strict=True) if (joint, *key) not in store}
-        if absent:
-            for i, columns in self._in_band(term, joint, list(absent.values()), given).items():
-                store.update(zip(((i, *key) for key in absent), columns, strict=True))
-        return [store[joint, *key] for key in keys]
+        by_key = {(joint, *where, *shape.values()): shape for shape in shapes}
+
+        def made(absent: Sequence[Key]) -> dict[Key, Array]:
+            found = self._in_band(term, joint, [by_key[key] for key in absent], given)
+            return {(i, *key[1:]): own for i, each in found.items() for key, own in zip(absent, each, strict=True)}
+
+        return once.of([(joint, *where, *shape.values()) for shape in shapes], made)
 
     def _in_band(
         self, term: Term, joint: int, shapes: Sequence[Mapping[str, float]], given: Mapping[str, float]

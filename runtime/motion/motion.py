@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from runtime.arrays import Array, Mask
+from runtime.arrays import Array, Mask, Once
 from runtime.model.loader import Model
 from runtime.motion.band import Band, wiener_filter
 from runtime.motion.clock import EvenGrid, Stretch, grid
@@ -110,9 +110,9 @@ class Motion:
         return all(p.sensors.tau_rigid is not None for p in self.pieces)
 
     @cached_property
-    def columns(self) -> dict[tuple[Hashable, ...], Array]:
-        """A cache of what depends on the motion and the model alone: in-band regressors, later torques."""
-        return {}
+    def once(self) -> Once:
+        """What depends on the motion and the model alone: in-band regressors, later torques."""
+        return Once()
 
     # --- other motions made of it ---
 
@@ -294,10 +294,8 @@ class Motion:
 
     def slope(self, joint: int) -> Array:
         """(M,) change of a joint's (0-based) torque in the band, all of it taken one sample later than recorded."""
-        if ("slope", joint) not in self.columns:
-            later, sooner = (self.torque_delayed(joint, by, 0.0, whole=True) for by in (0.5, -0.5))
-            self.columns["slope", joint] = later - sooner
-        return self.columns["slope", joint]
+        late = partial(self.torque_delayed, joint, time=0.0, whole=True)
+        return self.once.one(("slope", joint), lambda: late(0.5) - late(-0.5))
 
     def feeds_back(self, joint: int) -> bool:
         """Whether a law makes a part of a joint's torque (0-based) of its motion."""
