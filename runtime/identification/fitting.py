@@ -344,6 +344,6 @@ def _delay_of(
 
     bounds, ends = (best - step, best + step), {"xatol": step / 100}
     found = minimize_scalar(lambda time: float(left(later(time))), bounds=bounds, method="bounded", options=ends)
-    fall = np.log(float(left(alone.joints[0].tau)) / max(float(found.fun), 1e-300))
+    fall = np.log(max(float(left(alone.joints[0].tau)), 1e-300) / max(float(found.fun), 1e-300))
     clear = alone.count * fall > 2 * CLEARLY_LIKELIER
     return (float(found.x) if clear else 0.0), float(found.fun)
