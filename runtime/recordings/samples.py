@@ -266,7 +266,7 @@ class _Held:
     def oftener(self, times: float) -> bool:
         """Whether a signal of which nothing can be said changes oftener than one whose values come that many times."""
         often = np.diff(self.rows) < np.floor(times)
-        return self.times == 0 and np.count_nonzero(often) > (1 - IN_PHASE) * len(often)
+        return self.times == 0 and bool(np.count_nonzero(often) > (1 - IN_PHASE) * len(often))
 
 
 def _held(x: Array, position: bool) -> _Held | None:
